@@ -1,0 +1,140 @@
+"""Recorded touches of many objects, split by object, in small shards that survive a killed run.
+
+A :class:`CollectionPlan` says how many objects each split has. Every object is touched once in every pose and
+draws from a generator keyed by (seed, split, object), so a shard's bytes depend on the plan alone: not on how
+many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.atomic import atomic_path
+from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.scene import Scene
+
+SPLITS = ("train", "calibration", "test")
+_OBJECTS_PER_SHARD = 48
+
+
+@dataclass(frozen=True)
+class CollectionPlan:
+    """How many objects to touch, each in every pose.
+
+    Attributes:
+        train, calibration, test: objects *per shape* in each split.
+        seed: of the whole collection.
+    """
+
+    train: int = 2700
+    calibration: int = 300
+    test: int = 500
+    seed: int = 0
+
+    def shards(self, num_shapes: int) -> Iterator[tuple[str, int, range]]:
+        """The shards to record: (split, shard number, object numbers)."""
+        for split in SPLITS:
+            total = getattr(self, split) * num_shapes
+            for shard, first in enumerate(range(0, total, _OBJECTS_PER_SHARD)):
+                yield split, shard, range(first, min(first + _OBJECTS_PER_SHARD, total))
+
+
+@dataclass(frozen=True, eq=False)
+class TouchSet:
+    """Touches of one split, N of them.
+
+    Attributes:
+        images: ``(N, H, W)`` uint8.
+        shapes: shape index of the touched object, ``(N,)``.
+        object_ids: which object was touched, ``(N,)``.
+        poses: pose index, ``(N,)``.
+        forces: normal force in the pause [N], ``(N,)``.
+        depths: indentation of the deepest taxel [m], ``(N,)``.
+    """
+
+    images: NDArray[np.uint8]
+    shapes: NDArray[np.int64]
+    object_ids: NDArray[np.int64]
+    poses: NDArray[np.int64]
+    forces: NDArray[np.float64]
+    depths: NDArray[np.float64]
+
+
+def shard_path(folder: Path, split: str, shard: int) -> Path:
+    """Where a shard lives."""
+    return folder / split / f"{shard:05d}.npz"
+
+
+def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
+    """Touch each object once in every pose and write the shard, atomically."""
+    images, rows = [], []
+    for number in objects:
+        rng = np.random.default_rng([plan.seed, SPLITS.index(split), number])
+        thing = scene.sample_object(number % len(scene.shapes), rng)
+        for pose in range(len(scene.poses)):
+            contact, image = scene.press(thing, pose, rng)
+            images.append(image)
+            rows.append((thing.shape_index, number, pose, contact.force, contact.depth))
+    shapes, object_ids, poses, forces, depths = (np.array(column) for column in zip(*rows, strict=True))
+    with atomic_path(path) as temporary:
+        np.savez(
+            temporary,
+            images=np.stack(images),
+            shapes=shapes,
+            object_ids=object_ids,
+            poses=poses,
+            forces=forces,
+            depths=depths,
+        )
+
+
+def write_manifest(folder: Path, scene: Scene, plan: CollectionPlan) -> None:
+    """Record what the folder holds.
+
+    Raises:
+        LabelMismatch: the folder already holds touches of another plan or scene.
+    """
+    manifest = {
+        "plan": asdict(plan),
+        "shape_labels": list(scene.shape_labels),
+        "pose_labels": list(scene.pose_labels),
+        "scene": repr(scene),
+    }
+    path = folder / "manifest.json"
+    if path.exists():
+        found = json.loads(path.read_text())
+        if found != manifest:
+            differing = [key for key in manifest if found.get(key) != manifest[key]]
+            raise LabelMismatch(
+                f"{folder} holds a collection with other {', '.join(differing)}. Choose another folder, "
+                "or delete this one to record it anew."
+            )
+        return
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(manifest, indent=2) + "\n")
+
+
+def read_split(folder: Path, split: str) -> TouchSet:
+    """All touches of one split.
+
+    Raises:
+        CorruptFile: the folder holds no such shards, or one of them is damaged.
+    """
+    paths = sorted((folder / split).glob("[0-9]*.npz"))
+    if not paths:
+        raise CorruptFile(f"no shards in {folder / split}; record them with: activetouch collect --out {folder}")
+    columns: dict[str, list[NDArray]] = {name: [] for name in TouchSet.__dataclass_fields__}
+    for path in paths:
+        try:
+            with np.load(path) as shard:  # allow_pickle is off: a shard holds arrays only
+                for name, parts in columns.items():
+                    parts.append(shard[name])
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise CorruptFile(f"{path} is damaged ({error}); delete it and collect again") from error
+    return TouchSet(**{name: np.concatenate(parts) for name, parts in columns.items()})

@@ -1,0 +1,21 @@
+"""What can go wrong in the world and its sensor, one class per mistake."""
+
+from __future__ import annotations
+
+from belief.errors import ActiveTouchError
+
+
+class WrongMujoco(ActiveTouchError, ImportError):
+    """The installed MuJoCo has contact faults that change touches."""
+
+
+class UnstablePress(ActiveTouchError, RuntimeError):
+    """The physics of a press diverged or MuJoCo warned; no touch can be trusted."""
+
+
+class CorruptFile(ActiveTouchError, ValueError):
+    """A checkpoint or data file is truncated, foreign, or was changed after it was written."""
+
+
+class LabelMismatch(ActiveTouchError, ValueError):
+    """A model was made for other shapes or poses than the scene has."""

@@ -1,0 +1,81 @@
+"""The tactile pad: where its taxels are, and how its elastic layer answers to a shape pressed into it.
+
+The layer is a Winkler foundation, a bed of independent springs: a taxel indented by δ [m] carries the
+pressure k·δ [Pa] (Johnson, *Contact Mechanics*, §4.3). The indentation of a press is the one at which the
+pressures add up to the normal force, so the image's integral *is* the force. It is not taken from MuJoCo's
+soft contact, whose depth follows the number of contact points (decision 0003).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pad:
+    """A flat square pad in the plane x = 0, facing +x, centred on the approach axis.
+
+    Attributes:
+        half_width: half the edge of the sensing face [m]; the paper's pad is 30 × 30 mm.
+        half_thickness: half the thickness of the pad body [m].
+        num_taxels: taxels along an edge; the image is ``(num_taxels, num_taxels)``.
+        stiffness: k of the elastic foundation [N/m³]; 1.5 mm under a 20 mm sphere at 2 N.
+        max_depth: indentation at which the layer bottoms out, also the full scale of the image [m].
+    """
+
+    half_width: float = 0.015
+    half_thickness: float = 0.007
+    num_taxels: int = 128
+    stiffness: float = 1.45e7
+    max_depth: float = 0.003
+
+    @property
+    def taxel_area(self) -> float:
+        """Area of one taxel [m²]."""
+        return (2 * self.half_width / self.num_taxels) ** 2
+
+    @cached_property
+    def taxel_centres(self) -> Floats:
+        """Centres in the pad frame, ``(3, num_taxels²)`` [m]; rows of the image run along z, columns along y."""
+        edge = (np.arange(self.num_taxels) + 0.5) / self.num_taxels * 2 - 1
+        z, y = np.meshgrid(edge * self.half_width, edge * self.half_width, indexing="ij")
+        return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
+
+    def indentation(self, gap: Floats, force: float) -> float:
+        """Depth of the deepest taxel under a normal force [m], at most ``max_depth``.
+
+        Solves F = k·A·∑ max(0, δ − gap) for δ. The sum is convex and piecewise linear in δ, so Newton's
+        method from the right descends to the root and ends there exactly.
+
+        Args:
+            gap: distance of the surface behind the first point of contact, any shape, ≥ 0, ``inf`` where
+                the surface misses the taxel [m].
+            force: normal force [N], ≥ 0.
+
+        Returns:
+            δ in ``[0, max_depth]``; ``max_depth`` where the layer bottoms out before it carries the force.
+
+        Raises:
+            ValueError: the force is negative or not finite.
+        """
+        if not 0.0 <= force < np.inf:
+            raise ValueError(f"force must be finite and ≥ 0 N, got {force}")
+        reached = gap[gap < self.max_depth]
+        if force == 0.0 or reached.size == 0:
+            return 0.0
+        load = force / (self.stiffness * self.taxel_area)  # ∑ max(0, δ − gap) that carries the force [m]
+        if (self.max_depth - reached).sum() <= load:
+            return self.max_depth
+        depth = self.max_depth
+        while True:
+            loaded = reached[reached < depth]
+            lower = (load + loaded.sum()) / loaded.size
+            if lower >= depth:  # rounding is the only thing left to remove
+                return depth
+            depth, reached = lower, loaded

@@ -1,0 +1,63 @@
+"""The exploration poses: rotations that turn another side of the object to the pad.
+
+A pose is applied to the object's unknown orientation, so what it reveals depends on the object. The six
+poses of the ``mix`` set spread over faces, edges and a corner of a cube; rolls about the approach axis
+would only turn the image and are worth nothing. Quaternions are ``wxyz``; the pad faces +x.
+
+To add a pose, add one entry to :data:`POSES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+Quaternion = NDArray[np.float64]
+
+
+def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
+    """The rotation ``right`` followed by ``left`` (Hamilton product, ``wxyz``)."""
+    w1, v1, w2, v2 = left[0], left[1:], right[0], right[1:]
+    return np.concatenate([[w1 * w2 - v1 @ v2], w1 * v2 + w2 * v1 + np.cross(v1, v2)])
+
+
+def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:
+    """Rotation matrix ``(3, 3)`` of a unit quaternion ``wxyz``: columns are the rotated axes."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def random_orientation(rng: np.random.Generator) -> Quaternion:
+    """A uniformly distributed unit quaternion (Haar measure on SO(3))."""
+    quaternion = rng.normal(size=4)
+    return quaternion / np.linalg.norm(quaternion)
+
+
+def _turn(axis: int, degrees: float) -> Quaternion:
+    half = np.deg2rad(degrees) / 2
+    quaternion = np.zeros(4)
+    quaternion[0], quaternion[1 + axis] = np.cos(half), np.sin(half)
+    return quaternion
+
+
+_Y, _Z = 1, 2
+POSES: Mapping[str, Quaternion] = MappingProxyType(
+    {
+        "front": _turn(_Z, 0.0),
+        "z45": _turn(_Z, 45.0),
+        "z90": _turn(_Z, 90.0),
+        "y45": _turn(_Y, 45.0),
+        "y90": _turn(_Y, 90.0),
+        "corner": multiply(_turn(_Z, 45.0), _turn(_Y, np.rad2deg(np.arctan(np.sqrt(0.5))))),
+    }
+)
+"""The six ``mix`` poses by name; their order is the pose index and the paper's POSE_0 … POSE_5."""

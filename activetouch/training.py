@@ -1,0 +1,168 @@
+"""Train the classifier: AdamW, cosine schedule, symmetry augmentation, a checkpoint after every epoch.
+
+The only augmentations are the eight symmetries of the square pad. They are exact: orientation is uniform over
+SO(3) and the nuisances are symmetric, so a turned or mirrored image is as likely as the original, and the four
+shapes are their own mirror images.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+
+from activetouch.atomic import atomic_path
+from activetouch.classifier import TouchClassifier, TouchNetwork
+from activetouch.dataset import TouchSet
+from activetouch.errors import LabelMismatch
+
+
+@dataclass(frozen=True)
+class TrainingRecipe:
+    """How to train.
+
+    Attributes:
+        epochs: passes over the training split.
+        batch_size: images a step.
+        learning_rate: peak of the cosine schedule, after ``warmup`` epochs of linear rise.
+        weight_decay: of AdamW, on matrices and kernels only.
+        bf16: compute in bfloat16 where it is safe.
+        seed: of shuffling, augmentation and initialisation.
+    """
+
+    epochs: int = 10
+    batch_size: int = 64
+    learning_rate: float = 1e-3
+    weight_decay: float = 0.02
+    warmup: float = 0.5
+    bf16: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class EpochReport:
+    """How one epoch ended: mean training loss, and loss [nats] and accuracy on the calibration split."""
+
+    epoch: int
+    training_loss: float
+    calibration_loss: float
+    calibration_accuracy: float
+
+
+def _symmetries(images: Tensor, generator: torch.Generator) -> Tensor:
+    """Each image under a random one of the square's eight symmetries."""
+    turns, flip = torch.randint(4, (), generator=generator), torch.rand((), generator=generator) < 0.5
+    turned = torch.rot90(images, int(turns), dims=(1, 2))
+    return turned.flip(2) if flip else turned
+
+
+def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+    """Mean negative log-likelihood [nats] and accuracy of the raw softmax."""
+    network.eval()
+    loss = correct = 0.0
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+        for first in range(0, len(touches.images), 256):
+            logits, _ = network(torch.from_numpy(touches.images[first : first + 256]))
+            labels = torch.from_numpy(touches.shapes[first : first + 256])
+            loss += nn.functional.cross_entropy(logits.float(), labels, reduction="sum").item()
+            correct += (logits.argmax(1) == labels).sum().item()
+    return loss / len(touches.images), correct / len(touches.images)
+
+
+class Trainer:
+    """Trains a classifier's network epoch by epoch, resuming from its state file where there is one."""
+
+    def __init__(self, classifier: TouchClassifier, recipe: TrainingRecipe, num_images: int, state: Path) -> None:
+        self.classifier, self.recipe, self.state = classifier, recipe, state
+        network = classifier.network
+        decayed = [p for p in network.parameters() if p.ndim > 1]
+        plain = [p for p in network.parameters() if p.ndim <= 1]
+        self.optimizer = torch.optim.AdamW(
+            [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}],
+            lr=recipe.learning_rate,
+        )
+        self.steps_per_epoch = -(-num_images // recipe.batch_size)
+        self.epochs_done = 0
+        if state.exists():
+            self._resume()
+
+    def learning_rate(self, epoch: float) -> float:
+        """Learning rate after a (fractional) number of epochs: linear rise, then a cosine to zero."""
+        peak, warmup, epochs = self.recipe.learning_rate, self.recipe.warmup, self.recipe.epochs
+        if epoch < warmup:
+            return peak * (epoch + 1 / self.steps_per_epoch) / warmup
+        return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
+
+    def run_epoch(self, train: TouchSet, calibration: TouchSet, tick: Callable[[int], None]) -> EpochReport:
+        """One pass over the training split; ``tick`` is told how many images each step took."""
+        recipe, network = self.recipe, self.classifier.network
+        generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
+        order = torch.randperm(len(train.images), generator=generator).numpy()
+        network.train()
+        total = 0.0
+        for first in range(0, len(order), recipe.batch_size):
+            index = np.sort(order[first : first + recipe.batch_size])
+            images = _symmetries(torch.from_numpy(train.images[index]), generator)
+            with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
+                logits, _ = network(images)
+            loss = nn.functional.cross_entropy(logits.float(), torch.from_numpy(train.shapes[index]))
+            self.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.learning_rate(self.epochs_done + first / len(order))
+            self.optimizer.step()
+            total += loss.item() * len(index)
+            tick(len(index))
+        self.epochs_done += 1
+        report = EpochReport(
+            self.epochs_done, total / len(order), *evaluate(network, calibration, recipe.bf16)
+        )
+        self._save()
+        return report
+
+    def _moments(self) -> dict[str, Tensor]:
+        return {
+            f"{moment}.{name}": self.optimizer.state[parameter][moment]
+            for name, parameter in self.classifier.network.named_parameters()
+            for moment in ("exp_avg", "exp_avg_sq")
+        }
+
+    def _save(self) -> None:
+        tensors = {f"model.{k}": v for k, v in self.classifier.network.state_dict().items()} | self._moments()
+        header = {
+            "recipe": json.dumps(asdict(self.recipe)),
+            "epochs_done": str(self.epochs_done),
+        }
+        with atomic_path(self.state) as temporary:
+            save_file({name: value.contiguous() for name, value in tensors.items()}, temporary, metadata=header)
+
+    def _resume(self) -> None:
+        with safe_open(self.state, framework="pt") as file:
+            header = file.metadata()
+            if json.loads(header["recipe"]) != asdict(self.recipe):
+                raise LabelMismatch(
+                    f"{self.state} was trained with {header['recipe']}, not with {self.recipe}. Choose another "
+                    "folder, or delete this file to start anew."
+                )
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        network = self.classifier.network
+        network.load_state_dict(
+            {name.removeprefix("model."): v for name, v in tensors.items() if name.startswith("model.")}
+        )
+        self.epochs_done = int(header["epochs_done"])
+        steps = torch.tensor(float(self.epochs_done * self.steps_per_epoch))
+        for name, parameter in network.named_parameters():
+            self.optimizer.state[parameter] = {
+                "step": steps.clone(),
+                "exp_avg": tensors[f"exp_avg.{name}"],
+                "exp_avg_sq": tensors[f"exp_avg_sq.{name}"],
+            }

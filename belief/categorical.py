@@ -1,0 +1,96 @@
+"""A belief: a categorical distribution over named shapes, kept in logarithms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief import bayes
+from belief.errors import UnknownName
+from belief.problem import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known about the shape of one object.
+
+    Immutable: :meth:`update` returns a new belief. A shape of probability zero stays at zero for ever.
+
+    Attributes:
+        labels: names of the K shapes.
+        log_probs: log probabilities, ``(K,)``, normalised at construction, read-only.
+
+    Raises:
+        ValueError: the probabilities hold NaN, do not sum to one, or do not fit the labels.
+
+    Example:
+        >>> belief = Belief.uniform(["sphere", "cube", "cone"])
+        >>> belief = belief.update(np.log([0.9, 0.05, 0.05]))
+        >>> print(belief)
+        Belief(sphere 0.900, cube 0.050, cone 0.050)
+    """
+
+    labels: tuple[str, ...]
+    log_probs: Floats
+
+    def __post_init__(self) -> None:
+        labels, log_probs = tuple(self.labels), np.asarray(self.log_probs, np.float64)
+        if len(set(labels)) != len(labels):
+            raise ValueError(f"labels must differ from each other, got {list(labels)}")
+        if log_probs.shape != (len(labels),) or not labels:
+            raise ValueError(
+                f"{len(labels)} labels need log_probs of shape ({len(labels)},) with at least one entry, "
+                f"got {log_probs.shape}"
+            )
+        log_probs = bayes.normalise_log_probs(log_probs)
+        log_probs.flags.writeable = False
+        object.__setattr__(self, "labels", labels)
+        object.__setattr__(self, "log_probs", log_probs)
+
+    @classmethod
+    def uniform(cls, labels: Sequence[str]) -> Belief:
+        """Every shape equally likely."""
+        if not labels:
+            raise ValueError("labels is empty: a belief needs at least one shape")
+        return cls(tuple(labels), np.full(len(labels), -np.log(len(labels))))
+
+    @classmethod
+    def from_probs(cls, labels: Sequence[str], probs: ArrayLike) -> Belief:
+        """A belief from probabilities ``(K,)``; zeros are allowed."""
+        values = np.asarray(probs, np.float64)
+        if not (values >= 0.0).all():
+            raise ValueError(f"probs must be at least zero, got {values.tolist()}")
+        with np.errstate(divide="ignore"):
+            return cls(tuple(labels), np.log(values))
+
+    @property
+    def probs(self) -> Floats:
+        """Probabilities, ``(K,)``."""
+        return np.exp(self.log_probs)
+
+    @property
+    def entropy(self) -> float:
+        """Remaining uncertainty in nats."""
+        return float(bayes.entropy(self.probs))
+
+    def prob(self, label: str) -> float:
+        """Probability of one shape by name."""
+        if label not in self.labels:
+            raise UnknownName("shape", label, list(self.labels))
+        return float(np.exp(self.log_probs[self.labels.index(label)]))
+
+    def update(self, log_likelihood: ArrayLike) -> Belief:
+        """The posterior belief after an observation with this log-likelihood ``(K,)``.
+
+        Raises:
+            ImpossibleObservation: zero likelihood for every shape still believed in.
+        """
+        log_posterior, _ = bayes.update(self.log_probs, log_likelihood)
+        return Belief(self.labels, log_posterior)
+
+    def __str__(self) -> str:
+        pairs = zip(self.labels, self.probs, strict=True)
+        return f"Belief({', '.join(f'{label} {prob:.3f}' for label, prob in pairs)})"

@@ -1,0 +1,29 @@
+"""The project's exceptions that belong to no single package above ``belief``."""
+
+from __future__ import annotations
+
+
+class ActiveTouchError(Exception):
+    """Base class of every error this project raises on purpose."""
+
+
+class ImpossibleObservation(ActiveTouchError, ValueError):
+    """The evidence has zero likelihood under every hypothesis still believed in.
+
+    The belief that was to be updated stays as it was: what to do (raise, ignore, floor) is the caller's
+    choice. A smoothed observation model never assigns zero.
+    """
+
+
+class UnknownName(ActiveTouchError, KeyError):
+    """A name was looked up that no table has; the message suggests the nearest one and lists all."""
+
+    def __init__(self, kind: str, name: str, known: list[str]) -> None:
+        from difflib import get_close_matches
+
+        nearest = get_close_matches(name, known, n=1)
+        hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
+        super().__init__(f"unknown {kind} {name!r}.{hint} Known: {', '.join(known)}.")
+
+    def __str__(self) -> str:
+        return str(self.args[0])

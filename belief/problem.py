@@ -1,0 +1,125 @@
+"""The words everyone shares: touches, actions, and the search problem with its reward.
+
+    >>> problem = SearchProblem(shape_labels=("sphere", "cube"), pose_labels=("front",), num_objects=2)
+    >>> problem.reward(confirmed_shape=0, target=0, num_touches=3)      # +1 for success, -0.02 per touch
+    0.94
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One touch as deciders and observation models see it.
+
+    Attributes:
+        pose: index of the exploration pose.
+        logits: the classifier's raw scores over shapes, ``(K,)``.
+        features: the classifier's embedding, ``(D,)``, if kept.
+    """
+
+    pose: int
+    logits: Floats
+    features: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Touch the current object in this pose."""
+
+    pose: int
+
+
+@dataclass(frozen=True)
+class Confirm:
+    """Declare the current object to be the target; ends the search."""
+
+
+@dataclass(frozen=True)
+class Reject:
+    """Put the current object aside for good and go on to the next."""
+
+
+Action: TypeAlias = Probe | Confirm | Reject
+
+
+class Composition(StrEnum):
+    """What is known about which shapes are on the table.
+
+    ``DISTINCT``: no two objects have the same shape, all such arrangements equally likely.
+    ``INDEPENDENT``: every object's shape is drawn from the prior on its own.
+    """
+
+    DISTINCT = "distinct"
+    INDEPENDENT = "independent"
+
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """A search for one target among several objects, visited in the order they come.
+
+    Attributes:
+        shape_labels: names of the K shapes an object may have.
+        pose_labels: names of the P poses it can be touched in.
+        num_objects: N, objects on the table.
+        composition: how their shapes depend on each other.
+        touch_cost: λ, price of one touch in units of a success.
+        touch_limit: touches after which the whole search is cut off (truncated).
+    """
+
+    shape_labels: Sequence[str]
+    pose_labels: Sequence[str]
+    num_objects: int
+    composition: Composition = Composition.DISTINCT
+    touch_cost: float = 0.02
+    touch_limit: int = 48
+
+    def __post_init__(self) -> None:
+        if self.num_objects < 1:
+            raise ValueError(f"num_objects must be at least 1, got {self.num_objects}")
+        if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
+            raise ValueError(
+                f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
+                f"shapes ({', '.join(self.shape_labels)}); use the composition 'independent'"
+            )
+        if not (np.isfinite(self.touch_cost) and self.touch_cost >= 0.0):
+            raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
+        if self.touch_limit < 1:
+            raise ValueError(f"touch_limit must be at least 1, got {self.touch_limit}")
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return len(self.shape_labels)
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return len(self.pose_labels)
+
+    def reward(
+        self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True
+    ) -> float:
+        """Return of a finished search (decision 0004): not the sum of the paper's single-object rewards.
+
+        Args:
+            confirmed_shape: true shape of the confirmed object; None if none was confirmed.
+            target: shape sought.
+            num_touches: touches of the whole search.
+            target_present: whether any object had the target shape.
+
+        Returns:
+            +1 for a right confirmation or for rightly finding nothing, -1 otherwise, less ``touch_cost`` a touch.
+        """
+        right = confirmed_shape == target if confirmed_shape is not None else not target_present
+        return (1.0 if right else -1.0) - self.touch_cost * num_touches

@@ -1,0 +1,1 @@
+"""Compose worlds and deciders into runs: the command line, statistics, figures and reports."""
