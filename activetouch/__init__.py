@@ -1,0 +1,11 @@
+"""The world: shapes pressed against a tactile pad in MuJoCo, the images they leave, and the network that reads them.
+
+Importing this package loads neither MuJoCo nor torch; what needs them loads them when used.
+"""
+
+from activetouch.poses import POSES
+from activetouch.scene import Dynamic, Quasistatic, Scene
+from activetouch.shapes import SHAPES
+from activetouch.world import TactileSensor, TouchWorld
+
+__all__ = ["POSES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld"]

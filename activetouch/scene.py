@@ -94,9 +94,7 @@ class Scene:
         scale = 1.0 + rng.uniform(-self.variation.size, self.variation.size)
         return WorldObject(shape_index, float(scale), random_orientation(rng))
 
-    def press(
-        self, thing: WorldObject, pose: int, rng: np.random.Generator
-    ) -> tuple[Contact, NDArray[np.uint8]]:
+    def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
         """Press an object in a pose: the contact and the sensor's image of it, ``(num_taxels, num_taxels)``.
 
         Raises:

@@ -123,9 +123,7 @@ class Trainer:
             total += loss.item() * len(index)
             tick(len(index))
         self.epochs_done += 1
-        report = EpochReport(
-            self.epochs_done, total / len(order), *evaluate(network, calibration, recipe.bf16)
-        )
+        report = EpochReport(self.epochs_done, total / len(order), *evaluate(network, calibration, recipe.bf16))
         self._save()
         return report
 

@@ -32,7 +32,7 @@ class ObservationModel(Protocol):
         """Names of the K shapes."""
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
-        """log p(all these touches of one object | shape), ``(K,)``; zeros for no touches."""
+        """Log p(all these touches of one object | shape), ``(K,)``; zeros for no touches."""
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
         """Touches that one object of this shape might give in these poses."""
@@ -235,17 +235,13 @@ class ConfusionModel:
             raise ValueError(f"not an observation model: {error!r}") from error
 
 
-def _outcomes(
-    calibration: TemperatureScaling, logits: Floats, confidence_edges: Sequence[float]
-) -> NDArray[np.int64]:
+def _outcomes(calibration: TemperatureScaling, logits: Floats, confidence_edges: Sequence[float]) -> NDArray[np.int64]:
     probs = calibration.predict_proba(logits)
     bins = np.searchsorted(np.asarray(confidence_edges, np.float64), probs.max(axis=1))
     return np.asarray(bins * probs.shape[1] + logits.argmax(axis=1), np.int64)
 
 
-def _stack(
-    touches: Sequence[Touch], shapes: ArrayLike
-) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def _stack(touches: Sequence[Touch], shapes: ArrayLike) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
     truth = np.asarray(shapes)
     if len(touches) == 0 or truth.shape != (len(touches),):
         raise ValueError(f"need at least one touch and one shape for each, got {len(touches)} and {truth.shape}")

@@ -1,8 +1,8 @@
 """The words everyone shares: touches, actions, and the search problem with its reward.
 
-    >>> problem = SearchProblem(shape_labels=("sphere", "cube"), pose_labels=("front",), num_objects=2)
-    >>> problem.reward(confirmed_shape=0, target=0, num_touches=3)      # +1 for success, -0.02 per touch
-    0.94
+>>> problem = SearchProblem(shape_labels=("sphere", "cube"), pose_labels=("front",), num_objects=2)
+>>> problem.reward(confirmed_shape=0, target=0, num_touches=3)      # +1 for success, -0.02 per touch
+0.94
 """
 
 from __future__ import annotations
@@ -107,9 +107,7 @@ class SearchProblem:
         """P."""
         return len(self.pose_labels)
 
-    def reward(
-        self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True
-    ) -> float:
+    def reward(self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True) -> float:
         """Return of a finished search (decision 0004): not the sum of the paper's single-object rewards.
 
         Args:

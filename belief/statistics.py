@@ -37,7 +37,8 @@ def paired_bootstrap(
     """Mean of ``first - second`` over paired episodes, with a percentile bootstrap interval over the pairs.
 
     Args:
-        first, second: one number an episode, same episodes in the same order, ``(n,)``.
+        first: one number an episode, ``(n,)``.
+        second: the same episodes in the same order, ``(n,)``.
         rng: source of the resamples.
         confidence: of the interval.
         num_resamples: bootstrap resamples.

@@ -10,9 +10,13 @@ def main() -> None:
     os.environ.setdefault("HF_HUB_OFFLINE", "1")  # never try the hub silently; it would retry for half a minute
     import tyro
 
+    from experiments.calibrate import Calibrate
+    from experiments.compare import Compare
     from experiments.perception import Collect, Train
+    from experiments.replay import Replay
 
-    tyro.extras.subcommand_cli_from_dict({"collect": Collect, "train": Train}).run()
+    commands = {"compare": Compare, "replay": Replay, "collect": Collect, "train": Train, "calibrate": Calibrate}
+    tyro.extras.subcommand_cli_from_dict(commands, description=__doc__).run()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,140 @@
+"""``activetouch calibrate``: fit the observation model on the calibration split and measure it on the test split."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy import stats
+
+from activetouch.atomic import atomic_path
+from activetouch.classifier import TouchClassifier
+from activetouch.dataset import TouchSet, read_split
+from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+from belief import Touch
+from belief.calibration import TemperatureScaling
+from belief.metrics import accuracy, confusion_matrix, expected_calibration_error, negative_log_likelihood
+from belief.observation_model import ConfusionModel
+from belief.selection import cross_validated_nll, fused_log_probs
+from experiments.parallel import progress_bar
+
+CANDIDATE_EDGES: tuple[tuple[float, ...], ...] = ((), (0.9,), (0.7, 0.95), (0.6, 0.9, 0.99))
+"""Confidence bins to choose from; the empty one is the plain confusion matrix."""
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Fit temperature and observation model on objects the classifier never saw; report on yet others.
+
+    Writes the classifier, the observation model and ``evaluation.json`` into one folder that the other commands use.
+
+    Example:
+        activetouch calibrate --data data/gel --classifier runs/train/classifier.safetensors --out runs/sensor
+    """
+
+    classifier: Path
+    """Checkpoint from ``activetouch train``."""
+    data: Path = Path("data/gel")
+    """Folder of the collection."""
+    out: Path = Path("runs/sensor")
+    """Folder of the finished sensor."""
+    seed: int = 0
+    """Of the bootstrap intervals."""
+
+    def run(self) -> None:
+        """Fit, write, and print the evaluation."""
+        classifier = TouchClassifier.load(self.classifier)
+        labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
+        calibration = read_split(self.data, "calibration")
+        touches = _read(classifier, calibration, "reading calibration touches")
+        fit = partial(ConfusionModel.fit, shape_labels=labels, num_poses=num_poses)
+        losses = {
+            edges: cross_validated_nll(
+                partial(fit, confidence_edges=edges), touches, calibration.shapes, calibration.object_ids
+            )
+            for edges in CANDIDATE_EDGES
+        }
+        edges = min(losses, key=losses.__getitem__)
+        model = fit(touches, calibration.shapes, confidence_edges=edges)
+        test = read_split(self.data, "test")
+        test_touches = _read(classifier, test, "reading test touches")
+        evaluation = {
+            "cross_validated_nll": {str(list(edges)): loss for edges, loss in losses.items()},
+            "confidence_edges": list(edges),
+            **evaluate(model, test_touches, test, np.random.default_rng(self.seed)),
+        }
+        classifier.save(self.out / CLASSIFIER_FILE)
+        with atomic_path(self.out / OBSERVATION_FILE) as temporary:
+            temporary.write_text(model.to_json() + "\n")
+        with atomic_path(self.out / "evaluation.json") as temporary:
+            temporary.write_text(json.dumps(evaluation, indent=1) + "\n")
+        _show(evaluation, labels, model.calibration)
+        print(f"wrote {self.out}")
+
+
+def evaluate(
+    model: ConfusionModel, touches: list[Touch], truth: TouchSet, rng: np.random.Generator
+) -> dict[str, object]:
+    """Accuracy and calibration of single touches and of all touches of an object fused.
+
+    The interval of the single-touch accuracy resamples objects, because touches of one object err together.
+    """
+    logits = np.stack([touch.logits for touch in touches])
+    raw = TemperatureScaling().predict_proba(logits)
+    calibrated = model.calibration.predict_proba(logits)
+    correct = (logits.argmax(axis=1) == truth.shapes).astype(float)
+    objects, inverse = np.unique(truth.object_ids, return_inverse=True)
+    by_object = np.bincount(inverse, correct) / np.bincount(inverse)
+    interval = stats.bootstrap((by_object,), np.mean, rng=rng, n_resamples=2000).confidence_interval
+    _, fused = fused_log_probs(model, touches, truth.object_ids)
+    object_shapes = truth.shapes[np.unique(truth.object_ids, return_index=True)[1]]
+    fused_probs = np.exp(fused)
+    return {
+        "num_touches": len(touches),
+        "num_objects": len(objects),
+        "accuracy": accuracy(raw, truth.shapes),
+        "accuracy_interval": [float(interval.low), float(interval.high)],
+        "confusion": confusion_matrix(raw, truth.shapes).tolist(),
+        "temperature": model.calibration.temperature,
+        "nll_raw": negative_log_likelihood(raw, truth.shapes),
+        "nll_calibrated": negative_log_likelihood(calibrated, truth.shapes),
+        "ece_raw": expected_calibration_error(raw, truth.shapes),
+        "ece_calibrated": expected_calibration_error(calibrated, truth.shapes),
+        "fused_accuracy": accuracy(fused_probs, object_shapes),
+        "fused_nll": negative_log_likelihood(fused_probs, object_shapes),
+        "fused_ece": expected_calibration_error(fused_probs, object_shapes),
+    }
+
+
+def _read(classifier: TouchClassifier, touches: TouchSet, what: str) -> list[Touch]:
+    parts = []
+    with progress_bar() as progress:
+        bar = progress.add_task(what, total=len(touches.images))
+        for first in range(0, len(touches.images), 256):
+            parts.append(classifier.read(touches.images[first : first + 256])[0])
+            progress.advance(bar, len(parts[-1]))
+    logits = np.concatenate(parts)
+    return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)]
+
+
+def _show(evaluation: dict, labels: tuple[str, ...], calibration: TemperatureScaling) -> None:
+    console = Console()
+    low, high = evaluation["accuracy_interval"]
+    console.print(
+        f"{evaluation['num_touches']} test touches of {evaluation['num_objects']} unseen objects: single-touch "
+        f"accuracy {evaluation['accuracy']:.4f} [{low:.4f}, {high:.4f}]; temperature {calibration.temperature:.3f} "
+        f"({calibration.status}): NLL {evaluation['nll_raw']:.4f} → {evaluation['nll_calibrated']:.4f}, "
+        f"ECE {evaluation['ece_raw']:.4f} → {evaluation['ece_calibrated']:.4f}; all touches fused: accuracy "
+        f"{evaluation['fused_accuracy']:.4f}, NLL {evaluation['fused_nll']:.4f}, ECE {evaluation['fused_ece']:.4f}"
+    )
+    table = Table(title="true shape (rows) against predicted shape")
+    for heading in ("", *labels):
+        table.add_column(heading, justify="right")
+    for label, row in zip(labels, evaluation["confusion"], strict=True):
+        table.add_row(label, *(str(count) for count in row))
+    console.print(table)

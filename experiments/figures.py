@@ -1,0 +1,129 @@
+"""Figures of a comparison, as inline SVG for the report and as files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from belief import Confirm, Probe, SearchProblem
+from experiments.replay import Frame
+from experiments.summary import Comparison
+from planners import Episode
+
+# Colour-blind safe (Okabe and Ito 2008).
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+_INK = "#010203"  # stands for the page's text colour; replaced by currentColor in inline SVG
+_STYLE = {
+    "font.size": 10.0,
+    "font.family": "sans-serif",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "activetouch",
+} | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
+
+
+def success_figure(comparison: Comparison) -> str:
+    """Success by target and decider, with Wilson intervals and the floor, as SVG."""
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(7.5, 3.6), layout="constrained")
+        axes = figure.subplots()
+        _grouped(axes, comparison, lambda cell: (cell.success, cell.success_interval))
+        axes.axhline(comparison.floor, color=_INK, linestyle=":", linewidth=1)
+        axes.text(-0.62, comparison.floor + 0.015, f"floor {comparison.floor:.2f}", fontsize=8)
+        axes.set(ylabel="success", ylim=(0, 1.03))
+        return _svg(figure)
+
+
+def touches_figure(comparison: Comparison) -> str:
+    """Mean touches per search by target and decider, as SVG; the floor needs none."""
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(7.5, 3.0), layout="constrained")
+        axes = figure.subplots()
+        _grouped(axes, comparison, lambda cell: (cell.touches, None))
+        axes.axhline(0.0, color=_INK, linestyle=":", linewidth=1)
+        axes.text(-0.62, 0.05, f"floor: 0 touches, success {comparison.floor:.2f}", fontsize=8)
+        axes.set(ylabel="touches per search")
+        return _svg(figure)
+
+
+def time_figure(comparison: Comparison) -> str:
+    """Milliseconds per touch, split into physics, network and decision, as SVG."""
+    with matplotlib.rc_context(_STYLE):
+        names = [name for name in comparison.deciders if comparison.cells[name, "all"].seconds.num_touches]
+        figure = Figure(figsize=(7.5, 0.8 + 0.45 * len(names)), layout="constrained")
+        axes = figure.subplots()
+        left = np.zeros(len(names))
+        for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):
+            width = np.array([comparison.cells[name, "all"].seconds.ms_per_touch()[part] for name in names])
+            axes.barh(names, width, left=left, color=colour, label=part, height=0.6)
+            left += width
+        axes.set(xlabel=f"ms per touch (the floor, success {comparison.floor:.2f}, touches nothing)")
+        axes.invert_yaxis()
+        axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
+        return _svg(figure)
+
+
+def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
+    """Write a picture of one search: every touch image, and the belief it left."""
+    touched = [number for number, frame in enumerate(frames) if frame.image is not None]
+    labels = problem.shape_labels
+    with matplotlib.rc_context({"font.size": 9.0, "font.family": "sans-serif"}):
+        figure = Figure(figsize=(1.75 * max(len(touched), 3) + 0.9, 4.2), layout="constrained")
+        grid = figure.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
+        for column, number in enumerate(touched):
+            frame, action = frames[number], frames[number].step.decision.action
+            assert isinstance(action, Probe)
+            top, bottom = grid[0, column], grid[1, column]
+            top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
+            top.set(xticks=[], yticks=[])
+            top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\n{_pose(problem, action)}")
+            colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in range(len(labels))]
+            bottom.barh(labels, frame.posterior, color=colours)
+            bottom.set(xlim=(0, 1), xticks=(0, 0.5, 1))
+            bottom.invert_yaxis()
+            bottom.spines[["top", "right"]].set_visible(False)
+            if column:
+                bottom.set_yticks([])
+            bottom.set_xlabel(f"→ {_next_action(frames, number, problem)}", fontweight="bold")
+        verdict = "found" if episode.success else "failed"
+        figure.suptitle(f"Searching for a {labels[episode.target]}: {verdict} after {episode.num_touches} touches")
+        figure.savefig(path, dpi=130)
+
+
+def _pose(problem: SearchProblem, action: Probe) -> str:
+    return f"pose {problem.pose_labels[action.pose]}"
+
+
+def _next_action(frames: list[Frame], number: int, problem: SearchProblem) -> str:
+    if number + 1 == len(frames):
+        return "stopped"
+    action = frames[number + 1].step.decision.action
+    if isinstance(action, Probe):
+        return f"touch {problem.pose_labels[action.pose]}"
+    return "confirm" if isinstance(action, Confirm) else "reject"
+
+
+def _grouped(axes, comparison: Comparison, value) -> None:
+    groups = [*comparison.targets, "all"]
+    width = 0.8 / len(comparison.deciders)
+    for index, decider in enumerate(comparison.deciders):
+        x = np.arange(len(groups)) + (index - (len(comparison.deciders) - 1) / 2) * width
+        values, intervals = zip(*(value(comparison.cells[decider, group]) for group in groups), strict=True)
+        axes.bar(x, values, width * 0.92, color=PALETTE[index % len(PALETTE)], label=decider)
+        if intervals[0] is not None:
+            low, high = np.array(intervals).T
+            axes.errorbar(x, values, [values - low, high - values], fmt="none", ecolor=_INK, elinewidth=1, capsize=2)
+    axes.set_xticks(np.arange(len(groups)), groups)
+    axes.legend(frameon=False, ncols=len(comparison.deciders), loc="lower center", bbox_to_anchor=(0.5, 1))
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :].replace(_INK, "currentColor")

@@ -1,0 +1,163 @@
+"""A run's folder: what was run (``run.json``), and its episodes in shards that survive a killed run.
+
+run.json            arguments, seed, versions, commit, hash of the sensor
+shards/*.jsonl      one line an episode, written whole or not at all
+shards/*.time.json  seconds the shard took, by part (kept apart: episodes are reproducible, seconds are not)
+episodes.jsonl      all of them, in a fixed order, once the run is complete
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+import subprocess
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from activetouch.atomic import atomic_path
+from belief.errors import ActiveTouchError
+from planners import Episode
+
+_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")
+
+
+class RunMismatch(ActiveTouchError, ValueError):
+    """A folder holds another run than the one that was asked for."""
+
+
+@dataclass(frozen=True)
+class ShardKey:
+    """Which episodes a shard holds: one decider and target, episodes ``first`` to ``last`` (exclusive)."""
+
+    decider: str
+    target: str
+    first: int
+    last: int
+
+    @property
+    def stem(self) -> str:
+        """File name without its ending."""
+        return f"{self.decider}-{self.target}-{self.first:06d}-{self.last:06d}"
+
+
+@dataclass
+class Seconds:
+    """Time a set of episodes took, by part, and the touches it bought."""
+
+    physics: float = 0.0
+    network: float = 0.0
+    decision: float = 0.0
+    num_touches: int = 0
+
+    def __iadd__(self, other: Seconds) -> Seconds:
+        """Add another set's time."""
+        self.physics += other.physics
+        self.network += other.network
+        self.decision += other.decision
+        self.num_touches += other.num_touches
+        return self
+
+    def ms_per_touch(self) -> dict[str, float]:
+        """Milliseconds by part; zero without touches."""
+        per = 1e3 / self.num_touches if self.num_touches else 0.0
+        return {"physics": self.physics * per, "network": self.network * per, "decision": self.decision * per}
+
+
+class RunFolder:
+    """Reads and writes one run's folder.
+
+    Args:
+        path: the folder; made when first written to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def open(self, identity: dict[str, Any], arguments: dict[str, Any]) -> None:
+        """Start a run, or go on with the one that is there.
+
+        Args:
+            identity: everything that decides what an episode is; the number of episodes is not part of it.
+            arguments: the rest of what was asked for, recorded only.
+
+        Raises:
+            RunMismatch: the folder holds a run with another identity.
+        """
+        file = self.path / "run.json"
+        if file.exists():
+            found = self.read_run()["identity"]
+            wanted = json.loads(json.dumps(identity))
+            if found != wanted:
+                differing = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
+                raise RunMismatch(
+                    f"{self.path} holds a run with other {', '.join(differing)}. Choose another --out, or delete it."
+                )
+            return
+        run = {"identity": identity, **arguments, "versions": _versions(), "commit": _commit()}
+        with atomic_path(file) as temporary:
+            temporary.write_text(json.dumps(run, indent=1) + "\n")
+
+    def read_run(self) -> dict[str, Any]:
+        """What ``run.json`` says."""
+        file = self.path / "run.json"
+        if not file.exists():
+            raise FileNotFoundError(f"{self.path} holds no run; make one with: activetouch compare --out {self.path}")
+        return json.loads(file.read_text())
+
+    def has(self, key: ShardKey) -> bool:
+        """Whether a shard is complete."""
+        return self._shard(key).exists()
+
+    def write_shard(self, key: ShardKey, episodes: Iterable[Episode], seconds: Seconds) -> None:
+        """Write a finished shard; the episodes last, because they mark it complete."""
+        lines = "".join(json.dumps({"decider": key.decider, **episode.to_dict()}) + "\n" for episode in episodes)
+        with atomic_path(self._shard(key).with_suffix(".time.json")) as temporary:
+            temporary.write_text(json.dumps(asdict(seconds)) + "\n")
+        with atomic_path(self._shard(key)) as temporary:
+            temporary.write_text(lines)
+
+    def merge(self, keys: Iterable[ShardKey]) -> None:
+        """Write ``episodes.jsonl`` from complete shards, in the order given."""
+        with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
+            for key in keys:
+                file.write(self._shard(key).read_text())
+
+    def episodes(self, key: ShardKey, shape_labels: tuple[str, ...]) -> Iterator[Episode]:
+        """The episodes of a complete shard."""
+        for line in self._shard(key).read_text().splitlines():
+            yield Episode.from_dict(json.loads(line), shape_labels)
+
+    def all_episodes(self, shape_labels: tuple[str, ...], decider: str, target: str) -> Iterator[Episode]:
+        """The episodes of a finished run in which a decider searched for a target."""
+        file = self.path / "episodes.jsonl"
+        if not file.exists():
+            raise FileNotFoundError(
+                f"{file} is not there yet; finish the run with: activetouch compare --out {self.path}"
+            )
+        with file.open() as lines:
+            for fields in map(json.loads, lines):
+                if fields["decider"] == decider and shape_labels[fields["target"]] == target:
+                    yield Episode.from_dict(fields, shape_labels)
+
+    def seconds(self, key: ShardKey) -> Seconds:
+        """The time of a complete shard."""
+        return Seconds(**json.loads(self._shard(key).with_suffix(".time.json").read_text()))
+
+    def _shard(self, key: ShardKey) -> Path:
+        return self.path / "shards" / f"{key.stem}.jsonl"
+
+
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _PACKAGES}
+
+
+def _commit() -> str:
+    """Commit of the checkout this code runs from, marked if it has changes; empty outside a checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

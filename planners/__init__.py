@@ -1,0 +1,21 @@
+"""Deciders that search by touch: when to stop, where to probe, and the one loop that runs them all."""
+
+from planners.decider import Decider, Decision, InformationState, SequentialDecider
+from planners.episode import Episode, Outcome, Step
+from planners.search import World, search, search_lockstep
+from planners.table import DECIDERS, make_decider
+
+__all__ = [
+    "DECIDERS",
+    "Decider",
+    "Decision",
+    "Episode",
+    "InformationState",
+    "Outcome",
+    "SequentialDecider",
+    "Step",
+    "World",
+    "make_decider",
+    "search",
+    "search_lockstep",
+]

@@ -1,0 +1,92 @@
+"""What every decider sees and answers: one signature for thresholds, planners and learned policies.
+
+A decider gets an :class:`InformationState`, all it may use and nothing more (never the true shape), and answers
+with a :class:`Decision`: the action, and the scores that led to it. The commonest decider is a
+:class:`SequentialDecider`: a stopping rule asked first, and a probe selector for when it does not stop, so that
+"these poses with that stop" is a constructor call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+
+
+@dataclass(frozen=True, eq=False)
+class InformationState:
+    """Everything a decider may base its action on.
+
+    Attributes:
+        problem: the search.
+        target: index of the shape sought.
+        belief: about the current object, given all touches of all objects.
+        history: touches of the current object, oldest first.
+        object_index: how many objects were rejected before this one.
+    """
+
+    problem: SearchProblem
+    target: int
+    belief: Belief
+    history: tuple[Touch, ...] = ()
+    object_index: int = 0
+
+    @property
+    def target_prob(self) -> float:
+        """Probability that the current object is the target."""
+        return float(np.exp(self.belief.log_probs[self.target]))
+
+    @property
+    def num_left(self) -> int:
+        """Objects not yet rejected, the current one included."""
+        return self.problem.num_objects - self.object_index
+
+
+@dataclass(frozen=True)
+class Decision:
+    """An action and why: named numbers that the choice was made on, recorded with every episode."""
+
+    action: Probe | Confirm | Reject
+    scores: Mapping[str, float] = field(default_factory=dict)
+
+
+class Decider(Protocol):
+    """Chooses the next action."""
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """The action for this information state; ``rng`` is the only source of chance."""
+
+
+class StoppingRule(Protocol):
+    """Decides when enough is known about the current object."""
+
+    def stop(self, info: InformationState) -> Decision | None:
+        """CONFIRM or REJECT, or None to go on probing."""
+
+
+class ProbeSelector(Protocol):
+    """Chooses the next pose."""
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """A PROBE."""
+
+
+@dataclass(frozen=True)
+class SequentialDecider:
+    """Ask the stopping rule; where it does not stop, probe as the selector says.
+
+    Attributes:
+        stopping: when to confirm or reject.
+        probing: which pose otherwise.
+    """
+
+    stopping: StoppingRule
+    probing: ProbeSelector
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`Decider`."""
+        return self.stopping.stop(info) or self.probing.choose(info, rng)

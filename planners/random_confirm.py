@@ -1,0 +1,20 @@
+"""The floor of every comparison: confirm an object without touching anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief import Confirm, Reject
+from planners.decider import Decision, InformationState
+
+
+@dataclass(frozen=True)
+class RandomConfirm:
+    """Confirms each of the N objects with probability 1/N, so it succeeds once in N searches."""
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        confirm = rng.random() < 1.0 / info.num_left
+        return Decision(Confirm() if confirm else Reject(), {"target_prob": info.target_prob})

@@ -1,0 +1,171 @@
+"""The one search loop that every decider runs, one episode at a time or many in lockstep.
+
+Chance is keyed: the generator of a touch depends on (episode seed, object, pose, how often that pose was used), not on
+what was done before. Two deciders that make the same touch of the same episode therefore get the same touch, which
+is what makes comparisons paired.
+
+In lockstep, all episodes that want a touch get theirs in one call, so that a network reads many images at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+
+from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.observation_model import ObservationModel
+from planners.decider import Decider, InformationState
+from planners.episode import Episode, Outcome, Step
+
+_DECIDING, _TOUCHING = 0, 1  # keep the two streams of an episode apart
+
+
+class World(Protocol):
+    """What can be touched: objects that come one after the other."""
+
+    @property
+    def arrangement(self) -> tuple[int, ...]:
+        """True shape of every object, in order of visit; for scoring only, no decider sees it."""
+
+    def touch(self, pose: int, rng: np.random.Generator) -> Touch:
+        """Touch the current object."""
+
+    def advance(self) -> None:
+        """Put the current object aside and bring the next."""
+
+
+WorldT = TypeVar("WorldT", bound=World)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchRequest(Generic[WorldT]):
+    """A touch some episode is waiting for."""
+
+    world: WorldT
+    pose: int
+    rng: np.random.Generator
+
+
+TouchMany: TypeAlias = Callable[[Sequence[TouchRequest[WorldT]]], Sequence[Touch]]
+
+
+def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) -> np.random.Generator:
+    """Source of chance of one touch: of an object in a pose, for the ``repeat``-th time (from 0)."""
+    return np.random.default_rng([*seed, _TOUCHING, object_index, pose, repeat])
+
+
+def search(
+    world: World,
+    decider: Decider,
+    problem: SearchProblem,
+    target: int,
+    model: ObservationModel,
+    seed: Sequence[int],
+) -> Episode:
+    """Search until something is confirmed, nothing is left, or the touch limit is reached.
+
+    Args:
+        world: the objects; visited in their order.
+        decider: who chooses.
+        problem: the rules.
+        target: index of the shape sought.
+        model: turns touches into evidence.
+        seed: of the episode; the same seed gives the same episode.
+
+    Raises:
+        ImpossibleObservation: a touch contradicts everything still believed in.
+    """
+    return search_lockstep([world], decider, problem, [target], model, [seed])[0]
+
+
+def search_lockstep(
+    worlds: Sequence[WorldT],
+    decider: Decider,
+    problem: SearchProblem,
+    targets: Sequence[int],
+    model: ObservationModel,
+    seeds: Sequence[Sequence[int]],
+    touch_many: TouchMany[WorldT] | None = None,
+) -> list[Episode]:
+    """:func:`search` for many episodes at once, their touches served together.
+
+    Args:
+        worlds: one an episode.
+        decider: who chooses, in all episodes.
+        problem: the rules.
+        targets: shape sought in each episode.
+        model: turns touches into evidence.
+        seeds: one an episode.
+        touch_many: serves the touches that all unfinished episodes wait for; one by one without.
+
+    Returns:
+        The episodes, in the order of ``worlds``.
+    """
+    loops = [
+        _loop(world, decider, problem, target, model, tuple(seed))
+        for world, target, seed in zip(worlds, targets, seeds, strict=True)
+    ]
+    finished: dict[int, Episode] = {}
+    answers: dict[int, Touch | None] = dict.fromkeys(range(len(loops)))
+    while answers:
+        waiting: dict[int, TouchRequest[WorldT]] = {}
+        for index, touch in answers.items():
+            try:
+                waiting[index] = loops[index].send(touch)
+            except StopIteration as stop:
+                finished[index] = stop.value
+        requests = list(waiting.values())
+        if touch_many is None:
+            touches: Sequence[Touch] = [request.world.touch(request.pose, request.rng) for request in requests]
+        else:
+            touches = touch_many(requests) if requests else []
+        answers = dict(zip(waiting, touches, strict=True))
+    return [finished[index] for index in range(len(loops))]
+
+
+def _loop(
+    world: WorldT,
+    decider: Decider,
+    problem: SearchProblem,
+    target: int,
+    model: ObservationModel,
+    seed: tuple[int, ...],
+) -> Generator[TouchRequest[WorldT], Touch | None, Episode]:
+    """One episode as a coroutine: yields the touches it wants, is sent them, returns the episode."""
+    if not 0 <= target < problem.num_shapes:
+        raise ValueError(f"target must be in [0, {problem.num_shapes}), got {target}")
+    arrangement = tuple(int(shape) for shape in world.arrangement)
+    if len(arrangement) != problem.num_objects:
+        raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
+    scene = SceneBelief(problem, model)
+    rng = np.random.default_rng([*seed, _DECIDING])
+    steps: list[Step] = []
+    object_index = num_touches = 0
+
+    def end(outcome: Outcome) -> Episode:
+        return Episode(seed, target, arrangement, tuple(steps), outcome)
+
+    while True:
+        history = scene.touches(object_index)
+        belief = scene.belief(object_index)
+        decision = decider.decide(InformationState(problem, target, belief, history, object_index), rng)
+        action, touch = decision.action, None
+        if isinstance(action, Probe):
+            if num_touches == problem.touch_limit:
+                return end(Outcome.TRUNCATED)
+            repeat = sum(earlier.pose == action.pose for earlier in history)
+            touch = yield TouchRequest(world, action.pose, touch_rng(seed, object_index, action.pose, repeat))
+            assert touch is not None, "a waiting episode is only ever resumed with its touch"
+            scene.update(object_index, [touch])
+            num_touches += 1
+        steps.append(Step(object_index, belief, decision, touch))
+        if isinstance(action, Confirm):
+            return end(Outcome.CONFIRMED)
+        if isinstance(action, Reject):
+            object_index += 1
+            if object_index == problem.num_objects:
+                return end(Outcome.EXHAUSTED)
+            world.advance()

@@ -1,0 +1,84 @@
+"""When to stop probing: the paper's rule on single frames, and thresholds on the posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+
+from belief import Composition, Confirm, Reject
+from planners.decider import Decision, InformationState
+
+
+@dataclass(frozen=True)
+class ConsecutiveFrames:
+    """The paper's manual rule (§6.3): it looks at single classifier outputs and fuses nothing.
+
+    CONFIRM when the target's probability exceeds ``high`` in ``num_consecutive`` frames in a row, REJECT when it is
+    below ``low`` in the latest one. The paper gives no values and does not say what happens at the maximum number of
+    contacts; we reject there, as an object that never convinced (decision 0005).
+
+    Attributes:
+        high, low: thresholds on the classifier's raw softmax.
+        num_consecutive: frames in a row above ``high``.
+        max_touches: contacts with one object.
+    """
+
+    high: float = 0.9
+    low: float = 0.1
+    num_consecutive: int = 2
+    max_touches: int = 12
+
+    def stop(self, info: InformationState) -> Decision | None:
+        """See :class:`planners.decider.StoppingRule`."""
+        if not info.history:
+            return None
+        recent = info.history[-self.num_consecutive :]
+        frames = [float(softmax(np.asarray(touch.logits, np.float64))[info.target]) for touch in recent]
+        scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
+        if len(frames) == self.num_consecutive and min(frames) > self.high:
+            return Decision(Confirm(), scores)
+        if frames[-1] < self.low or len(info.history) >= self.max_touches:
+            return Decision(Reject(), scores)
+        return None
+
+
+@dataclass(frozen=True)
+class PosteriorThresholds:
+    """Confirm or reject when the posterior of the target is beyond a threshold: Wald's sequential test.
+
+    When every shape is on the table and only one object is left, it is confirmed untouched: rejecting it could
+    only fail.
+
+    Attributes:
+        confirm: posterior at or above which to confirm.
+        reject: posterior at or below which to reject.
+        max_touches: touches of one object after which the likelier decision is taken.
+    """
+
+    confirm: float = 0.99
+    reject: float = 0.01
+    max_touches: int = 12
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.reject < self.confirm <= 1.0:
+            raise ValueError(f"need 0 ≤ reject < confirm ≤ 1, got {self.reject} and {self.confirm}")
+
+    def stop(self, info: InformationState) -> Decision | None:
+        """See :class:`planners.decider.StoppingRule`."""
+        prob = info.target_prob
+        scores = {"target_prob": prob}
+        problem = info.problem
+        must_be_here = (
+            info.num_left == 1
+            and problem.composition is Composition.DISTINCT
+            and problem.num_objects == problem.num_shapes
+        )
+        if prob >= self.confirm or (must_be_here and prob > 0.0):
+            return Decision(Confirm(), scores)
+        if prob <= self.reject:
+            return Decision(Reject(), scores)
+        if len(info.history) >= self.max_touches:
+            return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
+        return None
