@@ -22,7 +22,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import logsumexp
 
 from belief.errors import ImpossibleObservation
 from belief.problem import Floats
@@ -69,8 +68,8 @@ def arrangement_marginals(log_weights: ArrayLike) -> Floats:
     forward = [np.zeros(1)]
     for i in range(num_objects):
         smaller, added = _layer(num_shapes, i + 1)
-        forward.append(logsumexp(forward[i][smaller] + weights[i][added], axis=1))
-    log_total = logsumexp(forward[-1])
+        forward.append(np.logaddexp.reduce(forward[i][smaller] + weights[i][added], axis=1))
+    log_total = np.logaddexp.reduce(forward[-1])
     if np.isneginf(log_total):
         raise ImpossibleObservation(
             "no arrangement of distinct shapes has a weight above zero: two objects can only be the same shape. "
@@ -86,7 +85,7 @@ def arrangement_marginals(log_weights: ArrayLike) -> Floats:
         marginals[i] = np.bincount(added.ravel(), np.exp(log_terms).ravel(), minlength=num_shapes)
         by_smaller = np.full((forward[i].size, num_shapes), -np.inf)
         by_smaller[smaller, added] = weights[i][added] + backward[:, None]
-        backward = logsumexp(by_smaller, axis=1)
+        backward = np.logaddexp.reduce(by_smaller, axis=1)
     return marginals / marginals.sum(axis=1, keepdims=True)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import entr, logsumexp
+from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
 from belief.problem import Floats
@@ -54,7 +54,7 @@ def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Flo
         )
     with np.errstate(over="ignore"):  # a difference beyond the largest float is -inf, which is right
         joint = prior + np.where(believed, likelihood - best, -np.inf)
-    log_evidence = logsumexp(joint, axis=-1, keepdims=True)
+    log_evidence = np.logaddexp.reduce(joint, axis=-1, keepdims=True)
     return joint - log_evidence, (log_evidence + best)[..., 0]
 
 
@@ -112,7 +112,7 @@ def normalise_log_probs(log_probs: Floats, name: str = "log_probs") -> Floats:
         ValueError: NaN, a positive logarithm, or a row that does not sum to one within float16's rounding.
     """
     _require(~np.isnan(log_probs) & (log_probs < _SUM_TOLERANCE), log_probs, name, "NaN or a probability above one")
-    log_total = logsumexp(log_probs, axis=-1, keepdims=True)
+    log_total = np.logaddexp.reduce(log_probs, axis=-1, keepdims=True)
     near_one = np.abs(np.expm1(log_total)) <= _SUM_TOLERANCE
     _require(np.broadcast_to(near_one, log_probs.shape), log_probs, name, "probabilities that do not sum to one")
     return np.asarray(log_probs - log_total)

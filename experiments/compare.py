@@ -6,6 +6,7 @@ import hashlib
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from belief.errors import UnknownName
+from experiments.ceiling import full_information_successes
 from experiments.episodes import Setting, play
 from experiments.parallel import default_jobs, run_tasks
 from experiments.results import RunFolder, Seconds, ShardKey
@@ -21,6 +23,7 @@ from experiments.summary import Comparison, compare_episodes
 from planners import DECIDERS
 
 _EPISODES_PER_SHARD = 25
+_CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,17 @@ class Compare:
         keys = list(self._keys())
         labels = list(self.setting.problem.shape_labels)
         tasks = [
-            (folder, key, self.setting, labels.index(key.target), self.seed) for key in keys if not folder.has(key)
+            partial(_play_shard, folder, key, self.setting, labels.index(key.target), self.seed)
+            for key in keys
+            if not folder.has(key)
+        ]
+        tasks += [
+            partial(_play_ceiling, folder, target, self.setting, labels.index(target), self.seed, self._num_ceiling)
+            for target in dict.fromkeys(key.target for key in keys)
+            if not folder.has_ceiling(target, self._num_ceiling)
         ]
         try:
-            for _ in run_tasks(_play_shard, tasks, self.jobs, "searching"):
+            for _ in run_tasks(tasks, self.jobs, "searching"):
                 pass
         except KeyboardInterrupt:
             done = sum(folder.has(key) for key in keys)
@@ -100,6 +110,10 @@ class Compare:
                 for first in range(0, self.episodes, _EPISODES_PER_SHARD):
                     yield ShardKey(decider, target, first, min(first + _EPISODES_PER_SHARD, self.episodes))
 
+    @property
+    def _num_ceiling(self) -> int:
+        return min(self.episodes, _CEILING_EPISODES)
+
     def _identity(self) -> dict[str, object]:
         """What decides an episode besides its seed; the sensor by content, wherever it lies."""
         digest = hashlib.sha256()
@@ -118,7 +132,15 @@ class Compare:
             cell = (key.decider, key.target)
             episodes.setdefault(cell, []).extend(folder.episodes(key, tuple(problem.shape_labels)))
             seconds.setdefault(cell, Seconds()).__iadd__(folder.seconds(key))
-        return compare_episodes(problem, episodes, seconds, self.deciders[0], np.random.default_rng(self.seed))
+        targets = dict.fromkeys(key.target for key in keys)
+        solved = sum(folder.read_ceiling(target, self._num_ceiling) for target in targets)
+        ceiling = (solved, self._num_ceiling * len(targets))
+        rng = np.random.default_rng(self.seed)
+        return compare_episodes(problem, episodes, seconds, ceiling, self.deciders[0], rng)
+
+
+def _play_ceiling(folder: RunFolder, label: str, setting: Setting, target: int, seed: int, episodes: int) -> None:
+    folder.write_ceiling(label, full_information_successes(setting, target, seed, range(episodes)), episodes)
 
 
 def _play_shard(folder: RunFolder, key: ShardKey, setting: Setting, target: int, seed: int) -> None:
@@ -128,29 +150,28 @@ def _play_shard(folder: RunFolder, key: ShardKey, setting: Setting, target: int,
 
 def render_table(comparison: Comparison) -> Table:
     """The comparison as a table that fits an 80-column terminal."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), caption_justify="left")
+    table = Table(box=box.SIMPLE_HEAD, caption_justify="left")
     table.caption = (
         f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals; floor (confirm at random) {comparison.floor:.2f}; ms per touch = physics + network + decision"
+        f"intervals. Floor (confirm at random) {comparison.floor:.2f}; ceiling (touch everything first) "
+        f"{comparison.ceiling[0]}/{comparison.ceiling[1]}. ms/touch = physics+network+decision"
     )
-    for heading in ("decider", "target", "success", "95 %", "wrong", "none", "touches", "reward", "ms per touch"):
-        table.add_column(heading, justify="left" if heading in ("decider", "target") else "right", no_wrap=True)
+    for heading in ("target", "success", "95 %", "wrong", "none", "touches", "ms/touch"):
+        table.add_column(heading, justify="left" if heading == "target" else "right", no_wrap=True)
     for decider in comparison.deciders:
+        table.add_row(decider, style="bold")
         for target in [*comparison.targets, "all"]:
             cell = comparison.cells[decider, target]
             low, high = cell.success_interval
             ms = cell.seconds.ms_per_touch()
             table.add_row(
-                decider if target == comparison.targets[0] else "",
-                target,
+                f"  {target}",
                 f"{cell.success:.3f}",
                 f"{low:.3f}–{high:.3f}",
                 str(cell.wrong),
                 str(cell.none + cell.truncated),
                 f"{cell.touches:.2f}",
-                f"{cell.reward:.3f}",
                 f"{ms['physics']:.1f}+{ms['network']:.1f}+{ms['decision']:.1f}" if cell.touches else "–",
-                style="bold" if target == "all" else None,
                 end_section=target == "all",
             )
     return table

@@ -33,8 +33,10 @@ def success_figure(comparison: Comparison) -> str:
         figure = Figure(figsize=(7.5, 3.6), layout="constrained")
         axes = figure.subplots()
         _grouped(axes, comparison, lambda cell: (cell.success, cell.success_interval))
-        axes.axhline(comparison.floor, color=_INK, linestyle=":", linewidth=1)
-        axes.text(-0.62, comparison.floor + 0.015, f"floor {comparison.floor:.2f}", fontsize=8)
+        ceiling = comparison.ceiling[0] / comparison.ceiling[1]
+        for level, name in ((comparison.floor, "floor"), (ceiling, "ceiling")):
+            axes.axhline(level, color=_INK, linestyle=":", linewidth=1)
+            axes.annotate(f"{name} {level:.2f}", (1.005, level), xycoords=("axes fraction", "data"), va="center")
         axes.set(ylabel="success", ylim=(0, 1.03))
         return _svg(figure)
 
@@ -45,9 +47,7 @@ def touches_figure(comparison: Comparison) -> str:
         figure = Figure(figsize=(7.5, 3.0), layout="constrained")
         axes = figure.subplots()
         _grouped(axes, comparison, lambda cell: (cell.touches, None))
-        axes.axhline(0.0, color=_INK, linestyle=":", linewidth=1)
-        axes.text(-0.62, 0.05, f"floor: 0 touches, success {comparison.floor:.2f}", fontsize=8)
-        axes.set(ylabel="touches per search")
+        axes.set(ylabel="touches per search", xlabel=f"target (floor: success {comparison.floor:.2f} without a touch)")
         return _svg(figure)
 
 
@@ -62,7 +62,7 @@ def time_figure(comparison: Comparison) -> str:
             width = np.array([comparison.cells[name, "all"].seconds.ms_per_touch()[part] for name in names])
             axes.barh(names, width, left=left, color=colour, label=part, height=0.6)
             left += width
-        axes.set(xlabel=f"ms per touch (the floor, success {comparison.floor:.2f}, touches nothing)")
+        axes.set(xlabel=f"ms per touch (floor: success {comparison.floor:.2f} without a touch)")
         axes.invert_yaxis()
         axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
         return _svg(figure)

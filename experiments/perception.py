@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from activetouch.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
@@ -35,11 +36,11 @@ class Collect:
         scene = Scene(press_model=Quasistatic() if self.quasistatic else Dynamic())
         write_manifest(self.out, scene, self.plan)
         tasks = [
-            (scene, self.plan, split, objects, path)
+            partial(record_shard, scene, self.plan, split, objects, path)
             for split, shard, objects in self.plan.shards(len(scene.shapes))
             if not (path := shard_path(self.out, split, shard)).exists()
         ]
-        for _ in run_tasks(record_shard, tasks, self.jobs, f"touching objects → {self.out}"):
+        for _ in run_tasks(tasks, self.jobs, f"touching objects → {self.out}"):
             pass
 
 

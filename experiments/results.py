@@ -119,6 +119,19 @@ class RunFolder:
         with atomic_path(self._shard(key)) as temporary:
             temporary.write_text(lines)
 
+    def has_ceiling(self, target: str, episodes: int) -> bool:
+        """Whether the ceiling of a target is there, measured on this many episodes."""
+        return self._ceiling(target, episodes).exists()
+
+    def write_ceiling(self, target: str, successes: int, episodes: int) -> None:
+        """Write how many of the first ``episodes`` searches for a target the ceiling solves."""
+        with atomic_path(self._ceiling(target, episodes)) as temporary:
+            temporary.write_text(json.dumps(successes) + "\n")
+
+    def read_ceiling(self, target: str, episodes: int) -> int:
+        """How many of the first ``episodes`` searches for a target the ceiling solves."""
+        return json.loads(self._ceiling(target, episodes).read_text())
+
     def merge(self, keys: Iterable[ShardKey]) -> None:
         """Write ``episodes.jsonl`` from complete shards, in the order given."""
         with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
@@ -145,6 +158,9 @@ class RunFolder:
     def seconds(self, key: ShardKey) -> Seconds:
         """The time of a complete shard."""
         return Seconds(**json.loads(self._shard(key).with_suffix(".time.json").read_text()))
+
+    def _ceiling(self, target: str, episodes: int) -> Path:
+        return self.path / "shards" / f"ceiling-{target}-{episodes:06d}.json"
 
     def _shard(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.jsonl"

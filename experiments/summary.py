@@ -95,6 +95,7 @@ class Comparison:
         episodes: by (decider, target label).
         cells: by (decider, target label), and by (decider, "all").
         differences: to ``reference``, over all targets.
+        ceiling: successes and episodes with full information (:mod:`experiments.ceiling`).
         reference: the decider the others are compared with.
     """
 
@@ -102,6 +103,7 @@ class Comparison:
     episodes: Mapping[tuple[str, str], Sequence[Episode]]
     cells: Mapping[tuple[str, str], Cell]
     differences: Mapping[str, Difference]
+    ceiling: tuple[int, int]
     reference: str
 
     @property
@@ -124,6 +126,7 @@ def compare_episodes(
     problem: SearchProblem,
     episodes: Mapping[tuple[str, str], Sequence[Episode]],
     seconds: Mapping[tuple[str, str], Seconds],
+    ceiling: tuple[int, int],
     reference: str,
     rng: np.random.Generator,
 ) -> Comparison:
@@ -136,4 +139,4 @@ def compare_episodes(
         time_by_decider.setdefault(decider, Seconds()).__iadd__(seconds[decider, target])
     for decider, some in by_decider.items():
         cells[decider, "all"] = summarise(some, time_by_decider[decider], problem)
-    return Comparison(problem, episodes, cells, differences(by_decider, reference, rng), reference)
+    return Comparison(problem, episodes, cells, differences(by_decider, reference, rng), ceiling, reference)
