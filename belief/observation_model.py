@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -64,7 +65,9 @@ class OutcomeTable:
             raise ValueError(
                 f"probs[pose {pose}, shape {shape}] is no distribution over outcomes: {probs[pose, shape].tolist()}"
             )
-        probs /= probs.sum(axis=2, keepdims=True)
+        totals = probs.sum(axis=2, keepdims=True)
+        if np.abs(totals - 1.0).max() > 1e-12:  # what is already normalised keeps its last bit, as on reload
+            probs /= totals
         probs.flags.writeable = False
         object.__setattr__(self, "probs", probs)
 
@@ -181,18 +184,27 @@ class ConfusionModel:
         return np.asarray(log_probs.sum(axis=0))
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """See :class:`ObservationModel`; logits are those of a typical touch with the sampled outcome."""
-        num_shapes = len(self.shape_labels)
-        edges = np.concatenate([[1.0 / num_shapes], self.confidence_edges, [1.0]])
+        """See :class:`ObservationModel`; the logits claim what the sampled outcome is worth, within its bin."""
         touches = []
         for pose in poses:
             outcome = int(rng.choice(self.probs.shape[2], p=self.probs[pose, shape]))
-            bin_, predicted = divmod(outcome, num_shapes)
-            confidence = edges[bin_ : bin_ + 2].mean()
-            probs = np.full(num_shapes, (1.0 - confidence) / max(num_shapes - 1, 1))
-            probs[predicted] = confidence
-            touches.append(Touch(pose, np.log(probs) * self.calibration.temperature))
+            touches.append(Touch(pose, self._typical_logits[pose, outcome]))
         return touches
+
+    @cached_property
+    def _typical_logits(self) -> Floats:
+        """Logits that stand for each outcome, ``(P, M, K)``: calibrated, they give the precision of the outcome."""
+        num_shapes = len(self.shape_labels)
+        predicted = np.arange(self.probs.shape[2]) % num_shapes  # (M,)
+        bins = np.arange(self.probs.shape[2]) // num_shapes
+        edges = np.concatenate([[1.0 / num_shapes], self.confidence_edges, [1.0]])
+        right = self.probs[:, predicted, np.arange(self.probs.shape[2])]  # (P, M)
+        margin = 1e-9  # bins are open below, and a claim of certainty has no finite logits
+        low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
+        confidence = np.clip(right / self.probs.sum(axis=1), low, high)
+        rest = (1.0 - confidence) / max(num_shapes - 1, 1)
+        probs = np.where(predicted[:, None] == np.arange(num_shapes), confidence[..., None], rest[..., None])
+        return np.log(probs) * self.calibration.temperature
 
     def outcome_table(self) -> OutcomeTable:
         """See :class:`ObservationModel`."""

@@ -59,7 +59,7 @@ def cross_validated_nll(
     losses: list[float] = []
     for fold in range(num_folds):
         kept, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
-        model = fit([touches[i] for i in kept], truth[kept], ids[kept])
-        held_ids, log_posterior = fused_log_probs(model, [touches[i] for i in held], ids[held])
+        model = fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept])
+        held_ids, log_posterior = fused_log_probs(model, [touches[i] for i in held.tolist()], ids[held])
         losses += [-float(row[shape_of[i]]) for i, row in zip(held_ids.tolist(), log_posterior, strict=True)]
     return float(np.mean(losses))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import softmax
 
-from belief.observation_model import ObservationModel
+from belief.calibration import TemperatureScaling
+from belief.observation_model import ConfusionModel, ObservationModel
 from belief.problem import Composition, SearchProblem, Touch
 
 
@@ -17,6 +19,15 @@ def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tupl
     else:
         shapes = rng.integers(problem.num_shapes, size=problem.num_objects)
     return tuple(int(shape) for shape in shapes)
+
+
+def random_model(
+    rng: np.random.Generator, num_shapes: int = 4, num_poses: int = 3, sharpness: float = 2.0
+) -> ConfusionModel:
+    """A per-pose confusion model with random, strictly positive entries; larger ``sharpness``, better sensor."""
+    scores = rng.normal(size=(num_poses, num_shapes, num_shapes)) + sharpness * np.eye(num_shapes)
+    labels = tuple(f"shape_{k}" for k in range(num_shapes))
+    return ConfusionModel(labels, softmax(scores, axis=2), TemperatureScaling(1.0, "ok"))
 
 
 class SyntheticWorld:

@@ -150,7 +150,7 @@ def _play_shard(folder: RunFolder, key: ShardKey, setting: Setting, target: int,
 
 def render_table(comparison: Comparison) -> Table:
     """The comparison as a table that fits an 80-column terminal."""
-    table = Table(box=box.SIMPLE_HEAD, caption_justify="left")
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), caption_justify="left")
     table.caption = (
         f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
         f"intervals. Floor (confirm at random) {comparison.floor:.2f}; ceiling (touch everything first) "

@@ -1,0 +1,177 @@
+"""Laws of Bayes' rule and information, and agreement with plain arithmetic where that is exact."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from belief import ImpossibleObservation
+from belief.bayes import entropy, expected_information_gain, target_information_gain, update
+
+log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
+
+
+@st.composite
+def distributions(draw, size=4):
+    weights = draw(arrays(np.float64, size, elements=st.floats(1e-6, 1.0)))
+    return weights / weights.sum()
+
+
+@st.composite
+def outcome_tables(draw, num_poses=3, num_shapes=4, num_outcomes=5):
+    weights = draw(arrays(np.float64, (num_poses, num_shapes, num_outcomes), elements=st.floats(1e-6, 1.0)))
+    return weights / weights.sum(axis=2, keepdims=True)
+
+
+@given(distributions(), arrays(np.float64, 4, elements=st.floats(1e-6, 1.0)))
+def test_update_is_prior_times_likelihood_over_evidence(prior, likelihood):
+    log_posterior, log_evidence = update(np.log(prior), np.log(likelihood))
+    evidence = (prior * likelihood).sum()
+    np.testing.assert_allclose(np.exp(log_posterior), prior * likelihood / evidence, rtol=1e-12)
+    assert math.isclose(math.exp(log_evidence), evidence, rel_tol=1e-12)
+
+
+@given(distributions(), log_likelihoods, log_likelihoods)
+def test_order_of_touches_does_not_matter(prior, first, second):
+    one_way = update(update(np.log(prior), first)[0], second)[0]
+    other_way = update(update(np.log(prior), second)[0], first)[0]
+    together = update(np.log(prior), first + second)[0]
+    np.testing.assert_allclose(one_way, other_way, atol=1e-9)
+    np.testing.assert_allclose(one_way, together, atol=1e-9)
+
+
+@given(distributions(), st.floats(-1e6, 1e6))
+def test_a_likelihood_equal_for_all_shapes_changes_nothing(prior, constant):
+    log_posterior, log_evidence = update(np.log(prior), np.full(4, constant))
+    np.testing.assert_allclose(np.exp(log_posterior), prior, atol=1e-12)
+    assert math.isclose(log_evidence, constant, rel_tol=1e-12, abs_tol=1e-12)
+
+
+@given(distributions(), log_likelihoods, st.permutations(range(4)))
+def test_relabelling_the_shapes_permutes_the_posterior(prior, log_likelihood, order):
+    direct = update(np.log(prior), log_likelihood)[0]
+    relabelled = update(np.log(prior)[order], log_likelihood[order])[0]
+    np.testing.assert_allclose(relabelled, direct[order], atol=1e-12)
+
+
+def test_a_batch_equals_its_rows(rng):
+    prior = rng.dirichlet(np.ones(4), size=(3, 5))
+    log_likelihood = rng.normal(size=(3, 5, 4)) * 10
+    log_posterior, log_evidence = update(np.log(prior), log_likelihood)
+    for index in np.ndindex(3, 5):
+        row, evidence = update(np.log(prior[index]), log_likelihood[index])
+        np.testing.assert_allclose(log_posterior[index], row, atol=1e-12)
+        assert math.isclose(log_evidence[index], evidence, abs_tol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e4, 1e300, 1e308])
+def test_log_likelihoods_of_any_size_leave_a_distribution(scale):
+    log_posterior, log_evidence = update(np.log([0.2, 0.3, 0.5]), np.array([-1.0, 1.0, -1.0]) * scale)
+    assert np.exp(log_posterior).sum() == pytest.approx(1.0)
+    assert np.isfinite(log_evidence)
+    assert np.exp(log_posterior).argmax() == (1 if scale > 1 else 2)
+
+
+def test_a_shape_ruled_out_before_stays_ruled_out():
+    log_posterior, _ = update([0.0, -np.inf], [-1e300, 1e300])
+    assert np.exp(log_posterior).tolist() == [1.0, 0.0]
+
+
+def test_certainty_recovers_when_later_touches_disagree():
+    belief, against = np.log([0.5, 0.5]), np.log([0.3, 0.7])
+    for _ in range(1000):
+        belief = update(belief, np.log([0.7, 0.3]))[0]
+    assert np.exp(belief[1]) < 1e-300
+    for _ in range(1005):
+        belief = update(belief, against)[0]
+    assert np.exp(belief[1]) == pytest.approx(1 / (1 + (3 / 7) ** 5), rel=1e-9)
+
+
+def test_a_million_touches_stay_within_a_milli_nat_of_exact_summation(rng):
+    steps = np.log(rng.dirichlet(np.ones(2) * 50, size=1_000_000))
+    belief = np.log([0.5, 0.5])
+    for chunk in steps.reshape(1000, 1000, 2):
+        belief = update(belief, chunk.sum(axis=0))[0]
+    exact = math.fsum(steps[:, 0]) - math.fsum(steps[:, 1])
+    assert abs((belief[0] - belief[1]) - exact) < 1e-3
+
+
+def test_impossible_evidence_raises_and_names_the_row():
+    prior = np.log([[0.5, 0.5], [1.0, 1e-300]])
+    with pytest.raises(ImpossibleObservation, match=r"row 0"):
+        update(prior, [[-np.inf, -np.inf], [0.0, 0.0]])
+
+
+def test_impossible_under_what_is_still_believed_raises():
+    with pytest.raises(ImpossibleObservation, match="still believed in"):
+        update([0.0, -np.inf], [-np.inf, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("log_prior", "log_likelihood", "message"),
+    [
+        ([[np.log(0.5)] * 2] * 3, [[0, 0], [0, np.nan], [0, 0]], "log_likelihood in row 1 holds NaN"),
+        ([np.log(0.5)] * 2, [np.inf, 0.0], "NaN or [+]inf"),
+        ([np.nan, 0.0], [0.0, 0.0], "log_prior holds NaN"),
+        (np.log([0.5, 0.6]), [0.0, 0.0], "do not sum to one"),
+        (np.log([0.5, 0.5]), [0.0, 0.0, 0.0], "same, non-empty last axis"),
+        ([], [], "non-empty"),
+    ],
+)
+def test_bad_input_raises_and_says_where(log_prior, log_likelihood, message):
+    with pytest.raises(ValueError, match=message):
+        update(log_prior, log_likelihood)
+
+
+def test_float16_priors_are_renormalised():
+    prior = np.full(3, 1 / 3, np.float16)
+    log_posterior, _ = update(np.log(prior), np.zeros(3))
+    assert np.exp(log_posterior).sum() == pytest.approx(1.0, abs=1e-15)
+
+
+@given(distributions(), outcome_tables())
+def test_information_gain_lies_between_zero_and_the_entropy(belief, table):
+    gain = expected_information_gain(belief, table)
+    assert gain.shape == (3,)
+    assert (gain >= 0).all()
+    assert (gain <= entropy(belief) + 1e-12).all()
+
+
+@given(distributions(), outcome_tables())
+def test_information_gain_is_the_expected_drop_of_entropy(belief, table):
+    for pose, gain in enumerate(expected_information_gain(belief, table)):
+        predictive = belief @ table[pose]
+        posteriors = (belief[:, None] * table[pose] / predictive).T
+        assert gain == pytest.approx(entropy(belief) - predictive @ entropy(posteriors), abs=1e-9)
+
+
+@given(distributions(), outcome_tables(), st.integers(0, 3))
+def test_target_gain_is_the_full_gain_of_the_two_way_problem(belief, table, target):
+    others = np.delete(np.arange(4), target)
+    missed = belief[others].sum()
+    merged = np.stack([table[:, target], np.einsum("k,pkm->pm", belief[others] / missed, table[:, others])], axis=1)
+    expected = expected_information_gain([belief[target], missed], merged)
+    np.testing.assert_allclose(target_information_gain(belief, table, target), expected, atol=1e-9)
+
+
+@given(distributions(), outcome_tables(), st.integers(0, 3))
+def test_the_target_bit_holds_no_more_than_the_shape(belief, table, target):
+    full = expected_information_gain(belief, table)
+    assert (target_information_gain(belief, table, target) <= full + 1e-12).all()
+
+
+@given(distributions(), outcome_tables())
+def test_merging_two_outcomes_never_adds_information(belief, table):
+    merged = np.concatenate([table[..., :1] + table[..., 1:2], table[..., 2:]], axis=2)
+    gain, merged_gain = (expected_information_gain(belief, t) for t in (table, merged))
+    assert (merged_gain <= gain + 1e-12).all()
+
+
+@given(distributions(), distributions(5))
+def test_a_useless_pose_has_no_information_gain(belief, outcome_probs):
+    table = np.broadcast_to(outcome_probs, (1, 4, 5))
+    assert expected_information_gain(belief, table)[0] == pytest.approx(0.0, abs=1e-12)
+    assert target_information_gain(belief, table, 0)[0] == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from belief import Belief
+from belief.errors import UnknownName
+
+
+def test_a_belief_keeps_its_prior_zeros_for_ever():
+    belief = Belief.from_probs(["a", "b", "c"], [0.5, 0.5, 0.0]).update([0.0, 0.0, 1e300])
+    assert belief.prob("c") == 0.0
+
+
+def test_update_leaves_the_old_belief_as_it_was():
+    prior = Belief.uniform(["a", "b"])
+    prior.update([0.0, -3.0])
+    assert prior.probs.tolist() == [0.5, 0.5]
+    with pytest.raises(ValueError, match="read-only"):
+        prior.log_probs[0] = 0.0
+
+
+def test_entropy_of_a_uniform_belief_is_log_k():
+    assert Belief.uniform("abcde").entropy == pytest.approx(np.log(5))
+
+
+def test_one_shape_is_certain():
+    assert Belief.uniform(["a"]).update([-5.0]).probs.tolist() == [1.0]
+
+
+@pytest.mark.parametrize(
+    ("labels", "probs", "message"),
+    [
+        (["a", "b"], [0.5, 0.6], "do not sum to one"),
+        (["a", "b"], [1.5, -0.5], "at least zero"),
+        (["a", "b"], [np.nan, 1.0], "at least zero"),
+        (["a", "b"], [1.0], "2 labels need"),
+        (["a", "a"], [0.5, 0.5], "differ"),
+        ([], [], "at least one"),
+    ],
+)
+def test_what_is_no_distribution_is_refused(labels, probs, message):
+    with pytest.raises(ValueError, match=message):
+        Belief.from_probs(labels, probs)
+
+
+def test_an_unknown_label_suggests_the_nearest():
+    with pytest.raises(UnknownName, match="Did you mean 'sphere'"):
+        Belief.uniform(["sphere", "cube"]).prob("spere")

@@ -1,0 +1,168 @@
+"""Laws that every decider in the table obeys in the one search loop, on a world sampled from the model."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem
+from belief.calibration import TemperatureScaling
+from belief.errors import UnknownName
+from belief.observation_model import ConfusionModel
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from planners import DECIDERS, Decision, Episode, Outcome, make_decider, search, search_lockstep
+
+every_decider = pytest.mark.parametrize("name", list(DECIDERS))
+every_composition = pytest.mark.parametrize("composition", list(Composition))
+
+
+def problem_for(model, composition=Composition.DISTINCT, num_objects=None, touch_limit=60):
+    poses = tuple(f"p{i}" for i in range(model.outcome_table().num_poses))
+    return SearchProblem(
+        model.shape_labels, poses, num_objects or len(model.shape_labels), composition, 0.02, touch_limit
+    )
+
+
+def play(name, model, problem, seeds, target=0):
+    worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 99]))) for s in seeds]
+    decider = make_decider(name, model.outcome_table())
+    return search_lockstep(worlds, decider, problem, [target] * len(worlds), model, [(s,) for s in seeds])
+
+
+@every_decider
+@every_composition
+def test_every_search_ends_and_its_steps_add_up(name, composition, model):
+    problem = problem_for(model, composition)
+    for episode in play(name, model, problem, range(40)):
+        *earlier, last = episode.steps
+        rejected = sum(isinstance(step.decision.action, Reject) for step in episode.steps)
+        assert not any(isinstance(step.decision.action, Confirm) for step in earlier)
+        assert episode.num_touches <= problem.touch_limit
+        if episode.outcome is Outcome.CONFIRMED:
+            assert isinstance(last.decision.action, Confirm)
+            assert last.object_index == rejected
+        elif episode.outcome is Outcome.EXHAUSTED:
+            assert rejected == problem.num_objects
+
+
+@every_decider
+def test_the_same_seed_gives_the_same_episode(name, model):
+    problem = problem_for(model)
+    first, second = (play(name, model, problem, range(10)) for _ in range(2))
+    assert [e.to_dict() for e in first] == [e.to_dict() for e in second]
+
+
+@every_decider
+def test_lockstep_gives_the_episodes_of_one_at_a_time(name, model):
+    problem = problem_for(model)
+    together = play(name, model, problem, range(10))
+    alone = [play(name, model, problem, [seed])[0] for seed in range(10)]
+    assert [e.to_dict() for e in together] == [e.to_dict() for e in alone]
+
+
+@every_decider
+def test_an_episode_survives_json(name, model):
+    for episode in play(name, model, problem_for(model), range(5)):
+        text = json.dumps(episode.to_dict())
+        copy = Episode.from_dict(json.loads(text), model.shape_labels)
+        assert copy.num_touches == episode.num_touches
+        assert copy.success == episode.success
+        assert [s.decision for s in copy.steps] == [s.decision for s in episode.steps]
+        for one, other in zip(copy.steps, episode.steps, strict=True):
+            np.testing.assert_allclose(one.belief.probs, other.belief.probs, atol=1e-15)
+
+
+def test_the_same_touch_of_the_same_episode_feels_the_same_to_every_decider(model):
+    problem = problem_for(model)
+    felt = {}
+    for name in DECIDERS:
+        for episode in play(name, model, problem, range(30)):
+            uses = {}
+            for step in episode.steps:
+                if isinstance(step.decision.action, Probe):
+                    key = (*episode.seed, step.object_index, step.decision.action.pose)
+                    uses[key] = uses.get(key, -1) + 1
+                    logits = step.touch.logits.tolist()
+                    assert felt.setdefault((*key, uses[key]), logits) == logits
+
+
+@pytest.mark.parametrize("name", [name for name in DECIDERS if name != "random_confirm"])
+def test_a_perfect_sensor_finds_the_target_every_time(name):
+    labels = ("a", "b", "c")
+    model = ConfusionModel(labels, np.full((2, 3, 3), 1e-9) + np.eye(3) * (1 - 3e-9), TemperatureScaling(1.0, "ok"))
+    episodes = play(name, model, problem_for(model), range(60), target=1)
+    assert all(episode.success for episode in episodes)
+
+
+def test_confirming_at_random_succeeds_once_in_n(model):
+    # 2 000 searches at 1/4: outside [410, 590] with probability below 1e-5.
+    episodes = play("random_confirm", model, problem_for(model), range(2000))
+    assert 410 <= sum(episode.success for episode in episodes) <= 590
+    assert all(episode.num_touches == 0 for episode in episodes)
+
+
+@every_composition
+def test_information_gain_keeps_the_promise_of_its_confirm_threshold(composition):
+    # Beliefs are exact in this world, so a stop at .99 is right at least 99 times in 100, whatever the poses.
+    model = random_model(np.random.default_rng(3), sharpness=3.0)
+    problem = problem_for(model, composition)
+    stops = [
+        episode.success
+        for episode in play("information_gain", model, problem, range(1500))
+        if episode.outcome is Outcome.CONFIRMED and episode.steps[-1].decision.scores["target_prob"] >= 0.99
+    ]
+    assert len(stops) > 500
+    assert stats.binomtest(sum(stops), len(stops), 0.99, alternative="less").pvalue > 1e-3
+
+
+def test_fusing_touches_beats_the_rule_on_single_frames():
+    # Paired over 300 searches with a mediocre sensor; the gap is above .2, its standard error about .03.
+    model = random_model(np.random.default_rng(4), sharpness=2.0)
+    problem = problem_for(model, touch_limit=200)
+    success = {
+        name: np.mean([e.success for e in play(name, model, problem, range(300))])
+        for name in ("threshold", "information_gain")
+    }
+    assert success["information_gain"] > success["threshold"] + 0.1
+
+
+def test_the_touch_limit_cuts_a_search_off(model):
+    [episode] = play("threshold", model, problem_for(model, touch_limit=1), [3])
+    assert episode.num_touches == 1
+    assert episode.outcome is Outcome.TRUNCATED
+    assert episode.reward(problem_for(model)) == pytest.approx(-1.02)
+
+
+def test_finding_nothing_is_right_when_the_target_is_absent():
+    model = random_model(np.random.default_rng(5), sharpness=6.0)
+    problem = problem_for(model, Composition.INDEPENDENT, num_objects=2)
+    decider = make_decider("information_gain", model.outcome_table())
+    episode = search(SyntheticWorld(model, (1, 2)), decider, problem, target=0, model=model, seed=(7,))
+    assert episode.outcome is Outcome.EXHAUSTED
+    assert episode.success
+    assert episode.reward(problem) == pytest.approx(1.0 - 0.02 * episode.num_touches)
+
+
+def test_a_touch_no_arrangement_explains_stops_the_search_with_an_error():
+    labels = ("a", "b")
+    model = ConfusionModel(labels, np.eye(2)[None], TemperatureScaling(1.0, "ok"))
+
+    class TouchThenReject:
+        def decide(self, info, rng):
+            return Decision(Reject() if info.history else Probe(0))
+
+    with pytest.raises(ImpossibleObservation):
+        search(SyntheticWorld(model, (0, 0)), TouchThenReject(), problem_for(model), 1, model, (0,))
+
+
+@pytest.mark.parametrize(("arrangement", "target", "message"), [((0, 1), 0, "2 objects"), ((0, 1, 2, 3), 4, "target")])
+def test_a_world_or_target_that_does_not_fit_the_problem_is_refused(model, arrangement, target, message):
+    decider = make_decider("threshold", model.outcome_table())
+    with pytest.raises(ValueError, match=message):
+        search(SyntheticWorld(model, arrangement), decider, problem_for(model), target, model, (0,))
+
+
+def test_an_unknown_decider_suggests_the_nearest(model):
+    with pytest.raises(UnknownName, match="Did you mean 'information_gain'"):
+        make_decider("infogain", model.outcome_table())
