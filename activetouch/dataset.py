@@ -8,6 +8,7 @@ many processes ran, nor on what was interrupted. An object is in one split only;
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -132,9 +133,9 @@ def read_split(folder: Path, split: str) -> TouchSet:
     columns: dict[str, list[NDArray]] = {name: [] for name in TouchSet.__dataclass_fields__}
     for path in paths:
         try:
-            with np.load(path) as shard:  # allow_pickle is off: a shard holds arrays only
+            with path.open("rb") as file, np.load(file) as shard:  # allow_pickle is off: arrays only
                 for name, parts in columns.items():
                     parts.append(shard[name])
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise CorruptFile(f"{path} is damaged ({error}); delete it and collect again") from error
     return TouchSet(**{name: np.concatenate(parts) for name, parts in columns.items()})

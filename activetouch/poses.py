@@ -1,7 +1,7 @@
 """The exploration poses: rotations that turn another side of the object to the pad.
 
-A pose is applied to the object's unknown orientation, so what it reveals depends on the object. The six
-poses of the ``mix`` set spread over faces, edges and a corner of a cube; rolls about the approach axis
+A pose is applied to the object's unknown orientation, so what it reveals depends on the object. The six poses of
+the ``mix`` set look along faces, edges and a corner of a cube in the object's frame; rolls about the approach axis
 would only turn the image and are worth nothing. Quaternions are ``wxyz``; the pad faces +x.
 
 To add a pose, add one entry to :data:`POSES`.
@@ -57,7 +57,7 @@ POSES: Mapping[str, Quaternion] = MappingProxyType(
         "z90": _turn(_Z, 90.0),
         "y45": _turn(_Y, 45.0),
         "y90": _turn(_Y, 90.0),
-        "corner": multiply(_turn(_Z, 45.0), _turn(_Y, np.rad2deg(np.arctan(np.sqrt(0.5))))),
+        "corner": multiply(_turn(_Y, np.rad2deg(np.arctan(np.sqrt(0.5)))), _turn(_Z, 45.0)),
     }
 )
 """The six ``mix`` poses by name; their order is the pose index and the paper's POSE_0 … POSE_5."""

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from activetouch.rig import Rig
 
 
+_LONGEST_STEP = 0.001  # [m]
+
+
 class Press(Protocol):
     """A way to press an object against the pad."""
 
@@ -71,25 +74,36 @@ class Quasistatic:
 class Dynamic:
     """A guarded move in stepped MuJoCo: approach, contact, pause, withdraw.
 
-    The guide moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing
-    force (admittance control), so approach, force stop and pause are one law. Reaching the far end of the
-    guide without contact is a miss.
+    The guide moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing force
+    (admittance control), and the force is read once it has stayed near the stop for the whole ``pause``. Reaching
+    the far end of the guide without contact is a miss.
 
     Attributes:
         timestep: of the simulation [s].
         speed: of the free approach and of the withdrawal [m/s].
         admittance: velocity per newton of missing force [m/s/N].
-        pause: how long the force is held before it is read [s].
+        tolerance: how near the force must stay to the stop, relative.
+        pause: for how long [s].
+        patience: how long to wait for that before giving up [s].
         start: distance of the object's centre from the pad at the start [m]; larger objects start further.
         travel: how far past the pad's face the centre may go before it counts as a miss [m].
     """
 
     timestep: float = 0.002
     speed: float = 0.1
-    admittance: float = 0.05
-    pause: float = 0.08
+    admittance: float = 0.02
+    tolerance: float = 0.1
+    pause: float = 0.04
+    patience: float = 2.0
     start: float = 0.05
     travel: float = 0.005
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.speed * self.timestep <= _LONGEST_STEP:
+            raise ValueError(
+                f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
+                f"step; got {self.speed} m/s × {self.timestep} s"
+            )
 
     @cached_property
     def _rigs(self) -> dict[tuple[Pad, Shape], Rig]:
@@ -117,21 +131,26 @@ class Dynamic:
         position = max(self.start, shape.bounding_radius * scale + pad.max_depth)
         rig.place(position, scale, orientation, offset)
         withdrawn = position
-        force, steps_left, in_contact = 0.0, round(self.pause / self.timestep), False
-        while position > -self.travel and steps_left > 0:
-            velocity = self.admittance * (target_force - force)
+        force, num_settled, num_steps = 0.0, 0, 0
+        wanted, limit = (
+            round(self.pause / self.timestep),
+            round((self.patience + position / self.speed) / self.timestep),
+        )
+        while position > -self.travel and num_settled < wanted and num_steps < limit:
+            velocity = self.admittance * (target_force - force) if force > 0.0 else self.speed
             position -= self.timestep * min(max(velocity, -self.speed), self.speed)
             force = rig.step(position)
-            in_contact = in_contact or force >= 0.9 * target_force
-            steps_left -= in_contact
-        held = force if in_contact else 0.0
+            near = abs(force - target_force) <= self.tolerance * target_force
+            num_settled = num_settled + 1 if near else 0
+            num_steps += 1
+        missed = num_settled < wanted and position <= -self.travel
         while position < withdrawn and rig.force > 0.0:  # until the pad is free again
             position += self.timestep * self.speed
             rig.step(position)
-        if rig.num_warnings or not np.isfinite(held) or held > 10 * target_force + 1.0:
+        if rig.num_warnings or not (missed or num_settled == wanted):
             raise UnstablePress(
-                f"pressing {shape} at scale {scale:.3g} in orientation {np.round(orientation, 4).tolist()} gave "
-                f"{held:.3g} N for a stop at {target_force:.3g} N and {rig.num_warnings} MuJoCo warnings. "
-                f"Try a smaller timestep (now {self.timestep} s) or a lower speed (now {self.speed} m/s)."
+                f"pressing {shape} at scale {scale:.3g} in orientation {np.round(orientation, 4).tolist()}: the force "
+                f"did not settle at {target_force:.3g} N (last {force:.3g} N, step {num_steps}, {rig.num_warnings} "
+                f"MuJoCo warnings). Try a smaller timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
             )
-        return held
+        return 0.0 if missed else force

@@ -9,7 +9,7 @@ The default is the leanest world in which the search makes sense: a pad and one 
     >>> thing = scene.sample_object(shape_index=3, rng=rng)        # a cone, unknown size and orientation
     >>> contact, image = scene.press(thing, pose=0, rng=rng)
     >>> image.shape, image.dtype, round(contact.force, 1)
-    ((128, 128), dtype('uint8'), 1.6)
+    ((128, 128), dtype('uint8'), 2.6)
 """
 
 from __future__ import annotations

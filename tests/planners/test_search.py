@@ -117,14 +117,14 @@ def test_information_gain_keeps_the_promise_of_its_confirm_threshold(composition
 
 
 def test_fusing_touches_beats_the_rule_on_single_frames():
-    # Paired over 300 searches with a mediocre sensor; the gap is above .2, its standard error about .03.
-    model = random_model(np.random.default_rng(4), sharpness=2.0)
+    # Paired over 300 searches with a sensor right nine times in ten; the gap is about .09, its standard error .02.
+    model = random_model(np.random.default_rng(5), sharpness=4.5)
     problem = problem_for(model, touch_limit=200)
     success = {
         name: np.mean([e.success for e in play(name, model, problem, range(300))])
         for name in ("threshold", "information_gain")
     }
-    assert success["information_gain"] > success["threshold"] + 0.1
+    assert success["information_gain"] > success["threshold"] + 0.03
 
 
 def test_the_touch_limit_cuts_a_search_off(model):

@@ -1,0 +1,119 @@
+"""The shipped sensor does its job, and nothing that is not one of our checkpoints is accepted."""
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.classifier import TouchClassifier
+from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from belief.errors import UnknownName
+
+pytestmark = pytest.mark.torch
+SHIPPED = MODELS / "gel" / CLASSIFIER_FILE
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return TactileSensor.shipped("gel")
+
+
+@pytest.mark.mujoco
+def test_the_shipped_classifier_reads_fresh_objects(sensor):
+    # 400 touches of 400 objects nobody has seen, dynamic presses. At the .95 the product promises, fewer than 366
+    # right has probability below 1e-3.
+    right = 0
+    for number in range(400):
+        rng = np.random.default_rng([2026, number])
+        world = TouchWorld.sample(sensor, (number % 4,), rng)
+        right += int(world.touch(number % 6, rng).logits.argmax() == number % 4)
+    assert right >= 366
+
+
+@pytest.mark.mujoco
+def test_touching_together_gives_what_touching_alone_gives(sensor):
+    class Request:
+        def __init__(self, number):
+            self.world = TouchWorld.sample(sensor, (number,), np.random.default_rng(number))
+            self.pose, self.rng = number, np.random.default_rng([9, number])
+
+    together = sensor.touch_many([Request(number) for number in range(4)])
+    for number, touch in enumerate(together):
+        request = Request(number)
+        alone = request.world.touch(request.pose, request.rng)
+        np.testing.assert_allclose(touch.logits, alone.logits, atol=1e-3)
+        assert touch.pose == alone.pose == number
+
+
+@pytest.mark.mujoco
+def test_the_model_claims_what_it_delivers_on_fresh_objects(sensor):
+    # After six touches the fused posterior of the true shape is at least .5 for nearly every object.
+    from belief import Belief, BeliefTracker
+
+    for number in range(12):
+        rng = np.random.default_rng([77, number])
+        world = TouchWorld.sample(sensor, (number % 4,), rng)
+        tracker = BeliefTracker(Belief.uniform(sensor.scene.shape_labels), sensor.model)
+        for pose in range(6):
+            tracker.update(world.touch(pose, rng))
+        assert tracker.belief.probs[number % 4] > 0.9
+
+
+def test_saving_and_loading_keeps_the_readings(sensor, tmp_path):
+    images = np.random.default_rng(0).integers(0, 255, (3, 128, 128)).astype(np.uint8)
+    sensor.classifier.save(tmp_path / "copy.safetensors")
+    copy = TouchClassifier.load(tmp_path / "copy.safetensors")
+    assert copy.card == sensor.classifier.card
+    np.testing.assert_array_equal(copy.read(images)[0], sensor.classifier.read(images)[0])
+
+
+def test_a_truncated_checkpoint_is_a_clear_error(tmp_path):
+    path = tmp_path / "half.safetensors"
+    path.write_bytes(SHIPPED.read_bytes()[:100_000])
+    with pytest.raises(CorruptFile, match="no readable safetensors"):
+        TouchClassifier.load(path)
+
+
+def test_a_foreign_checkpoint_is_a_clear_error(tmp_path):
+    save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "foreign.safetensors")
+    with pytest.raises(CorruptFile, match="has format None"):
+        TouchClassifier.load(tmp_path / "foreign.safetensors")
+
+
+def test_a_checkpoint_whose_tensors_do_not_fit_its_card_is_a_clear_error(tmp_path):
+    from safetensors import safe_open
+
+    with safe_open(SHIPPED, framework="np") as file:
+        header = file.metadata()
+    save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "tampered.safetensors", metadata=header)
+    with pytest.raises(CorruptFile, match="does not describe a classifier"):
+        TouchClassifier.load(tmp_path / "tampered.safetensors")
+
+
+def test_a_scene_with_other_shapes_names_both_lists():
+    shapes = {name: shape for name, shape in Scene().shapes.items() if name != "cone"}
+    with pytest.raises(LabelMismatch, match=r"'cone'\], the scene has \['sphere', 'cube', 'cylinder'\]"):
+        TactileSensor.shipped("gel", Scene(shapes=shapes))
+
+
+def test_a_damaged_observation_model_is_a_clear_error(tmp_path):
+    (tmp_path / OBSERVATION_FILE).write_text("{}")
+    with pytest.raises(CorruptFile, match="no observation model"):
+        TactileSensor.load(tmp_path, Scene())
+
+
+def test_an_unknown_sensor_suggests_the_nearest():
+    with pytest.raises(UnknownName, match="Did you mean 'gel'"):
+        TactileSensor.shipped("jel")
+
+
+@pytest.mark.parametrize("images", [np.zeros((128, 128), np.uint8), np.zeros((1, 128, 128))])
+def test_what_is_no_stack_of_images_is_refused(sensor, images):
+    with pytest.raises(ValueError, match="images must be uint8"):
+        sensor.classifier.read(images)
+
+
+def test_no_images_are_refused(sensor):
+    with pytest.raises(ValueError, match="empty"):
+        sensor.classifier.read(np.zeros((0, 128, 128), np.uint8))
