@@ -1,0 +1,64 @@
+"""What importing costs, and that the import contracts really bite."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("activetouch", "belief", "planners", "experiments")
+HEAVY = ("torch", "transformers", "mujoco", "matplotlib", "stable_baselines3", "gymnasium")
+
+
+def modules_loaded_by(statement: str) -> set[str]:
+    code = f"import sys; {statement}; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(run.stdout.split())
+
+
+@pytest.mark.parametrize("package", ["belief", "planners", "activetouch"])
+def test_importing_a_package_loads_nothing_heavy(package):
+    assert not modules_loaded_by(f"import {package}") & set(HEAVY)
+
+
+def test_belief_needs_numpy_and_scipy_only():
+    loaded = {name.split(".")[0] for name in modules_loaded_by("import belief")}
+    ours = {name for name in loaded if name in (*PACKAGES, *HEAVY, "joblib", "rich", "tyro", "jinja2", "PIL")}
+    assert ours == {"belief"}
+
+
+@pytest.mark.parametrize("package", ["activetouch", "belief", "planners"])
+def test_every_public_name_exists(package):
+    module = __import__(package)
+    assert module.__all__
+    assert all(hasattr(module, name) for name in module.__all__)
+
+
+def lint_imports(folder: Path) -> subprocess.CompletedProcess:
+    command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env={"PYTHONPATH": str(folder)})
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "broken"),
+    [
+        ("belief/bayes.py", "import torch", "belief is numpy and scipy only"),
+        ("belief/bayes.py", "import planners", "belief knows nobody"),
+        ("planners/search.py", "import activetouch", "the world and the deciders do not know each other"),
+        ("planners/search.py", "import mujoco", "planners need neither physics"),
+    ],
+)
+def test_an_import_that_breaks_a_contract_is_caught(tmp_path, file, line, broken):
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("models", "__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    clean = lint_imports(tmp_path)
+    assert clean.returncode == 0, clean.stdout
+    with (tmp_path / file).open("a") as source:
+        source.write(f"\n{line}\n")
+    violated = lint_imports(tmp_path)
+    assert violated.returncode != 0
+    assert broken in " ".join(violated.stdout.split())
+    assert "BROKEN" in violated.stdout
