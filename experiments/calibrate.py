@@ -33,7 +33,8 @@ class Calibrate:
 
     Writes the classifier, the observation model and ``evaluation.json`` into one folder that the other commands use.
 
-    Example:
+    For example:
+
         activetouch calibrate --data data/gel --classifier runs/train/classifier.safetensors --out runs/sensor
     """
 

@@ -1,8 +1,16 @@
-"""The command line: ``activetouch <command>``; ``activetouch <command> --help`` explains each."""
+"""Find an object by touch alone: compare deciders on live MuJoCo searches, or make your own tactile sensor.
+
+For example:
+
+    activetouch compare                                  the main job: a table and a report in runs/compare
+    activetouch compare --deciders threshold --help      what can be set
+    activetouch replay --target cone --number 3          a picture of one search of that run
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 
 
 def main() -> None:
@@ -10,13 +18,21 @@ def main() -> None:
     os.environ.setdefault("HF_HUB_OFFLINE", "1")  # never try the hub silently; it would retry for half a minute
     import tyro
 
+    from belief.errors import ActiveTouchError
     from experiments.calibrate import Calibrate
     from experiments.compare import Compare
     from experiments.perception import Collect, Train
     from experiments.replay import Replay
 
     commands = {"compare": Compare, "replay": Replay, "collect": Collect, "train": Train, "calibrate": Calibrate}
-    tyro.extras.subcommand_cli_from_dict(commands, description=__doc__).run()
+    command = tyro.extras.subcommand_cli_from_dict(commands, description=__doc__)
+    try:
+        command.run()
+    except KeyboardInterrupt:
+        print("\ninterrupted; what was finished is kept, run the same command to go on", file=sys.stderr)
+        sys.exit(130)
+    except (ActiveTouchError, FileNotFoundError) as error:
+        sys.exit(f"activetouch: {error}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -33,7 +32,8 @@ class Compare:
     Finished episodes are kept: interrupt with Ctrl-C whenever you like, the same command goes on from there, and a
     larger ``--episodes`` extends a finished run.
 
-    Examples:
+    For example:
+
         activetouch compare
         activetouch compare --deciders threshold information_gain --targets cone --episodes 1000 --out runs/cone
     """
@@ -81,17 +81,8 @@ class Compare:
             for target in dict.fromkeys(key.target for key in keys)
             if not folder.has_ceiling(target, self._num_ceiling)
         ]
-        try:
-            for _ in run_tasks(tasks, self.jobs, "searching"):
-                pass
-        except KeyboardInterrupt:
-            done = sum(folder.has(key) for key in keys)
-            print(
-                f"\ninterrupted: {done} of {len(keys)} shards of episodes are kept in {self.out}; "
-                "run the same command to go on",
-                file=sys.stderr,
-            )
-            raise SystemExit(130) from None
+        for _ in run_tasks(tasks, self.jobs, "searching"):
+            pass
         folder.merge(keys)
         return self._read(folder, keys)
 

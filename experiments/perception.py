@@ -18,7 +18,8 @@ class Collect:
 
     Finished shards are kept: an interrupted run goes on where it stopped when started again.
 
-    Example:
+    For example:
+
         activetouch collect --out data/gel --plan.train 2700
     """
 
@@ -48,7 +49,8 @@ class Collect:
 class Train:
     """Train the ConvNeXt classifier on a collection; after every epoch the state is saved and can be resumed.
 
-    Example:
+    For example:
+
         activetouch train --data data/gel --out runs/train --backbone atto --input-size 64
     """
 

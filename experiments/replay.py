@@ -58,7 +58,8 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
 class Replay:
     """Draw one recorded search: touch images, belief after each touch, decisions.
 
-    Example:
+    For example:
+
         activetouch replay --folder runs/compare --decider information_gain --target cone --number 3 --out search.png
     """
 
