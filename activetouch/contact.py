@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.pad import Pad
-from activetouch.poses import Quaternion, to_matrix
-from activetouch.shapes import Shape
+from activetouch.placement import Placement
+from activetouch.poses import to_matrix
 
 Floats = NDArray[np.float64]
 
@@ -46,25 +46,18 @@ class Contact:
         return self.pad.stiffness * np.maximum(self.depth - self.gap, 0.0)
 
 
-def surface_gap(pad: Pad, shape: Shape, scale: float, orientation: Quaternion, offset: Floats) -> Floats:
+def surface_gap(pad: Pad, placement: Placement) -> Floats:
     """Gap between the pad and an object that just touches it, for every taxel [m].
 
-    Args:
-        pad: the pad.
-        shape: the object's shape at nominal size.
-        scale: size factor of this object.
-        orientation: unit quaternion, object to pad frame.
-        offset: displacement of the object's centre from the approach axis (y, z) [m].
-
     Returns:
-        ``(num_taxels, num_taxels)``, smallest value 0, ``inf`` where no surface lies above the taxel; all
-        ``inf`` when the object misses the pad.
+        ``(num_taxels, num_taxels)``, smallest value 0, ``inf`` where no surface lies above the taxel; all ``inf`` when
+        the object misses the pad.
     """
-    rotation = to_matrix(orientation)
-    clearance = 2 * shape.bounding_radius * scale  # any distance at which every taxel is outside the object
-    centre = np.array([[clearance], [offset[0]], [offset[1]]])
-    origins = rotation.T @ (pad.taxel_centres - centre) / scale  # object frame at nominal size, (3, n)
-    distance = shape.entry_distance(origins, rotation[0]) * scale
+    rotation = to_matrix(placement.orientation)
+    clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
+    centre = np.array([[clearance], [placement.offset[0]], [placement.offset[1]]])
+    origins = rotation.T @ (pad.taxel_centres - centre) / placement.scale  # object frame at nominal size, (3, n)
+    distance = placement.shape.entry_distance(origins, rotation[0]) * placement.scale
     first = distance.min()
     gap = distance - first if np.isfinite(first) else distance
     return gap.reshape(pad.num_taxels, pad.num_taxels)

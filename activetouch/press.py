@@ -16,7 +16,7 @@ import numpy as np
 
 from activetouch.errors import UnstablePress
 from activetouch.pad import Pad
-from activetouch.poses import Quaternion
+from activetouch.placement import Placement
 from activetouch.shapes import Shape
 
 if TYPE_CHECKING:
@@ -29,23 +29,12 @@ _LONGEST_STEP = 0.001  # [m]
 class Press(Protocol):
     """A way to press an object against the pad."""
 
-    def force(
-        self,
-        pad: Pad,
-        shape: Shape,
-        scale: float,
-        orientation: Quaternion,
-        offset: np.ndarray,
-        target_force: float,
-    ) -> float:
+    def force(self, pad: Pad, placement: Placement, target_force: float) -> float:
         """Normal force in the pause [N]; 0 when the object never met the pad.
 
         Args:
             pad: the pad.
-            shape: the object's shape at nominal size.
-            scale: its size factor.
-            orientation: unit quaternion, object to pad frame.
-            offset: (y, z) of the object's centre [m].
+            placement: the object.
             target_force: force at which the guide stops [N].
 
         Raises:
@@ -57,15 +46,7 @@ class Press(Protocol):
 class Quasistatic:
     """The object rests on the pad with exactly the target force; no time is stepped, no MuJoCo is loaded."""
 
-    def force(
-        self,
-        pad: Pad,
-        shape: Shape,
-        scale: float,
-        orientation: Quaternion,
-        offset: np.ndarray,
-        target_force: float,
-    ) -> float:
+    def force(self, pad: Pad, placement: Placement, target_force: float) -> float:
         """See :class:`Press`. A miss shows in the gap, which is infinite everywhere."""
         return target_force
 
@@ -113,23 +94,16 @@ class Dynamic:
         """Leave the compiled models behind: another process compiles its own."""
         return {name: value for name, value in self.__dict__.items() if name != "_rigs"}
 
-    def force(
-        self,
-        pad: Pad,
-        shape: Shape,
-        scale: float,
-        orientation: Quaternion,
-        offset: np.ndarray,
-        target_force: float,
-    ) -> float:
+    def force(self, pad: Pad, placement: Placement, target_force: float) -> float:
         """See :class:`Press`."""
         from activetouch.rig import Rig  # loads MuJoCo
 
-        rig = self._rigs.get((pad, shape))
+        key = (pad, placement.shape)
+        rig = self._rigs.get(key)
         if rig is None:
-            rig = self._rigs[pad, shape] = Rig(pad, shape, self.timestep)
-        position = max(self.start, shape.bounding_radius * scale + pad.max_depth)
-        rig.place(position, scale, orientation, offset)
+            rig = self._rigs[key] = Rig(pad, placement.shape, self.timestep)
+        position = max(self.start, placement.bounding_radius + pad.max_depth)
+        rig.place(position, placement)
         withdrawn = position
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = (
@@ -149,7 +123,8 @@ class Dynamic:
             rig.step(position)
         if rig.num_warnings or not (missed or num_settled == wanted):
             raise UnstablePress(
-                f"pressing {shape} at scale {scale:.3g} in orientation {np.round(orientation, 4).tolist()}: the force "
+                f"pressing {placement.shape} at scale {placement.scale:.3g} in orientation "
+                f"{np.round(placement.orientation, 4).tolist()}, offset {placement.offset.tolist()} m: the force "
                 f"did not settle at {target_force:.3g} N (last {force:.3g} N, step {num_steps}, {rig.num_warnings} "
                 f"MuJoCo warnings). Try a smaller timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
             )

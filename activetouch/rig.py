@@ -12,7 +12,7 @@ import numpy as np
 
 from activetouch.errors import WrongMujoco
 from activetouch.pad import Pad
-from activetouch.poses import Quaternion
+from activetouch.placement import Placement
 from activetouch.shapes import Shape
 
 _OLDEST = (4, 0, 1)
@@ -84,17 +84,17 @@ class Rig:
             "mesh_vert": self.model.mesh_vert.copy(),
         }
 
-    def place(self, position: float, scale: float, orientation: Quaternion, offset: np.ndarray) -> None:
-        """Put an object of the given size and orientation at rest, ``position`` [m] in front of the pad."""
-        factor = scale / _LARGEST_SCALE
+    def place(self, position: float, placement: Placement) -> None:
+        """Put the object at rest, its centre ``position`` [m] in front of the pad."""
+        factor = placement.scale / _LARGEST_SCALE
         if not 0.0 < factor <= 1.0:
-            raise ValueError(f"scale must be in (0, {_LARGEST_SCALE}], got {scale}")
+            raise ValueError(f"scale must be in (0, {_LARGEST_SCALE}], got {placement.scale}")
         mujoco.mj_resetData(self.model, self.data)
         self.model.geom_size[self._geom] = self._largest["geom_size"] * factor
         self.model.geom_pos[self._geom] = self._largest["geom_pos"] * factor
         self.model.mesh_vert[:] = self._largest["mesh_vert"] * factor
-        self.model.body_quat[self._body] = orientation
-        self.model.body_pos[self._body, 1:] = offset
+        self.model.body_quat[self._body] = placement.orientation
+        self.model.body_pos[self._body, 1:] = placement.offset
         self.data.qpos[0] = self.data.ctrl[0] = position
 
     def step(self, position: float) -> float:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from activetouch.contact import Contact, surface_gap
 from activetouch.pad import Pad
+from activetouch.placement import Placement
 from activetouch.poses import POSES, Quaternion, multiply, random_orientation
 from activetouch.press import Dynamic, Press, Quasistatic
 from activetouch.rendering import Imperfection, PressureRenderer
@@ -105,7 +106,7 @@ class Scene:
         target_force = float(rng.uniform(variation.min_force, variation.max_force))
         shape = self.shapes[self.shape_labels[thing.shape_index]]
         orientation = multiply(self.poses[self.pose_labels[pose]], thing.orientation)
-        force = self.press_model.force(self.pad, shape, thing.scale, orientation, offset, target_force)
-        gap = surface_gap(self.pad, shape, thing.scale, orientation, offset)
-        contact = Contact(self.pad, gap, force)
+        placement = Placement(shape, thing.scale, orientation, offset)
+        force = self.press_model.force(self.pad, placement, target_force)
+        contact = Contact(self.pad, surface_gap(self.pad, placement), force)
         return contact, self.imperfection(self.renderer(contact), rng)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from activetouch.contact import Contact, surface_gap
 from activetouch.pad import Pad
+from activetouch.placement import Placement
 from activetouch.poses import POSES, multiply, random_orientation
 from activetouch.shapes import SHAPES
 
@@ -17,7 +18,7 @@ UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 @given(st.integers(0, 2**32 - 1), st.sampled_from(list(SHAPES)), st.floats(1e-3, 50.0))
 def test_the_integrated_pressure_is_the_force_or_the_layer_bottomed_out(seed, name, force):
     rng = np.random.default_rng(seed)
-    contact = Contact(PAD, surface_gap(PAD, SHAPES[name], 1.0, random_orientation(rng), np.zeros(2)), force)
+    contact = Contact(PAD, surface_gap(PAD, Placement(SHAPES[name], 1.0, random_orientation(rng))), force)
     carried = contact.pressure.sum() * PAD.taxel_area
     if contact.is_bottomed_out:
         assert carried <= force * (1 + 1e-9)
@@ -27,7 +28,7 @@ def test_the_integrated_pressure_is_the_force_or_the_layer_bottomed_out(seed, na
 
 def test_a_sphere_leaves_a_circle_of_the_radius_geometry_demands():
     for force in (0.5, 2.0, 3.0):
-        contact = Contact(PAD, surface_gap(PAD, SHAPES["sphere"], 1.0, UPRIGHT, np.zeros(2)), force)
+        contact = Contact(PAD, surface_gap(PAD, Placement(SHAPES["sphere"], 1.0, UPRIGHT)), force)
         area = (contact.pressure > 0).sum() * PAD.taxel_area
         expected = np.sqrt(2 * 0.020 * contact.depth - contact.depth**2)
         taxel = 2 * PAD.half_width / PAD.num_taxels
@@ -35,7 +36,7 @@ def test_a_sphere_leaves_a_circle_of_the_radius_geometry_demands():
 
 
 def test_a_cube_face_presses_evenly():
-    contact = Contact(PAD, surface_gap(PAD, SHAPES["cube"], 1.0, UPRIGHT, np.zeros(2)), 2.0)
+    contact = Contact(PAD, surface_gap(PAD, Placement(SHAPES["cube"], 1.0, UPRIGHT)), 2.0)
     np.testing.assert_allclose(contact.pressure, 2.0 / (2 * PAD.half_width) ** 2)
 
 
@@ -44,8 +45,8 @@ def test_a_roll_about_the_approach_axis_rotates_the_image():
     rng = np.random.default_rng(0)
     for name, shape in SHAPES.items():
         orientation = random_orientation(rng)
-        before = surface_gap(PAD, shape, 1.0, orientation, np.zeros(2))
-        after = surface_gap(PAD, shape, 1.0, multiply(quarter, orientation), np.zeros(2))
+        before = surface_gap(PAD, Placement(shape, 1.0, orientation))
+        after = surface_gap(PAD, Placement(shape, 1.0, multiply(quarter, orientation)))
         # +90° about x carries y to z: rows of the image run along z, columns along y.
         np.testing.assert_allclose(after, np.rot90(before, -1), atol=1e-12, err_msg=name)
 
@@ -53,12 +54,12 @@ def test_a_roll_about_the_approach_axis_rotates_the_image():
 def test_a_larger_object_is_a_magnified_image():
     shape = SHAPES["cone"]
     orientation = random_orientation(np.random.default_rng(1))
-    half = surface_gap(Pad(half_width=0.0075), shape, 0.5, orientation, np.zeros(2))
-    np.testing.assert_allclose(half, 0.5 * surface_gap(PAD, shape, 1.0, orientation, np.zeros(2)), atol=1e-12)
+    half = surface_gap(Pad(half_width=0.0075), Placement(shape, 0.5, orientation))
+    np.testing.assert_allclose(half, 0.5 * surface_gap(PAD, Placement(shape, 1.0, orientation)), atol=1e-12)
 
 
 def test_an_object_beside_the_pad_leaves_a_blank_image():
-    gap = surface_gap(PAD, SHAPES["sphere"], 1.0, UPRIGHT, np.array([0.05, 0.0]))
+    gap = surface_gap(PAD, Placement(SHAPES["sphere"], 1.0, UPRIGHT, np.array([0.05, 0.0])))
     contact = Contact(PAD, gap, 2.0)
     assert np.isinf(gap).all()
     assert contact.depth == 0.0
@@ -66,7 +67,7 @@ def test_an_object_beside_the_pad_leaves_a_blank_image():
 
 
 def test_no_force_no_depth():
-    gap = surface_gap(PAD, SHAPES["cube"], 1.0, UPRIGHT, np.zeros(2))
+    gap = surface_gap(PAD, Placement(SHAPES["cube"], 1.0, UPRIGHT))
     assert PAD.indentation(gap, 0.0) == 0.0
 
 
