@@ -81,7 +81,9 @@ class TouchNetwork(nn.Module):
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Logits ``(B, K)`` and features ``(B, D)`` of uint8 images ``(B, H, W)``."""
         pixels = images.unsqueeze(1).float() / 255.0
-        shrink = pixels.shape[-1] // self.input_size
+        shrink, rest = divmod(pixels.shape[-1], self.input_size)
+        if rest or not shrink:
+            raise ValueError(f"input_size {self.input_size} does not divide the images' {pixels.shape[-1]} pixels")
         if shrink > 1:
             pixels = nn.functional.avg_pool2d(pixels, shrink)
         pixels = ((pixels - _PIXEL_MEAN) / _PIXEL_STD).contiguous(memory_format=torch.channels_last)

@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +102,11 @@ def write_manifest(folder: Path, scene: Scene, plan: CollectionPlan) -> None:
     Raises:
         LabelMismatch: the folder already holds touches of another plan or scene.
     """
+    import mujoco
+
     manifest = {
         "plan": asdict(plan),
+        "mujoco_version": mujoco.__version__,
         "shape_labels": list(scene.shape_labels),
         "pose_labels": list(scene.pose_labels),
         "scene": repr(scene),
@@ -121,15 +125,36 @@ def write_manifest(folder: Path, scene: Scene, plan: CollectionPlan) -> None:
         temporary.write_text(json.dumps(manifest, indent=2) + "\n")
 
 
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """What a folder of touches holds: plan, labels, scene, MuJoCo version.
+
+    Raises:
+        CorruptFile: there is no readable manifest.
+    """
+    try:
+        return json.loads((folder / "manifest.json").read_text())
+    except (OSError, ValueError) as error:
+        raise CorruptFile(
+            f"{folder} holds no collection ({error}); record one with: activetouch collect --out {folder}"
+        ) from error
+
+
 def read_split(folder: Path, split: str) -> TouchSet:
     """All touches of one split.
 
     Raises:
         CorruptFile: the folder holds no such shards, or one of them is damaged.
     """
-    paths = sorted((folder / split).glob("[0-9]*.npz"))
-    if not paths:
-        raise CorruptFile(f"no shards in {folder / split}; record them with: activetouch collect --out {folder}")
+    manifest = read_manifest(folder)
+    plan = CollectionPlan(**manifest["plan"])
+    shards = plan.shards(len(manifest["shape_labels"]))
+    paths = [shard_path(folder, split, shard) for name, shard, _ in shards if name == split]
+    missing = [path for path in paths if not path.exists()]
+    if missing:
+        raise CorruptFile(
+            f"{len(missing)} of {len(paths)} shards are missing in {folder / split}; finish the collection with: "
+            f"activetouch collect --out {folder}"
+        )
     columns: dict[str, list[NDArray]] = {name: [] for name in TouchSet.__dataclass_fields__}
     for path in paths:
         try:

@@ -47,7 +47,7 @@ class Quasistatic:
     """The object rests on the pad with exactly the target force; no time is stepped, no MuJoCo is loaded."""
 
     def force(self, pad: Pad, placement: Placement, target_force: float) -> float:
-        """See :class:`Press`. A miss shows in the gap, which is infinite everywhere."""
+        """See :class:`Press`; it is not asked about an object that misses the pad."""
         return target_force
 
 
@@ -80,6 +80,8 @@ class Dynamic:
     travel: float = 0.005
 
     def __post_init__(self) -> None:
+        if not self.pause >= self.timestep > 0.0:
+            raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
         if not 0.0 < self.speed * self.timestep <= _LONGEST_STEP:
             raise ValueError(
                 f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
@@ -117,7 +119,7 @@ class Dynamic:
             near = abs(force - target_force) <= self.tolerance * target_force
             num_settled = num_settled + 1 if near else 0
             num_steps += 1
-        missed = num_settled < wanted and position <= -self.travel
+        missed = position <= -self.travel and force == 0.0
         while position < withdrawn and rig.force > 0.0:  # until the pad is free again
             position += self.timestep * self.speed
             rig.step(position)

@@ -25,7 +25,7 @@ from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.poses import POSES, Quaternion, multiply, random_orientation
 from activetouch.press import Dynamic, Press, Quasistatic
-from activetouch.rendering import Imperfection, PressureRenderer
+from activetouch.rendering import Imperfection, PressureRenderer, TactileRenderer
 from activetouch.shapes import SHAPES, Shape
 
 __all__ = ["Dynamic", "Quasistatic", "Scene", "Variation", "WorldObject"]
@@ -74,7 +74,7 @@ class Scene:
     poses: Mapping[str, Quaternion] = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
-    renderer: PressureRenderer = field(default_factory=PressureRenderer)
+    renderer: TactileRenderer = field(default_factory=PressureRenderer)
     imperfection: Imperfection = field(default_factory=Imperfection)
     variation: Variation = field(default_factory=Variation)
 
@@ -107,6 +107,7 @@ class Scene:
         shape = self.shapes[self.shape_labels[thing.shape_index]]
         orientation = multiply(self.poses[self.pose_labels[pose]], thing.orientation)
         placement = Placement(shape, thing.scale, orientation, offset)
-        force = self.press_model.force(self.pad, placement, target_force)
-        contact = Contact(self.pad, surface_gap(self.pad, placement), force)
+        gap = surface_gap(self.pad, placement)
+        force = self.press_model.force(self.pad, placement, target_force) if np.isfinite(gap).any() else 0.0
+        contact = Contact(self.pad, gap, force)
         return contact, self.imperfection(self.renderer(contact), rng)

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.atomic import atomic_path
 from activetouch.classifier import TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class EpochReport:
 
 
 def _symmetries(images: Tensor, generator: torch.Generator) -> Tensor:
-    """Each image under a random one of the square's eight symmetries."""
+    """All images of a batch under one of the square's eight symmetries, drawn at random."""
     turns, flip = torch.randint(4, (), generator=generator), torch.rand((), generator=generator) < 0.5
     turned = torch.rot90(images, int(turns), dims=(1, 2))
     return turned.flip(2) if flip else turned
@@ -82,6 +82,7 @@ class Trainer:
 
     def __init__(self, classifier: TouchClassifier, recipe: TrainingRecipe, num_images: int, state: Path) -> None:
         self.classifier, self.recipe, self.state = classifier, recipe, state
+        self._task = json.dumps([asdict(recipe), asdict(classifier.card), num_images])
         network = classifier.network
         decayed = [p for p in network.parameters() if p.ndim > 1]
         plain = [p for p in network.parameters() if p.ndim <= 1]
@@ -137,21 +138,24 @@ class Trainer:
     def _save(self) -> None:
         tensors = {f"model.{k}": v for k, v in self.classifier.network.state_dict().items()} | self._moments()
         header = {
-            "recipe": json.dumps(asdict(self.recipe)),
+            "task": self._task,
             "epochs_done": str(self.epochs_done),
         }
         with atomic_path(self.state) as temporary:
             save_file({name: value.contiguous() for name, value in tensors.items()}, temporary, metadata=header)
 
     def _resume(self) -> None:
-        with safe_open(self.state, framework="pt") as file:
-            header = file.metadata()
-            if json.loads(header["recipe"]) != asdict(self.recipe):
-                raise LabelMismatch(
-                    f"{self.state} was trained with {header['recipe']}, not with {self.recipe}. Choose another "
-                    "folder, or delete this file to start anew."
-                )
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        try:
+            with safe_open(self.state, framework="pt") as file:
+                header = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except (SafetensorError, OSError) as error:
+            raise CorruptFile(f"{self.state} is damaged ({error}); delete it to start anew") from error
+        if header.get("task") != self._task:
+            raise LabelMismatch(
+                f"{self.state} belongs to another training (recipe, network, start or data): {header.get('task')}, not "
+                f"{self._task}. Choose another folder, or delete this file to start anew."
+            )
         network = self.classifier.network
         network.load_state_dict(
             {name.removeprefix("model."): v for name, v in tensors.items() if name.startswith("model.")}

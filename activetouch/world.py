@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import CorruptFile
+from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.scene import Scene, WorldObject
 from belief import Touch
 from belief.errors import UnknownName
@@ -67,7 +67,7 @@ class TactileSensor:
         time: seconds spent so far.
 
     Raises:
-        LabelMismatch: the classifier was trained for other shapes or poses.
+        LabelMismatch: classifier or observation model were made for other shapes or poses.
     """
 
     scene: Scene
@@ -76,7 +76,14 @@ class TactileSensor:
     time: TouchTime = field(default_factory=TouchTime)
 
     def __post_init__(self) -> None:
-        self.classifier.require_labels(self.scene.shape_labels, self.scene.pose_labels)
+        shapes, poses = self.scene.shape_labels, self.scene.pose_labels
+        self.classifier.require_labels(shapes, poses)
+        if self.model.shape_labels != shapes or self.model.outcome_table().num_poses != len(poses):
+            raise LabelMismatch(
+                f"the observation model is about the shapes {list(self.model.shape_labels)} in "
+                f"{self.model.outcome_table().num_poses} poses, the scene has {list(shapes)} in {len(poses)}. Fit one "
+                "for this scene: activetouch calibrate"
+            )
 
     @classmethod
     def load(cls, folder: Path, scene: Scene) -> TactileSensor:
@@ -156,3 +163,7 @@ class TouchWorld:
         if self._current + 1 == len(self._objects):
             raise IndexError(f"there is no object after the last of {len(self._objects)}")
         self._current += 1
+
+    def reset(self) -> None:
+        """Bring the first object."""
+        self._current = 0

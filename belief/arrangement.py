@@ -61,8 +61,10 @@ def arrangement_marginals(log_weights: ArrayLike) -> Floats:
     if np.isneginf(best).any():
         row = int(np.argmax(np.isneginf(best)))
         raise ImpossibleObservation(f"object {row} has zero likelihood under every shape")
+    # Differences beyond what sums over all objects can hold are as good as that limit; only a true -inf stays one.
     with np.errstate(over="ignore"):
-        weights = weights - best
+        least = -np.finfo(float).max / (8 * num_objects)
+        weights = np.where(np.isneginf(weights), -np.inf, np.maximum(weights - best, least))
 
     # forward[i]: (number of sets with i shapes,)
     forward = [np.zeros(1)]

@@ -125,6 +125,8 @@ def _broadcast(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats]:
             f"and {likelihood.shape}"
         )
     wide_prior, wide_likelihood = np.broadcast_arrays(prior, likelihood)
+    if wide_prior.size == 0:
+        raise ValueError(f"nothing to update: log_prior is {prior.shape}, log_likelihood {likelihood.shape}")
     return wide_prior, wide_likelihood
 
 

@@ -27,6 +27,7 @@ from scipy.special import log_softmax, softmax
 from belief.problem import Floats
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
+_ROUNDING = 1e-12  # of a slope, the logits being at most one in size
 _MAX_LOG = 700.0  # exp of more overflows
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
 
@@ -37,8 +38,9 @@ class TemperatureScaling:
 
     Attributes:
         temperature: T > 0, in units of the logits.
-        status: ``ok``; ``separable``: every label already has the largest logit, T → 0; ``uninformative``: all
-            logits of every row are equal, T stays 1; ``anti_informative``: labels tend to have small logits, T → ∞.
+        status: ``ok``; ``separable``: every label already has the largest logit, T → 0; ``uninformative``: the
+            logits say nothing about the labels, T → ∞ (1 where all are equal); ``anti_informative``: labels tend to
+            have small logits, T → ∞.
         floor: probability mass spread evenly over all shapes, so that no prediction is ever zero; 1/(n + 2) when
             the status is ``separable`` (n right out of n does not prove that the next is right), else 0.
     """
@@ -46,6 +48,12 @@ class TemperatureScaling:
     temperature: float = 1.0
     status: Status = "unfitted"
     floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.temperature < np.inf or not 0.0 <= self.floor < 1.0:
+            raise ValueError(
+                f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
+            )
 
     def fit(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
         """The temperature that maximises the likelihood of the labels; returns a new, fitted object.
@@ -68,23 +76,28 @@ class TemperatureScaling:
             probs = softmax(np.exp(log_beta) * z, axis=1)
             return float(np.mean((probs * z).sum(axis=1) - label_logit))
 
-        if np.mean(z.mean(axis=1) - label_logit) >= 0.0:
-            return TemperatureScaling(_largest(2 * scale * _EXTREME), "anti_informative")
+        flat_slope = float(np.mean(z.mean(axis=1) - label_logit))  # at β = 0
+        if flat_slope >= -_ROUNDING:
+            status: Status = "uninformative" if flat_slope <= _ROUNDING else "anti_informative"
+            return TemperatureScaling(_largest(2 * scale * _EXTREME), status)
         if label_logit.max() == label_logit.min() == 0.0:
             return TemperatureScaling(_largest(2 * scale / _EXTREME), "separable", 1.0 / (len(y) + 2))
         low, high = -1.0, 1.0
-        while slope(low) > 0.0:
-            low *= 2.0
+        while slope(low) > 0.0 and low > -_MAX_LOG:
+            low = max(2.0 * low, -_MAX_LOG)
         while slope(high) < 0.0 and high < _MAX_LOG:
             high = min(2.0 * high, _MAX_LOG)
-        if slope(high) < 0.0:
-            return TemperatureScaling(_largest(2 * scale * np.exp(-high)), "ok")
+        if slope(high) < 0.0 or slope(low) > 0.0:  # the optimum lies beyond what a float can hold
+            log_beta = high if slope(high) < 0.0 else low
+            return TemperatureScaling(_largest(2 * scale * np.exp(-log_beta)), "ok")
         log_beta = brentq(slope, low, high, xtol=1e-14, rtol=8.9e-16)
         return TemperatureScaling(_largest(2 * scale * np.exp(-log_beta)), "ok")
 
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
         """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``."""
         z = np.asarray(logits, np.float64)
+        if z.size == 0:
+            raise ValueError(f"logits are empty: {z.shape}")
         if not np.isfinite(z).all():
             raise ValueError(f"logits must be finite, got {z[~np.isfinite(z)][:3].tolist()} among them")
         z = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite

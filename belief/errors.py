@@ -24,6 +24,10 @@ class UnknownName(ActiveTouchError, KeyError):
         nearest = get_close_matches(name, known, n=1)
         hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
         super().__init__(f"unknown {kind} {name!r}.{hint} Known: {', '.join(known)}.")
+        self._arguments = (kind, name, known)
+
+    def __reduce__(self) -> tuple[type[UnknownName], tuple[str, str, list[str]]]:
+        return UnknownName, self._arguments  # so that it survives the way back from a worker
 
     def __str__(self) -> str:
         return str(self.args[0])

@@ -119,6 +119,9 @@ class ConfusionModel:
                 f"{len(self.shape_labels)} shapes and {len(self.confidence_edges)} confidence edges need probs of "
                 f"shape (P, {len(self.shape_labels)}, {expected}), got {probs.shape}"
             )
+        edges = np.array([1.0 / len(self.shape_labels), *self.confidence_edges, 1.0])
+        if not (np.diff(edges) > 0.0).all():
+            raise ValueError(f"confidence_edges must rise strictly within (1/K, 1), got {self.confidence_edges}")
         object.__setattr__(self, "probs", probs)
 
     @classmethod
@@ -154,10 +157,15 @@ class ConfusionModel:
             ValueError: no touches, labels out of range, or a length that does not fit.
         """
         del object_ids
-        logits, truth, poses = _stack(touches, shapes)
+        truth = np.asarray(shapes)
+        if len(touches) == 0 or truth.shape != (len(touches),):
+            raise ValueError(f"need at least one touch and one shape for each, got {len(touches)} and {truth.shape}")
+        num_shapes = len(touches[0].logits)
+        logits, poses = _stack(touches, num_shapes, num_poses)
+        if not np.issubdtype(truth.dtype, np.integer) or truth.min() < 0 or truth.max() >= num_shapes:
+            raise ValueError(f"shapes must be integers in [0, {num_shapes}), got {truth.dtype} {truth}")
         if not smoothing > 0.0 or pooling < 0.0:
             raise ValueError(f"smoothing must be > 0 and pooling ≥ 0, got {smoothing} and {pooling}")
-        num_shapes = logits.shape[1]
         labels = tuple(shape_labels) if shape_labels else tuple(f"shape_{k}" for k in range(num_shapes))
         size = (int(poses.max()) + 1 if num_poses is None else num_poses, num_shapes)
         calibration = TemperatureScaling().fit(logits, truth)
@@ -172,15 +180,17 @@ class ConfusionModel:
 
     def outcomes(self, touches: Sequence[Touch]) -> NDArray[np.int64]:
         """Outcome index of each touch, ``(n,)``: bin · K + predicted shape."""
-        return _outcomes(self.calibration, np.stack([touch.logits for touch in touches]), self.confidence_edges)
+        logits, _ = _stack(touches, len(self.shape_labels), len(self.probs))
+        return _outcomes(self.calibration, logits, self.confidence_edges)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
         """See :class:`ObservationModel`; the sum over touches, which are independent given the shape here."""
         if not touches:
             return np.zeros(len(self.shape_labels))
-        poses = [touch.pose for touch in touches]
+        logits, poses = _stack(touches, len(self.shape_labels), len(self.probs))
+        outcomes = _outcomes(self.calibration, logits, self.confidence_edges)
         with np.errstate(divide="ignore"):
-            log_probs = np.log(self.probs[poses, :, self.outcomes(touches)])  # (n, K)
+            log_probs = np.log(self.probs[poses, :, outcomes])  # (n, K)
         return np.asarray(log_probs.sum(axis=0))
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
@@ -202,6 +212,8 @@ class ConfusionModel:
         margin = 1e-9  # bins are open below, and a claim of certainty has no finite logits
         low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
         confidence = np.clip(right / self.probs.sum(axis=1), low, high)
+        floor = self.calibration.floor  # which the calibration will add again
+        confidence = np.minimum((confidence - floor / num_shapes) / (1.0 - floor), 1.0 - margin)
         rest = (1.0 - confidence) / max(num_shapes - 1, 1)
         probs = np.where(predicted[:, None] == np.arange(num_shapes), confidence[..., None], rest[..., None])
         return np.log(probs) * self.calibration.temperature
@@ -253,11 +265,12 @@ def _outcomes(calibration: TemperatureScaling, logits: Floats, confidence_edges:
     return np.asarray(bins * probs.shape[1] + logits.argmax(axis=1), np.int64)
 
 
-def _stack(touches: Sequence[Touch], shapes: ArrayLike) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    truth = np.asarray(shapes)
-    if len(touches) == 0 or truth.shape != (len(touches),):
-        raise ValueError(f"need at least one touch and one shape for each, got {len(touches)} and {truth.shape}")
+def _stack(touches: Sequence[Touch], num_shapes: int, num_poses: int | None) -> tuple[Floats, NDArray[np.int64]]:
+    """Logits ``(n, K)`` and poses ``(n,)`` of touches that fit the model; ValueError names the one that does not."""
+    for index, touch in enumerate(touches):
+        if np.shape(touch.logits) != (num_shapes,) or not np.isfinite(touch.logits).all():
+            raise ValueError(f"touch {index} needs {num_shapes} finite logits, got {np.asarray(touch.logits)}")
+        if touch.pose < 0 or (num_poses is not None and touch.pose >= num_poses):
+            raise ValueError(f"touch {index} has pose {touch.pose}, the model knows poses 0 to {num_poses}, exclusive")
     logits = np.stack([np.asarray(touch.logits, np.float64) for touch in touches])
-    if not np.issubdtype(truth.dtype, np.integer) or truth.min() < 0 or truth.max() >= logits.shape[1]:
-        raise ValueError(f"shapes must be integers in [0, {logits.shape[1]}), got {truth.dtype} {truth}")
-    return logits, truth.astype(np.int64), np.array([touch.pose for touch in touches], np.int64)
+    return logits, np.array([touch.pose for touch in touches], np.int64)

@@ -85,6 +85,7 @@ class SearchProblem:
     touch_limit: int = 48
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
         if self.num_objects < 1:
             raise ValueError(f"num_objects must be at least 1, got {self.num_objects}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:

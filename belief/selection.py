@@ -53,8 +53,9 @@ def cross_validated_nll(
     unique, first = np.unique(ids, return_index=True)
     if not 2 <= num_folds <= len(unique):
         raise ValueError(f"need between 2 and {len(unique)} folds for {len(unique)} objects, got {num_folds}")
-    fold_of = dict(zip(unique.tolist(), (np.arange(len(unique)) % num_folds).tolist(), strict=True))
     shape_of = dict(zip(unique.tolist(), truth[first].tolist(), strict=True))
+    by_shape = unique[np.argsort(truth[first], kind="stable")]  # dealt out in this order, every fold gets every shape
+    fold_of = dict(zip(by_shape.tolist(), (np.arange(len(unique)) % num_folds).tolist(), strict=True))
     folds = np.array([fold_of[i] for i in ids.tolist()])
     losses: list[float] = []
     for fold in range(num_folds):

@@ -50,3 +50,7 @@ class SyntheticWorld:
     def advance(self) -> None:
         """Bring the next object."""
         self._current += 1
+
+    def reset(self) -> None:
+        """Bring the first object."""
+        self._current = 0

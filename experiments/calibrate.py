@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy import stats
 
 from activetouch.atomic import atomic_path
 from activetouch.classifier import TouchClassifier
-from activetouch.dataset import TouchSet, read_split
+from activetouch.dataset import TouchSet, read_manifest, read_split
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.metrics import accuracy, confusion_matrix, expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, fused_log_probs
+from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.parallel import progress_bar
 
 CANDIDATE_EDGES: tuple[tuple[float, ...], ...] = ((), (0.9,), (0.7, 0.95), (0.6, 0.9, 0.99))
@@ -51,6 +51,8 @@ class Calibrate:
         """Fit, write, and print the evaluation."""
         classifier = TouchClassifier.load(self.classifier)
         labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
+        manifest = read_manifest(self.data)
+        classifier.require_labels(tuple(manifest["shape_labels"]), tuple(manifest["pose_labels"]))
         calibration = read_split(self.data, "calibration")
         touches = _read(classifier, calibration, "reading calibration touches")
         fit = partial(ConfusionModel.fit, shape_labels=labels, num_poses=num_poses)
@@ -91,22 +93,25 @@ def evaluate(
     correct = (logits.argmax(axis=1) == truth.shapes).astype(float)
     objects, inverse = np.unique(truth.object_ids, return_inverse=True)
     by_object = np.bincount(inverse, correct) / np.bincount(inverse)
-    interval = stats.bootstrap((by_object,), np.mean, rng=rng, n_resamples=2000).confidence_interval
+    resampled = rng.choice(by_object, size=(2000, len(objects))).mean(axis=1)
     _, fused = fused_log_probs(model, touches, truth.object_ids)
     object_shapes = truth.shapes[np.unique(truth.object_ids, return_index=True)[1]]
-    fused_probs = np.exp(fused)
+    fused_probs, confusion = np.exp(fused), confusion_matrix(raw, truth.shapes)
+    fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
     return {
         "num_touches": len(touches),
         "num_objects": len(objects),
         "accuracy": accuracy(raw, truth.shapes),
-        "accuracy_interval": [float(interval.low), float(interval.high)],
-        "confusion": confusion_matrix(raw, truth.shapes).tolist(),
+        "accuracy_interval": np.quantile(resampled, [0.025, 0.975]).tolist(),
+        "recall_intervals": [wilson_interval(int(row[k]), int(row.sum())) for k, row in enumerate(confusion)],
+        "confusion": confusion.tolist(),
         "temperature": model.calibration.temperature,
         "nll_raw": negative_log_likelihood(raw, truth.shapes),
         "nll_calibrated": negative_log_likelihood(calibrated, truth.shapes),
         "ece_raw": expected_calibration_error(raw, truth.shapes),
         "ece_calibrated": expected_calibration_error(calibrated, truth.shapes),
-        "fused_accuracy": accuracy(fused_probs, object_shapes),
+        "fused_accuracy": fused_right / len(objects),
+        "fused_accuracy_interval": clopper_pearson_interval(fused_right, len(objects)),
         "fused_nll": negative_log_likelihood(fused_probs, object_shapes),
         "fused_ece": expected_calibration_error(fused_probs, object_shapes),
     }
@@ -126,12 +131,15 @@ def _read(classifier: TouchClassifier, touches: TouchSet, what: str) -> list[Tou
 def _show(evaluation: dict, labels: tuple[str, ...], calibration: TemperatureScaling) -> None:
     console = Console()
     low, high = evaluation["accuracy_interval"]
+    fused_low, fused_high = evaluation["fused_accuracy_interval"]
+    e = evaluation
     console.print(
-        f"{evaluation['num_touches']} test touches of {evaluation['num_objects']} unseen objects: single-touch "
-        f"accuracy {evaluation['accuracy']:.4f} [{low:.4f}, {high:.4f}]; temperature {calibration.temperature:.3f} "
-        f"({calibration.status}): NLL {evaluation['nll_raw']:.4f} → {evaluation['nll_calibrated']:.4f}, "
-        f"ECE {evaluation['ece_raw']:.4f} → {evaluation['ece_calibrated']:.4f}; all touches fused: accuracy "
-        f"{evaluation['fused_accuracy']:.4f}, NLL {evaluation['fused_nll']:.4f}, ECE {evaluation['fused_ece']:.4f}"
+        f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
+        f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
+        f"temperature {calibration.temperature:.3f} ({calibration.status}): NLL {e['nll_raw']:.4f} → "
+        f"{e['nll_calibrated']:.4f}, ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
+        f"all touches of an object fused: accuracy {e['fused_accuracy']:.4f} [{fused_low:.4f}, {fused_high:.4f}], "
+        f"NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
     )
     table = Table(title="true shape (rows) against predicted shape")
     for heading in ("", *labels):

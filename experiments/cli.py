@@ -32,7 +32,7 @@ def main() -> None:
         print("\ninterrupted; what was finished is kept, run the same command to go on", file=sys.stderr)
         sys.exit(130)
     except (ActiveTouchError, FileNotFoundError) as error:
-        sys.exit(f"activetouch: {error}")
+        sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
 
 
 if __name__ == "__main__":

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+import math
+import sys
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +16,21 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from belief.errors import UnknownName
+from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+from belief import SearchProblem
+from belief.errors import ActiveTouchError, UnknownName
 from experiments.ceiling import full_information_successes
 from experiments.episodes import Setting, play
 from experiments.parallel import default_jobs, run_tasks
-from experiments.results import RunFolder, Seconds, ShardKey
+from experiments.results import EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
 from experiments.summary import Comparison, compare_episodes
 from planners import DECIDERS
 
-_EPISODES_PER_SHARD = 25
 _CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
+
+
+class BadArgument(ActiveTouchError, ValueError):
+    """A command was asked for something that makes no sense."""
 
 
 @dataclass(frozen=True)
@@ -55,79 +63,83 @@ class Compare:
 
     def run(self) -> None:
         """Play what is missing, then summarise everything."""
+        from experiments.report import write_report  # loads matplotlib
+
         comparison = self.play()
         console = Console()
         console.print(render_table(comparison))
         for line in describe_differences(comparison):
             console.print(line)
-        from experiments.report import write_report
-
         report = write_report(self.out, comparison, self.setting, self.seed)
-        console.print(f"report: {report}")
+        console.print(f"report: {report}", soft_wrap=True)
 
     def play(self) -> Comparison:
-        """Play what is missing and read everything back."""
-        folder = RunFolder(self.out)
-        folder.open(self._identity(), {"setting": {**asdict(self.setting), "sensor": str(self.setting.sensor)}})
-        keys = list(self._keys())
-        labels = list(self.setting.problem.shape_labels)
-        tasks = [
+        """Play what is missing and read everything back.
+
+        Raises:
+            BadArgument: there is nothing to play, or no such search.
+            UnknownName: a decider or target that does not exist.
+            RunMismatch: the folder holds another run.
+        """
+        problem, targets = self._check()
+        labels = list(problem.shape_labels)
+        folder, shards = RunFolder(self.out), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
+        keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
+        num_ceiling = min(self.episodes, _CEILING_EPISODES)
+        warning = folder.open(self._identity(), self._arguments())
+        if warning:
+            print(warning, file=sys.stderr)
+        tasks: list[Callable[[], None]] = [
             partial(_play_shard, folder, key, self.setting, labels.index(key.target), self.seed)
             for key in keys
             if not folder.has(key)
         ]
         tasks += [
-            partial(_play_ceiling, folder, target, self.setting, labels.index(target), self.seed, self._num_ceiling)
-            for target in dict.fromkeys(key.target for key in keys)
-            if not folder.has_ceiling(target, self._num_ceiling)
+            partial(_play_ceiling, folder, target, self.setting, labels.index(target), self.seed, num_ceiling)
+            for target in targets
+            if not folder.has_ceiling(target, num_ceiling)
         ]
         for _ in run_tasks(tasks, self.jobs, "searching"):
             pass
-        folder.merge(keys)
-        return self._read(folder, keys)
+        lines: dict[tuple[str, str], list[str]] = {}
+        seconds: dict[tuple[str, str], Seconds] = {}
+        for key in keys:
+            cell = (key.decider, key.target)
+            lines[cell] = (lines.get(cell, []) + folder.lines(key))[: self.episodes]
+            seconds.setdefault(cell, Seconds()).__iadd__(folder.seconds(key))
+        folder.merge(chain.from_iterable(lines.values()))
+        episodes = {cell: [read_episode(line, tuple(labels)) for line in some] for cell, some in lines.items()}
+        ceiling = (sum(folder.read_ceiling(target, num_ceiling) for target in targets), num_ceiling * len(targets))
+        rng = np.random.default_rng(self.seed)
+        return compare_episodes(problem, episodes, seconds, ceiling, self.deciders[0], rng)
 
-    def _keys(self) -> Iterator[ShardKey]:
-        labels = list(self.setting.problem.shape_labels)
+    def _check(self) -> tuple[SearchProblem, list[str]]:
+        """The search and the targets, or an error before anything is started or written."""
+        try:
+            problem = self.setting.problem
+        except ValueError as error:
+            raise BadArgument(str(error)) from error
+        if self.episodes < 1 or self.jobs < 1 or not self.deciders:
+            raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
         for name in self.deciders:
             if name not in DECIDERS:
                 raise UnknownName("decider", name, list(DECIDERS))
         for target in self.targets:
-            if target not in labels:
-                raise UnknownName("target", target, labels)
-        if self.episodes < 1:
-            raise ValueError(f"--episodes must be at least 1, got {self.episodes}")
-        for decider in self.deciders:
-            for target in self.targets or labels:
-                for first in range(0, self.episodes, _EPISODES_PER_SHARD):
-                    yield ShardKey(decider, target, first, min(first + _EPISODES_PER_SHARD, self.episodes))
-
-    @property
-    def _num_ceiling(self) -> int:
-        return min(self.episodes, _CEILING_EPISODES)
+            if target not in problem.shape_labels:
+                raise UnknownName("target", target, list(problem.shape_labels))
+        return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
 
     def _identity(self) -> dict[str, object]:
-        """What decides an episode besides its seed; the sensor by content, wherever it lies."""
+        """What decides an episode; the sensor by content, wherever it lies."""
         digest = hashlib.sha256()
-        for file in sorted(self.setting.sensor.iterdir()):
-            if file.suffix in (".safetensors", ".json") and file.name != "evaluation.json":
-                digest.update(file.read_bytes())
+        for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
+            digest.update((self.setting.sensor / name).read_bytes())
         setting = {name: value for name, value in asdict(self.setting).items() if name != "sensor"}
         scene = repr(self.setting.scene)
         return {"seed": self.seed, "setting": setting, "scene": scene, "sensor_sha256": digest.hexdigest()}
 
-    def _read(self, folder: RunFolder, keys: list[ShardKey]) -> Comparison:
-        problem = self.setting.problem
-        episodes: dict[tuple[str, str], list] = {}
-        seconds: dict[tuple[str, str], Seconds] = {}
-        for key in keys:
-            cell = (key.decider, key.target)
-            episodes.setdefault(cell, []).extend(folder.episodes(key, tuple(problem.shape_labels)))
-            seconds.setdefault(cell, Seconds()).__iadd__(folder.seconds(key))
-        targets = dict.fromkeys(key.target for key in keys)
-        solved = sum(folder.read_ceiling(target, self._num_ceiling) for target in targets)
-        ceiling = (solved, self._num_ceiling * len(targets))
-        rng = np.random.default_rng(self.seed)
-        return compare_episodes(problem, episodes, seconds, ceiling, self.deciders[0], rng)
+    def _arguments(self) -> dict[str, object]:
+        return {**asdict(self), "out": str(self.out), "setting": self.setting.to_dict()}
 
 
 def _play_ceiling(folder: RunFolder, label: str, setting: Setting, target: int, seed: int, episodes: int) -> None:
@@ -135,7 +147,11 @@ def _play_ceiling(folder: RunFolder, label: str, setting: Setting, target: int, 
 
 
 def _play_shard(folder: RunFolder, key: ShardKey, setting: Setting, target: int, seed: int) -> None:
-    episodes, seconds = play(setting, key.decider, target, seed, range(key.first, key.last))
+    try:
+        episodes, seconds = play(setting, key.decider, target, seed, key.episodes)
+    except ActiveTouchError as error:
+        error.add_note(f"in one of the episodes {key.episodes} of {key.decider}, target {key.target}, seed {seed}")
+        raise
     folder.write_shard(key, episodes, seconds)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -37,9 +37,13 @@ class Setting:
     num_objects: int = 4
     touch_cost: float = 0.02
 
+    def to_dict(self) -> dict[str, Any]:
+        """The setting as plain values."""
+        return {**asdict(self), "sensor": str(self.sensor)}
+
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
-        """The setting recorded in a run."""
+        """The setting from :meth:`to_dict`."""
         return cls(**{**fields, "sensor": Path(fields["sensor"])})
 
     @property

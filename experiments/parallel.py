@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
@@ -29,20 +28,15 @@ def progress_bar() -> Progress:
     )
 
 
-def _single_threaded(task: Callable[[], T]) -> T:
-    """Call with one thread for linear algebra: the processes already use all cores, and sums keep their order."""
-    os.environ["OMP_NUM_THREADS"] = "1"
-    return task()
-
-
 def run_tasks(tasks: Sequence[Callable[[], T]], jobs: int, description: str) -> Iterator[T]:
     """Yield the result of every task, in order of completion.
 
-    An interrupt stops the workers; whatever was yielded before is the caller's to keep.
+    Several workers use one thread each for linear algebra, because together they already use all cores; one job runs
+    in this process. An interrupt stops them; whatever was yielded before is the caller's to keep.
     """
-    parallel = joblib.Parallel(n_jobs=jobs, backend="loky", return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    with progress_bar() as progress:
+    with joblib.parallel_config("loky", inner_max_num_threads=1), progress_bar() as progress:
+        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         bar = progress.add_task(description, total=len(tasks))
-        for result in parallel(joblib.delayed(_single_threaded)(task) for task in tasks):
+        for result in parallel(joblib.delayed(task)() for task in tasks):
             progress.advance(bar)
             yield result

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
-from activetouch.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
+from activetouch.dataset import CollectionPlan, read_manifest, read_split, record_shard, shard_path, write_manifest
 from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.training import TrainingRecipe
 from experiments.parallel import default_jobs, progress_bar, run_tasks
@@ -58,8 +59,8 @@ class Train:
     """Folder of the collection."""
     out: Path = Path("runs/train")
     """Folder for the checkpoint and the training state."""
-    backbone: str = "atto"
-    """ConvNeXt size: atto, femto, pico, nano or tiny."""
+    backbone: Literal["atto", "femto", "pico", "nano", "tiny"] = "atto"
+    """ConvNeXt size."""
     input_size: int = 64
     """Edge the images are averaged down to before the network [pixels]."""
     start_from: Path | None = None
@@ -71,29 +72,29 @@ class Train:
 
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors``."""
-        import mujoco
         import torch
 
         from activetouch.classifier import BACKBONES, ClassifierCard, TouchClassifier, TouchNetwork
         from activetouch.training import Trainer
 
         torch.set_num_threads(self.threads)
-        torch.manual_seed(self.recipe.seed)
-        scene = Scene()
+        manifest = read_manifest(self.data)
         train, calibration = read_split(self.data, "train"), read_split(self.data, "calibration")
         card = ClassifierCard(
             backbone=self.backbone,
             input_size=self.input_size,
-            shape_labels=scene.shape_labels,
-            pose_labels=scene.pose_labels,
-            images=repr(scene),
-            mujoco_version=mujoco.__version__,
+            shape_labels=tuple(manifest["shape_labels"]),
+            pose_labels=tuple(manifest["pose_labels"]),
+            images=manifest["scene"],
+            mujoco_version=manifest["mujoco_version"],
+            training=f"{self.recipe}, {len(train.images)} images, weights from {self.start_from or 'scratch'}",
         )
-        network = TouchNetwork(BACKBONES[self.backbone], len(scene.shapes), self.input_size)
+        with torch.random.fork_rng():  # torch draws initial weights from its global generator only
+            torch.manual_seed(self.recipe.seed)
+            network = TouchNetwork(BACKBONES[self.backbone], len(card.shape_labels), self.input_size)
         if self.start_from is not None:
             network.load_state_dict(TouchClassifier.load(self.start_from).network.state_dict())
-        weights = f"weights from {self.start_from}" if self.start_from else "weights from scratch"
-        print(f"{self.backbone} at {self.input_size} pixels, {len(train.images)} images, {weights}")
+        print(f"{self.backbone} at {self.input_size} pixels: {card.training}")
         classifier = TouchClassifier(card, network)
         trainer = Trainer(classifier, self.recipe, len(train.images), self.out / "state.safetensors")
         with progress_bar() as progress:
@@ -101,6 +102,5 @@ class Train:
                 bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(train.images))
                 report = trainer.run_epoch(train, calibration, lambda n, bar=bar: progress.advance(bar, n))
                 progress.console.print(report)
-        summary = f"{self.recipe}, {len(train.images)} images, {weights}"
-        TouchClassifier(replace(card, training=summary), network).save(self.out / "classifier.safetensors")
+        classifier.save(self.out / "classifier.safetensors")
         print(f"wrote {self.out / 'classifier.safetensors'}")

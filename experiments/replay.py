@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
-from belief import Probe
+from belief import Probe, Reject
 from experiments.episodes import Setting, load_sensor, make_world
-from experiments.results import RunFolder
+from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
 from planners import Episode, Step
 from planners.search import touch_rng
 
@@ -24,7 +24,7 @@ class Frame:
     Attributes:
         step: what was decided, on which belief.
         shape: true shape of the object.
-        image: what the probe felt, uint8; None for CONFIRM and REJECT.
+        image: what the probe felt, uint8; None where nothing was touched.
         posterior: belief about the object after the step, ``(K,)``.
     """
 
@@ -41,14 +41,13 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
     frames = []
     for number, step in enumerate(episode.steps):
         image, posterior = None, step.belief.probs
-        if isinstance(step.decision.action, Probe):
+        if isinstance(step.decision.action, Probe) and step.touch is not None:
             pose = step.decision.action.pose
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image = world.press(pose, rng)
             uses[step.object_index, pose] += 1
-            if number + 1 < len(episode.steps):  # the next decision is about the same object
-                posterior = episode.steps[number + 1].belief.probs
-        elif number + 1 < len(episode.steps):
+            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
+        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
         frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior))
     return frames
@@ -79,11 +78,10 @@ class Replay:
         from experiments.figures import draw_search
 
         run = RunFolder(self.folder)
-        setting = Setting.from_dict(run.read_run()["setting"])
-        for episode in run.all_episodes(tuple(setting.problem.shape_labels), self.decider, self.target):
-            if episode.seed[-1] == self.number:
-                with atomic_path(self.out) as temporary:
-                    draw_search(episode, replay(setting, episode), setting.problem, temporary)
-                print(f"wrote {self.out}")
-                return
-        raise SystemExit(f"{self.folder} has no episode {self.number} of {self.decider} searching for a {self.target}")
+        setting = Setting.from_dict(run.read_run()["arguments"]["setting"])
+        shard, place = divmod(self.number, EPISODES_PER_SHARD)
+        line = run.lines(ShardKey(self.decider, self.target, shard))[place]
+        episode = read_episode(line, tuple(setting.problem.shape_labels))
+        with atomic_path(self.out) as temporary:
+            draw_search(episode, replay(setting, episode), setting.problem, temporary)
+        print(f"wrote {self.out}")

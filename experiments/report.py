@@ -66,7 +66,7 @@ class Story:
 
 
 def _choose(comparison: Comparison) -> list[tuple[str, Episode]]:
-    """For each decider that touches: its longest failure if it has one, and a typical success."""
+    """For each decider that touches: its longest failure if it has one, and a success among its longer ones."""
     chosen = []
     for decider in comparison.deciders:
         episodes = list(

@@ -12,7 +12,7 @@ import importlib.metadata
 import json
 import platform
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,26 +21,34 @@ from activetouch.atomic import atomic_path
 from belief.errors import ActiveTouchError
 from planners import Episode
 
-_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")
+_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # what a touch depends on
 
 
 class RunMismatch(ActiveTouchError, ValueError):
     """A folder holds another run than the one that was asked for."""
 
 
+EPISODES_PER_SHARD = 25
+"""Fixed, because the network's last bits depend on what is read together."""
+
+
 @dataclass(frozen=True)
 class ShardKey:
-    """Which episodes a shard holds: one decider and target, episodes ``first`` to ``last`` (exclusive)."""
+    """Which episodes a shard holds: the ``number``-th lot of one decider and target."""
 
     decider: str
     target: str
-    first: int
-    last: int
+    number: int
 
     @property
     def stem(self) -> str:
         """File name without its ending."""
-        return f"{self.decider}-{self.target}-{self.first:06d}-{self.last:06d}"
+        return f"{self.decider}-{self.target}-{self.number:05d}"
+
+    @property
+    def episodes(self) -> range:
+        """Numbers of its episodes."""
+        return range(self.number * EPISODES_PER_SHARD, (self.number + 1) * EPISODES_PER_SHARD)
 
 
 @dataclass
@@ -76,29 +84,35 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def open(self, identity: dict[str, Any], arguments: dict[str, Any]) -> None:
+    def open(self, identity: dict[str, Any], arguments: dict[str, Any]) -> str | None:
         """Start a run, or go on with the one that is there.
 
         Args:
-            identity: everything that decides what an episode is; the number of episodes is not part of it.
+            identity: everything that decides what an episode is; versions of what computes it are added.
             arguments: the rest of what was asked for, recorded only.
+
+        Returns:
+            A warning where earlier episodes were played by other code; None otherwise.
 
         Raises:
             RunMismatch: the folder holds a run with another identity.
         """
-        file = self.path / "run.json"
+        file, commit, warning = self.path / "run.json", _commit(), None
+        wanted = json.loads(json.dumps({**identity, "versions": _versions()}))
         if file.exists():
-            found = self.read_run()["identity"]
-            wanted = json.loads(json.dumps(identity))
+            earlier = self.read_run()
+            found = earlier["identity"]
             if found != wanted:
                 differing = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
                 raise RunMismatch(
                     f"{self.path} holds a run with other {', '.join(differing)}. Choose another --out, or delete it."
                 )
-            return
-        run = {"identity": identity, **arguments, "versions": _versions(), "commit": _commit()}
+            if earlier["commit"] != commit:
+                warning = f"{self.path} has episodes of commit {earlier['commit']}, this is {commit}; they are kept"
+        run = {"identity": wanted, "arguments": arguments, "commit": commit}
         with atomic_path(file) as temporary:
             temporary.write_text(json.dumps(run, indent=1) + "\n")
+        return warning
 
     def read_run(self) -> dict[str, Any]:
         """What ``run.json`` says."""
@@ -132,28 +146,17 @@ class RunFolder:
         """How many of the first ``episodes`` searches for a target the ceiling solves."""
         return json.loads(self._ceiling(target, episodes).read_text())
 
-    def merge(self, keys: Iterable[ShardKey]) -> None:
-        """Write ``episodes.jsonl`` from complete shards, in the order given."""
+    def merge(self, lines: Iterable[str]) -> None:
+        """Write ``episodes.jsonl``."""
         with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
-            for key in keys:
-                file.write(self._shard(key).read_text())
+            file.writelines(lines)
 
-    def episodes(self, key: ShardKey, shape_labels: tuple[str, ...]) -> Iterator[Episode]:
-        """The episodes of a complete shard."""
-        for line in self._shard(key).read_text().splitlines():
-            yield Episode.from_dict(json.loads(line), shape_labels)
-
-    def all_episodes(self, shape_labels: tuple[str, ...], decider: str, target: str) -> Iterator[Episode]:
-        """The episodes of a finished run in which a decider searched for a target."""
-        file = self.path / "episodes.jsonl"
+    def lines(self, key: ShardKey) -> list[str]:
+        """The episodes of a complete shard, a line of JSON each."""
+        file = self._shard(key)
         if not file.exists():
-            raise FileNotFoundError(
-                f"{file} is not there yet; finish the run with: activetouch compare --out {self.path}"
-            )
-        with file.open() as lines:
-            for fields in map(json.loads, lines):
-                if fields["decider"] == decider and shape_labels[fields["target"]] == target:
-                    yield Episode.from_dict(fields, shape_labels)
+            raise FileNotFoundError(f"{file} is not there; play it with: activetouch compare --out {self.path}")
+        return file.read_text().splitlines(keepends=True)
 
     def seconds(self, key: ShardKey) -> Seconds:
         """The time of a complete shard."""
@@ -164,6 +167,11 @@ class RunFolder:
 
     def _shard(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.jsonl"
+
+
+def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
+    """An episode from its line of JSON."""
+    return Episode.from_dict(json.loads(line), shape_labels)
 
 
 def _versions() -> dict[str, str]:

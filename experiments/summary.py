@@ -118,8 +118,8 @@ class Comparison:
 
     @property
     def floor(self) -> float:
-        """Success of confirming at random."""
-        return 1.0 / self.problem.num_objects
+        """Success of confirming at random: every object is equally likely to have each of the K shapes."""
+        return 1.0 / self.problem.num_shapes
 
 
 def compare_episodes(

@@ -34,7 +34,7 @@ class Step:
         object_index: the object it was about.
         belief: about that object, when deciding.
         decision: the action and its scores.
-        touch: what a probe felt; None for CONFIRM and REJECT.
+        touch: what a probe felt; None for CONFIRM and REJECT, and for the probe the touch limit did not allow.
     """
 
     object_index: int
@@ -126,6 +126,8 @@ def _step_from_dict(fields: Mapping[str, Any], shape_labels: tuple[str, ...]) ->
     if isinstance(name, str):
         action = Confirm() if name == _ACTION_NAMES[Confirm] else Reject()
     else:
-        action, touch = Probe(name), Touch(name, np.array(fields["logits"], np.float64))
+        action = Probe(name)
+        if fields["logits"] is not None:
+            touch = Touch(name, np.array(fields["logits"], np.float64))
     belief = Belief.from_probs(shape_labels, fields["belief"])
     return Step(fields["object"], belief, Decision(action, fields["scores"]), touch)

@@ -20,7 +20,8 @@ from belief.observation_model import ObservationModel
 from planners.decider import Decider, InformationState
 from planners.episode import Episode, Outcome, Step
 
-_DECIDING, _TOUCHING = 0, 1  # keep the two streams of an episode apart
+# Keep the streams of an episode apart; never zero, because a seed ending in zeros equals the one without them.
+_DECIDING, _TOUCHING = 3, 1
 
 
 class World(Protocol):
@@ -35,6 +36,9 @@ class World(Protocol):
 
     def advance(self) -> None:
         """Put the current object aside and bring the next."""
+
+    def reset(self) -> None:
+        """Bring the first object; every search begins with it."""
 
 
 WorldT = TypeVar("WorldT", bound=World)
@@ -140,6 +144,7 @@ def _loop(
     arrangement = tuple(int(shape) for shape in world.arrangement)
     if len(arrangement) != problem.num_objects:
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
+    world.reset()
     scene = SceneBelief(problem, model)
     rng = np.random.default_rng([*seed, _DECIDING])
     steps: list[Step] = []
@@ -155,6 +160,7 @@ def _loop(
         action, touch = decision.action, None
         if isinstance(action, Probe):
             if num_touches == problem.touch_limit:
+                steps.append(Step(object_index, belief, decision, None))
                 return end(Outcome.TRUNCATED)
             repeat = sum(earlier.pose == action.pose for earlier in history)
             touch = yield TouchRequest(world, action.pose, touch_rng(seed, object_index, action.pose, repeat))

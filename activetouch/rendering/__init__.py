@@ -1,9 +1,10 @@
 """From contacts to tactile images: renderers, and the sensor's imperfections.
 
-A renderer is a callable ``(contact) -> TactileImage``. To add one, write it in a file here and name it below.
+To add a renderer, write a class with the call of :class:`TactileRenderer` in a file here and name it below.
 """
 
 from activetouch.rendering.imperfection import Imperfection
 from activetouch.rendering.pressure import PressureRenderer
+from activetouch.rendering.renderer import TactileRenderer
 
-__all__ = ["Imperfection", "PressureRenderer"]
+__all__ = ["Imperfection", "PressureRenderer", "TactileRenderer"]

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 from safetensors.numpy import save_file
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.classifier import TouchClassifier
+from activetouch.classifier import Backbone, TouchClassifier, TouchNetwork
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
 from belief.errors import UnknownName
@@ -101,6 +102,18 @@ def test_a_damaged_observation_model_is_a_clear_error(tmp_path):
     (tmp_path / OBSERVATION_FILE).write_text("{}")
     with pytest.raises(CorruptFile, match="no observation model"):
         TactileSensor.load(tmp_path, Scene())
+
+
+def test_an_observation_model_of_other_shapes_is_refused(sensor):
+    from belief.synthetic import random_model
+
+    with pytest.raises(LabelMismatch, match="the observation model is about"):
+        TactileSensor(sensor.scene, sensor.classifier, random_model(np.random.default_rng(0)))
+
+
+def test_an_input_size_that_does_not_divide_the_image_is_refused():
+    with pytest.raises(ValueError, match="does not divide"):
+        TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 48)(torch.zeros(1, 128, 128))
 
 
 def test_an_unknown_sensor_suggests_the_nearest():

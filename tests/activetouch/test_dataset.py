@@ -1,9 +1,13 @@
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from activetouch import Quasistatic, Scene
 from activetouch.dataset import SPLITS, CollectionPlan, read_split, record_shard, shard_path, write_manifest
 from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.scene import Variation
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
 SCENE = Scene(press_model=Quasistatic())
@@ -45,15 +49,32 @@ def test_another_plan_does_not_mix_into_the_folder(folder):
         write_manifest(folder, SCENE, CollectionPlan(train=13, calibration=1, test=1, seed=1))
 
 
-def test_a_truncated_shard_is_a_clear_error(folder, tmp_path):
-    data = shard_path(folder, "test", 0).read_bytes()
-    path = shard_path(tmp_path, "test", 0)
-    path.parent.mkdir(parents=True)
-    path.write_bytes(data[: len(data) // 2])
+@pytest.fixture
+def damaged(folder, tmp_path):
+    return Path(shutil.copytree(folder, tmp_path / "copy"))
+
+
+def test_a_truncated_shard_is_a_clear_error(damaged):
+    path = shard_path(damaged, "test", 0)
+    path.write_bytes(path.read_bytes()[:5000])
     with pytest.raises(CorruptFile, match=r"00000.npz is damaged"):
-        read_split(tmp_path, "test")
+        read_split(damaged, "test")
 
 
-def test_a_missing_split_says_how_to_make_it(tmp_path):
+def test_an_unfinished_collection_is_not_used_in_silence(damaged):
+    shard_path(damaged, "train", 1).unlink()
+    with pytest.raises(CorruptFile, match="1 of 2 shards are missing"):
+        read_split(damaged, "train")
+
+
+def test_a_folder_without_a_collection_says_how_to_make_one(tmp_path):
     with pytest.raises(CorruptFile, match="activetouch collect"):
         read_split(tmp_path, "train")
+
+
+def test_an_object_that_misses_the_pad_is_recorded_without_force():
+    scene = Scene(press_model=Quasistatic(), variation=Variation(offset=0.5))
+    rng = np.random.default_rng(0)
+    contact, image = scene.press(scene.sample_object(0, rng), 0, rng)
+    assert (contact.force, contact.depth) == (0.0, 0.0)
+    assert image.max() < 0.15 * 255  # noise only

@@ -68,6 +68,16 @@ def test_an_approach_that_could_jump_through_the_pad_is_refused():
         Dynamic(speed=20.0)
 
 
+def test_a_force_the_guide_cannot_reach_is_an_error_and_not_a_miss():
+    with pytest.raises(UnstablePress, match="did not settle at 300 N"):
+        Dynamic().force(PAD, Placement(SHAPES["sphere"], 1.0, UPRIGHT), 300.0)
+
+
+def test_a_pause_of_no_steps_is_refused():
+    with pytest.raises(ValueError, match="pause"):
+        Dynamic(pause=0.0)
+
+
 def test_an_absurd_size_is_refused():
     with pytest.raises(ValueError, match="scale must be in"):
         Dynamic().force(PAD, Placement(SHAPES["cube"], 50.0, UPRIGHT), 2.0)

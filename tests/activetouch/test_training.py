@@ -6,7 +6,7 @@ import torch
 
 from activetouch.classifier import Backbone, ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.training import Trainer, TrainingRecipe
 
 pytestmark = pytest.mark.torch
@@ -61,3 +61,9 @@ def test_another_recipe_does_not_resume(tmp_path):
     trained.run_epoch(touches, touches, lambda n: None)
     with pytest.raises(LabelMismatch, match="delete this file"):
         trainer(tmp_path / "state.safetensors", TrainingRecipe(epochs=9))
+
+
+def test_a_damaged_training_state_is_a_clear_error(tmp_path):
+    (tmp_path / "state.safetensors").write_bytes(b"half a file")
+    with pytest.raises(CorruptFile, match="delete it to start anew"):
+        trainer(tmp_path / "state.safetensors")

@@ -81,6 +81,18 @@ def test_two_objects_that_can_only_be_the_same_shape_are_impossible():
 
 
 @pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        ([[1e308, -1e308], [1e308, -1e308]], [[0.5, 0.5], [0.5, 0.5]]),
+        ([[0.0, -1e308, -1e308], [0.0, -1e308, -1e308], [0.0, -1e308, -1e308]], np.full((3, 3), 1 / 3)),
+        ([[1e308, 0.0], [0.0, 0.0]], [[1.0, 0.0], [0.0, 1.0]]),
+    ],
+)
+def test_weights_at_the_edge_of_floats_have_marginals(weights, expected):
+    np.testing.assert_allclose(arrangement_marginals(weights), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
     ("weights", "message"),
     [
         (np.zeros((3, 2)), "3 objects cannot all differ"),

@@ -119,6 +119,7 @@ def test_impossible_under_what_is_still_believed_raises():
         (np.log([0.5, 0.6]), [0.0, 0.0], "do not sum to one"),
         (np.log([0.5, 0.5]), [0.0, 0.0, 0.0], "same, non-empty last axis"),
         ([], [], "non-empty"),
+        (np.log([0.5, 0.5]), np.zeros((0, 2)), "nothing to update"),
     ],
 )
 def test_bad_input_raises_and_says_where(log_prior, log_likelihood, message):

@@ -72,6 +72,8 @@ def test_scaling_keeps_the_argmax_and_leaves_distributions(logits, temperature):
         (np.eye(3), [1, 2, 0], "anti_informative"),
         (np.ones((3, 3)), [0, 1, 2], "uninformative"),
         ([[5.0, 0.0]], [0], "separable"),
+        ([[1.0, 0.0], [1.0, 0.0]], [0, 1], "uninformative"),
+        ([[0.1, -0.1, 0.6]] * 3, [0, 1, 2], "uninformative"),
         ([[1.0, 0.0], [0.0, 1.0], [0.5, 0.0]], [0, 0, 0], "ok"),
     ],
 )
@@ -87,6 +89,19 @@ def test_data_without_an_ordinary_optimum_get_a_status_and_finite_probabilities(
 def test_logits_at_the_edge_of_floats_give_probabilities():
     probs = TemperatureScaling(1.0, "ok").predict_proba([[1e308, -1e308], [1e4, 1e4 - 1]])
     np.testing.assert_allclose(probs, [[1, 0], softmax([1.0, 0.0])])
+
+
+@given(arrays(np.float64, (9, 3), elements=st.floats(-1e3, 1e3)), arrays(np.int64, 9, elements=st.integers(0, 2)))
+def test_fitting_always_ends_with_a_usable_temperature(logits, labels):
+    fitted = TemperatureScaling().fit(logits, labels)
+    assert 0.0 < fitted.temperature < np.inf
+    assert np.isfinite(fitted.predict_proba(logits)).all()
+
+
+@pytest.mark.parametrize("options", [{"temperature": -1.0}, {"temperature": np.inf}, {"floor": 1.0}])
+def test_a_temperature_that_is_none_is_refused(options):
+    with pytest.raises(ValueError, match="finite temperature"):
+        TemperatureScaling(**options)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,12 @@ MODELS = {
         TemperatureScaling(1.7, "ok"),
         confidence_edges=(0.8,),
     ),
+    "confusion, floored calibration": ConfusionModel(
+        ("a", "b", "c"),
+        np.random.default_rng(3).dirichlet(np.ones(9), size=(2, 3)),
+        TemperatureScaling(1e-6, "separable", floor=0.05),
+        confidence_edges=(0.9, 0.95),
+    ),
 }
 every_model = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS.keys())
 
@@ -101,7 +107,7 @@ def test_a_shape_without_touches_gets_a_uniform_row():
         ([], [], {}, "at least one touch"),
         ([Touch(0, np.zeros(2))], [2], {}, r"\[0, 2\)"),
         ([Touch(0, np.zeros(2))], [0, 1], {}, "one shape for each"),
-        ([Touch(0, np.array([np.nan, 0.0]))], [0], {}, "not finite"),
+        ([Touch(0, np.array([np.nan, 0.0]))], [0], {}, "finite logits"),
         ([Touch(0, np.zeros(2))], [0], {"smoothing": 0.0}, "smoothing must be > 0"),
     ],
 )
@@ -122,6 +128,28 @@ def test_bad_calibration_data_raise_and_say_why(touches, shapes, options, messag
 def test_what_is_no_table_is_refused(probs, message):
     with pytest.raises(ValueError, match=message):
         OutcomeTable(probs)
+
+
+@pytest.mark.parametrize(
+    ("touch", "message"),
+    [
+        (Touch(-1, np.zeros(4)), "pose -1"),
+        (Touch(3, np.zeros(4)), "pose 3"),
+        (Touch(0, np.zeros(5)), "4 finite logits"),
+        (Touch(0, np.array([0.0, np.nan, 0.0, 0.0])), "4 finite logits"),
+    ],
+)
+def test_a_touch_that_does_not_fit_the_model_is_refused(touch, message):
+    with pytest.raises(ValueError, match=rf"touch 1 .*{message}"):
+        MODELS["confusion"].log_likelihood([Touch(0, np.zeros(4)), touch])
+
+
+@pytest.mark.parametrize("edges", [(0.9, 0.5), (0.2,), (1.0,)])
+def test_confidence_edges_that_do_not_rise_are_refused(edges):
+    with pytest.raises(ValueError, match="must rise"):
+        ConfusionModel(
+            ("a", "b"), np.full((1, 2, 2 * len(edges) + 2), 1 / (2 * len(edges) + 2)), TemperatureScaling(), edges
+        )
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"model": "plda"}', '{"model": "confusion"}'])

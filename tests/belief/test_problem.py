@@ -31,5 +31,13 @@ def test_a_problem_that_makes_no_sense_is_refused(options, message):
         problem(**options)
 
 
+def test_a_composition_may_be_given_by_name():
+    assert problem(composition="independent").composition is Composition.INDEPENDENT
+    with pytest.raises(ValueError, match="5 objects"):
+        problem(num_objects=5, composition="distinct")
+    with pytest.raises(ValueError, match="coupled"):
+        problem(composition="coupled")
+
+
 def test_more_objects_than_shapes_are_fine_when_independent():
     assert problem(num_objects=12, composition=Composition.INDEPENDENT).num_objects == 12

@@ -34,6 +34,7 @@ def test_an_object_is_never_on_both_sides_of_a_fold(rng):
         return ConfusionModel.fit(some, truth, num_poses=3)
 
     cross_validated_nll(fit, touches, shapes, ids, num_folds=4)
+    assert all({i % 4 for i in fold} == {0, 1, 2, 3} for fold in seen)  # every shape, in every fold
     assert [len(fold) for fold in seen] == [30] * 4
     assert set.intersection(*seen) == set()
 

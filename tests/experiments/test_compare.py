@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from belief.errors import UnknownName
-from experiments.compare import Compare, describe_differences, render_table
+from experiments.compare import BadArgument, Compare, describe_differences, render_table
 from experiments.episodes import Setting
 from experiments.replay import replay
 from experiments.report import write_report
@@ -49,9 +49,9 @@ def test_a_killed_run_goes_on_and_ends_the_same(finished, tmp_path):
 def test_more_episodes_extend_a_finished_run(finished, tmp_path):
     one = {**SMALL, "deciders": ("information_gain",), "targets": ("cone",)}
     Compare(**one, episodes=25, out=tmp_path, jobs=1).play()
-    before = (tmp_path / "shards" / "information_gain-cone-000000-000025.jsonl").stat().st_mtime_ns
+    before = (tmp_path / "shards" / "information_gain-cone-00000.jsonl").stat().st_mtime_ns
     longer = Compare(**one, episodes=30, out=tmp_path, jobs=1).play()
-    assert (tmp_path / "shards" / "information_gain-cone-000000-000025.jsonl").stat().st_mtime_ns == before
+    assert (tmp_path / "shards" / "information_gain-cone-00000.jsonl").stat().st_mtime_ns == before
     expected = finished[1].episodes["information_gain", "cone"]
     assert [e.to_dict() for e in longer.episodes["information_gain", "cone"]] == [e.to_dict() for e in expected]
 
@@ -103,10 +103,18 @@ def test_the_report_is_one_file_that_needs_nothing_else(finished):
     assert len(html) < 5_000_000
 
 
+def test_a_folder_of_other_versions_is_not_mixed_with(finished, tmp_path):
+    run = json.loads((finished[0] / "run.json").read_text())
+    run["identity"]["versions"]["torch"] = "1.0"
+    (tmp_path / "run.json").write_text(json.dumps(run))
+    with pytest.raises(RunMismatch, match="other versions"):
+        Compare(**SMALL, episodes=30, out=tmp_path, jobs=1).play()
+
+
 def test_run_json_says_what_was_run(finished):
     run = json.loads((finished[0] / "run.json").read_text())
     assert run["identity"]["seed"] == 3
-    assert set(run["versions"]) >= {"python", "mujoco-core", "torch", "numpy"}
+    assert set(run["identity"]["versions"]) >= {"python", "mujoco-core", "torch", "numpy"}
     assert len(run["identity"]["sensor_sha256"]) == 64
 
 
@@ -124,9 +132,31 @@ def test_the_table_fits_an_ordinary_terminal(finished):
     [
         ({"deciders": ("threshhold",)}, "Did you mean 'threshold'"),
         ({"targets": ("cones",)}, "Did you mean 'cone'"),
+        ({"deciders": ()}, "must name one"),
+        ({"episodes": 0}, "at least 1"),
+        ({"setting": Setting(num_objects=5)}, "5 objects cannot all differ"),
     ],
 )
-def test_an_unknown_name_suggests_the_nearest_and_starts_nothing(options, message, tmp_path):
-    with pytest.raises(UnknownName, match=message):
+def test_what_makes_no_sense_is_refused_before_anything_is_written(options, message, tmp_path):
+    with pytest.raises((UnknownName, BadArgument), match=message):
         Compare(**options, out=tmp_path / "run").play()
-    assert not (tmp_path / "run" / "shards").exists()
+    assert not (tmp_path / "run").exists()
+
+
+def test_naming_something_twice_does_not_count_it_twice(finished):
+    folder, comparison = finished
+    twice = Compare(
+        deciders=("threshold", "threshold"), targets=("cone", "cone"), seed=3, episodes=30, out=folder, jobs=1
+    ).play()
+    assert twice.cells["threshold", "all"].num_episodes == 30
+    assert twice.cells["threshold", "cone"].successes == comparison.cells["threshold", "cone"].successes
+
+
+def test_the_floor_is_what_random_confirmation_scores_when_the_target_may_be_absent(tmp_path):
+    comparison = Compare(
+        deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1
+    ).play()
+    # 1 000 searches without a touch: 1/4 plus or minus .06 holds but with probability 1e-5.
+    assert comparison.floor == 0.25
+    assert comparison.cells["random_confirm", "all"].success == pytest.approx(0.25, abs=0.06)
+    assert comparison.ceiling[0] >= 0.9 * comparison.ceiling[1]

@@ -3,7 +3,7 @@
 import pytest
 
 from activetouch.atomic import atomic_path
-from experiments.results import RunFolder, RunMismatch
+from experiments.results import RunFolder, RunMismatch, ShardKey
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_debris(tmp_path):
@@ -35,6 +35,13 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
         folder.open({"seed": 2, "scene": "y"}, {})
 
 
-def test_an_unfinished_run_says_how_to_finish_it(tmp_path):
+def test_episodes_that_are_not_there_say_how_to_play_them(tmp_path):
     with pytest.raises(FileNotFoundError, match="activetouch compare --out"):
-        next(RunFolder(tmp_path).all_episodes(("a",), "threshold", "a"))
+        RunFolder(tmp_path).lines(ShardKey("threshold", "a", 0))
+
+
+def test_episodes_of_another_commit_are_kept_with_a_warning(tmp_path, monkeypatch):
+    folder = RunFolder(tmp_path)
+    assert folder.open({"seed": 1}, {}) is None
+    monkeypatch.setattr("experiments.results._commit", lambda: "another")
+    assert "another" in folder.open({"seed": 1}, {})

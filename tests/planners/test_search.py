@@ -127,10 +127,20 @@ def test_fusing_touches_beats_the_rule_on_single_frames():
     assert success["information_gain"] > success["threshold"] + 0.03
 
 
+@every_decider
+def test_a_world_can_be_searched_again(name, model):
+    problem, decider = problem_for(model), make_decider(name, model.outcome_table())
+    world = SyntheticWorld(model, (3, 1, 0, 2))
+    first, again = (search(world, decider, problem, 0, model, (5,)).to_dict() for _ in range(2))
+    assert first == again
+
+
 def test_the_touch_limit_cuts_a_search_off(model):
     [episode] = play("threshold", model, problem_for(model, touch_limit=1), [3])
     assert episode.num_touches == 1
     assert episode.outcome is Outcome.TRUNCATED
+    assert isinstance(episode.steps[-1].decision.action, Probe)  # the one that was not allowed
+    assert Episode.from_dict(episode.to_dict(), model.shape_labels).num_touches == 1
     assert episode.reward(problem_for(model)) == pytest.approx(-1.02)
 
 
