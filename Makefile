@@ -34,16 +34,16 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt $(PIP_ARGS) -e ".[dev]"
 	@touch $@
 
-# The shipped sensor from nothing: touches, classifier, observation model (about 45 minutes on two cores).
+# The shipped sensor from nothing: touches, classifier, observation model (about 40 minutes on two cores).
 sensor: environment
 	$(BIN)/activetouch collect --out data/gel
 	$(BIN)/activetouch train --data data/gel --out runs/train
 	$(BIN)/activetouch calibrate --data data/gel --classifier runs/train/classifier.safetensors \
 		--out activetouch/models/gel
 
-# The README's figure, from the default comparison's episodes.
+# The README's figure: one of the default comparison's searches.
 figures: search
-	$(BIN)/activetouch replay --target cylinder --number 0 --out docs/search.png
+	$(BIN)/activetouch replay --target cone --number 121 --out docs/search.png
 
 clean:
 	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info

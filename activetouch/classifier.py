@@ -121,7 +121,8 @@ class TouchClassifier:
         """Write the checkpoint, atomically."""
         tensors = {name: value.half().contiguous() for name, value in self.network.state_dict().items()}
         with atomic_path(path) as temporary:
-            save_file(tensors, temporary, metadata={"format": _FORMAT, "card": json.dumps(asdict(self.card))})
+            # One entry: several would be written in random order, and the same classifier would not be the same file.
+            save_file(tensors, temporary, metadata={_FORMAT: json.dumps(asdict(self.card))})
 
     @classmethod
     def load(cls, path: Path) -> TouchClassifier:
@@ -136,10 +137,10 @@ class TouchClassifier:
                 tensors = {name: file.get_tensor(name).float() for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError) as error:
             raise CorruptFile(f"{path} is no readable safetensors checkpoint: {error}") from error
-        if header.get("format") != _FORMAT:
-            raise CorruptFile(f"{path} has format {header.get('format')!r}, expected {_FORMAT!r}")
+        if _FORMAT not in header:
+            raise CorruptFile(f"{path} is no {_FORMAT} checkpoint; its header has {sorted(header) or 'nothing'}")
         try:
-            fields = json.loads(header["card"])
+            fields = json.loads(header[_FORMAT])
             for name in ("shape_labels", "pose_labels"):
                 fields[name] = tuple(fields[name])
             card = ClassifierCard(**fields)

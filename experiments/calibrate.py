@@ -19,7 +19,7 @@ from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.metrics import accuracy, confusion_matrix, expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ConfusionModel
-from belief.selection import cross_validated_nll, fused_log_probs
+from belief.selection import cross_validated_nll, group_by_object, log_posteriors
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.parallel import progress_bar
 
@@ -94,7 +94,7 @@ def evaluate(
     objects, inverse = np.unique(truth.object_ids, return_inverse=True)
     by_object = np.bincount(inverse, correct) / np.bincount(inverse)
     resampled = rng.choice(by_object, size=(2000, len(objects))).mean(axis=1)
-    _, fused = fused_log_probs(model, touches, truth.object_ids)
+    fused = log_posteriors(model, list(group_by_object(touches, truth.object_ids).values()))
     object_shapes = truth.shapes[np.unique(truth.object_ids, return_index=True)[1]]
     fused_probs, confusion = np.exp(fused), confusion_matrix(raw, truth.shapes)
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())

@@ -69,6 +69,12 @@ def test_saving_and_loading_keeps_the_readings(sensor, tmp_path):
     np.testing.assert_array_equal(copy.read(images)[0], sensor.classifier.read(images)[0])
 
 
+def test_the_same_classifier_is_the_same_file(sensor, tmp_path):
+    for number in range(4):
+        sensor.classifier.save(tmp_path / f"{number}.safetensors")
+    assert {path.read_bytes() for path in tmp_path.iterdir()} == {SHIPPED.read_bytes()}
+
+
 def test_a_truncated_checkpoint_is_a_clear_error(tmp_path):
     path = tmp_path / "half.safetensors"
     path.write_bytes(SHIPPED.read_bytes()[:100_000])
@@ -78,7 +84,7 @@ def test_a_truncated_checkpoint_is_a_clear_error(tmp_path):
 
 def test_a_foreign_checkpoint_is_a_clear_error(tmp_path):
     save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "foreign.safetensors")
-    with pytest.raises(CorruptFile, match="has format None"):
+    with pytest.raises(CorruptFile, match="is no activetouch-classifier-1 checkpoint"):
         TouchClassifier.load(tmp_path / "foreign.safetensors")
 
 

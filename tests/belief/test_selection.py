@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from belief.observation_model import ConfusionModel
-from belief.selection import cross_validated_nll, fused_log_probs
+from belief.selection import cross_validated_nll, group_by_object, log_posteriors
 from belief.synthetic import random_model
 
 
@@ -15,12 +15,30 @@ def collect(rng, num_objects=40, touches_each=6):
     return source, touches, shapes, ids
 
 
-def test_fused_posteriors_use_all_touches_of_an_object_whatever_their_order(rng):
-    source, touches, _, ids = collect(rng)
+def test_touches_are_grouped_by_object_in_the_order_they_came(rng):
+    _, touches, _, ids = collect(rng)
     order = rng.permutation(len(touches))
-    unique, log_probs = fused_log_probs(source, [touches[i] for i in order], ids[order])
-    assert unique.tolist() == list(range(40))
-    np.testing.assert_allclose(log_probs, fused_log_probs(source, touches, ids)[1], atol=1e-9)
+    groups = group_by_object([touches[i] for i in order], ids[order])
+    assert list(groups) == list(range(40))
+    for i, some in groups.items():
+        assert [id(touch) for touch in some] == [id(touches[j]) for j in order if ids[j] == i]
+
+
+def test_posteriors_after_sequences_are_bayes_rule_from_a_uniform_prior(rng):
+    source, touches, _, _ = collect(rng, num_objects=2)
+    likelihoods = np.exp([source.log_likelihood(touches[:n]) for n in (1, 3)])
+    expected = likelihoods / likelihoods.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(np.exp(log_posteriors(source, [touches[:1], touches[:3]])), expected)
+
+
+def test_the_loss_is_the_mean_over_objects_and_over_touches_seen(rng):
+    source, touches, shapes, ids = collect(rng, num_objects=8)
+    losses = []
+    for i in range(8):
+        for seen in range(1, 7):
+            some = [touch for touch, owner in zip(touches, ids, strict=True) if owner == i][:seen]
+            losses.append(-log_posteriors(source, [some])[0, i % 4])
+    assert cross_validated_nll(lambda *_: source, touches, shapes, ids, 2) == pytest.approx(np.mean(losses))
 
 
 def test_an_object_is_never_on_both_sides_of_a_fold(rng):
