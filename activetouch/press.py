@@ -108,10 +108,8 @@ class Dynamic:
         rig.place(position, placement)
         withdrawn = position
         force, num_settled, num_steps = 0.0, 0, 0
-        wanted, limit = (
-            round(self.pause / self.timestep),
-            round((self.patience + position / self.speed) / self.timestep),
-        )
+        wanted = round(self.pause / self.timestep)
+        limit = round((self.patience + position / self.speed) / self.timestep)
         while position > -self.travel and num_settled < wanted and num_steps < limit:
             velocity = self.admittance * (target_force - force) if force > 0.0 else self.speed
             position -= self.timestep * min(max(velocity, -self.speed), self.speed)

@@ -6,13 +6,13 @@ import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from activetouch.atomic import atomic_path
-from activetouch.classifier import TouchClassifier
 from activetouch.dataset import TouchSet, read_manifest, read_split
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief import Touch
@@ -22,6 +22,9 @@ from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, group_by_object, log_posteriors
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.parallel import progress_bar
+
+if TYPE_CHECKING:
+    from activetouch.classifier import TouchClassifier
 
 CANDIDATE_EDGES: tuple[tuple[float, ...], ...] = ((), (0.9,), (0.7, 0.95), (0.6, 0.9, 0.99))
 """Confidence bins to choose from; the empty one is the plain confusion matrix."""
@@ -49,6 +52,8 @@ class Calibrate:
 
     def run(self) -> None:
         """Fit, write, and print the evaluation."""
+        from activetouch.classifier import TouchClassifier  # loads torch
+
         classifier = TouchClassifier.load(self.classifier)
         labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
         manifest = read_manifest(self.data)

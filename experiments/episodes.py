@@ -18,7 +18,7 @@ from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
 from planners import Episode, make_decider, search_lockstep
 
-_WORLD = 2  # stream of an episode's seed that makes the objects; the search loop uses 0 and 1
+_WORLD = 2  # stream of an episode's seed that makes the objects; the search loop has its own
 
 
 @dataclass(frozen=True)

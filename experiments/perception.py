@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from activetouch.dataset import CollectionPlan, read_manifest, read_split, record_shard, shard_path, write_manifest
+from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Dynamic, Quasistatic, Scene
-from activetouch.training import TrainingRecipe
 from experiments.parallel import default_jobs, progress_bar, run_tasks
 
 

@@ -1,9 +1,10 @@
 """A run's folder: what was run (``run.json``), and its episodes in shards that survive a killed run.
 
-run.json            arguments, seed, versions, commit, hash of the sensor
-shards/*.jsonl      one line an episode, written whole or not at all
+run.json            what decides an episode (seed, setting, sensor, versions), the latest arguments, the commit
+shards/*.jsonl      one line an episode, 25 of them, written whole or not at all
 shards/*.time.json  seconds the shard took, by part (kept apart: episodes are reproducible, seconds are not)
-episodes.jsonl      all of them, in a fixed order, once the run is complete
+shards/ceiling-*    how many episodes full information solves
+episodes.jsonl      the episodes last asked for, in a fixed order, once all are there
 """
 
 from __future__ import annotations

@@ -23,6 +23,11 @@ def test_importing_a_package_loads_nothing_heavy(package):
     assert not modules_loaded_by(f"import {package}") & set(HEAVY)
 
 
+def test_asking_for_help_loads_nothing_heavy():
+    loaded = modules_loaded_by("import experiments.calibrate, experiments.compare, experiments.perception")
+    assert not loaded & set(HEAVY)
+
+
 def test_belief_needs_numpy_and_scipy_only():
     loaded = {name.split(".")[0] for name in modules_loaded_by("import belief")}
     ours = {name for name in loaded if name in (*PACKAGES, *HEAVY, "joblib", "rich", "tyro", "jinja2", "PIL")}

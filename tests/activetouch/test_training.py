@@ -7,7 +7,8 @@ import torch
 from activetouch.classifier import Backbone, ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
 from activetouch.errors import CorruptFile, LabelMismatch
-from activetouch.training import Trainer, TrainingRecipe
+from activetouch.recipe import TrainingRecipe
+from activetouch.training import Trainer
 
 pytestmark = pytest.mark.torch
 SMALL = Backbone((1, 1, 1, 1), (8, 8, 16, 16))
