@@ -21,9 +21,14 @@ from experiments.figures import success_figure, time_figure, touches_figure
 from experiments.replay import Frame, replay
 from experiments.results import RunFolder
 from experiments.summary import Comparison
-from planners import Episode
+from planners import Episode, Outcome
 
 _REPLAYS_PER_DECIDER = 2
+_FAILURES = {
+    Outcome.CONFIRMED: "confirmed the wrong object",
+    Outcome.EXHAUSTED: "rejected everything",
+    Outcome.TRUNCATED: "ran out of touches",
+}
 
 
 def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int) -> Path:
@@ -83,7 +88,7 @@ def _choose(comparison: Comparison) -> list[tuple[str, Episode]]:
 def _story(setting: Setting, decider: str, episode: Episode) -> Story:
     problem = setting.problem
     labels = problem.shape_labels
-    verdict = "found it" if episode.success else f"failed ({episode.outcome.value})"
+    verdict = "found it" if episode.success else _FAILURES[episode.outcome]
     number = episode.seed[-1]
     title = (
         f"{decider} looks for a {labels[episode.target]}: {verdict}, {episode.num_touches} touches (episode {number})"
