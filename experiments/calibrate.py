@@ -21,6 +21,7 @@ from belief.metrics import accuracy, confusion_matrix, expected_calibration_erro
 from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, group_by_object, log_posteriors
 from belief.statistics import clopper_pearson_interval, wilson_interval
+from experiments.baseline import depth_and_force_accuracy
 from experiments.parallel import progress_bar
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class Calibrate:
         evaluation = {
             "cross_validated_nll": {str(list(edges)): loss for edges, loss in losses.items()},
             "confidence_edges": list(edges),
+            "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
             **evaluate(model, test_touches, test, np.random.default_rng(self.seed)),
         }
         classifier.save(self.out / CLASSIFIER_FILE)
@@ -141,6 +143,7 @@ def _show(evaluation: dict, labels: tuple[str, ...], calibration: TemperatureSca
     console.print(
         f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
         f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
+        f"from force and depth alone, without the image: {e['depth_and_force_accuracy']:.4f}\n"
         f"temperature {calibration.temperature:.3f} ({calibration.status}): NLL {e['nll_raw']:.4f} → "
         f"{e['nll_calibrated']:.4f}, ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
         f"all touches of an object fused: accuracy {e['fused_accuracy']:.4f} [{fused_low:.4f}, {fused_high:.4f}], "
