@@ -72,7 +72,6 @@ class Rig:
     """A compiled model with one object, placed and stepped press after press."""
 
     def __init__(self, pad: Pad, shape: Shape, timestep: float) -> None:
-        self.shape = shape
         self.model = build_spec(pad, shape, timestep).compile()
         self.data = mujoco.MjData(self.model)
         self._body = self.model.body("object").id

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -20,7 +21,7 @@ from belief.calibration import TemperatureScaling
 from belief.metrics import accuracy, confusion_matrix, expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, group_by_object, log_posteriors
-from belief.statistics import clopper_pearson_interval, wilson_interval
+from belief.statistics import clopper_pearson_interval
 from experiments.baseline import depth_and_force_accuracy
 from experiments.parallel import progress_bar
 
@@ -92,25 +93,24 @@ def evaluate(
 ) -> dict[str, object]:
     """Accuracy and calibration of single touches and of all touches of an object fused.
 
-    The interval of the single-touch accuracy resamples objects, because touches of one object err together.
+    Intervals of single-touch figures resample objects, because touches of one object err together.
     """
     logits = np.stack([touch.logits for touch in touches])
     raw = TemperatureScaling().predict_proba(logits)
     calibrated = model.calibration.predict_proba(logits)
     correct = (logits.argmax(axis=1) == truth.shapes).astype(float)
-    objects, inverse = np.unique(truth.object_ids, return_inverse=True)
+    objects, first, inverse = np.unique(truth.object_ids, return_index=True, return_inverse=True)
+    object_shapes = truth.shapes[first]
     by_object = np.bincount(inverse, correct) / np.bincount(inverse)
-    resampled = rng.choice(by_object, size=(2000, len(objects))).mean(axis=1)
     fused = log_posteriors(model, list(group_by_object(touches, truth.object_ids).values()))
-    object_shapes = truth.shapes[np.unique(truth.object_ids, return_index=True)[1]]
     fused_probs, confusion = np.exp(fused), confusion_matrix(raw, truth.shapes)
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
     return {
         "num_touches": len(touches),
         "num_objects": len(objects),
         "accuracy": accuracy(raw, truth.shapes),
-        "accuracy_interval": np.quantile(resampled, [0.025, 0.975]).tolist(),
-        "recall_intervals": [wilson_interval(int(row[k]), int(row.sum())) for k, row in enumerate(confusion)],
+        "accuracy_interval": _resampled_mean(by_object, rng),
+        "recall_intervals": [_resampled_mean(by_object[object_shapes == k], rng) for k in np.unique(object_shapes)],
         "confusion": confusion.tolist(),
         "temperature": model.calibration.temperature,
         "nll_raw": negative_log_likelihood(raw, truth.shapes),
@@ -122,6 +122,12 @@ def evaluate(
         "fused_nll": negative_log_likelihood(fused_probs, object_shapes),
         "fused_ece": expected_calibration_error(fused_probs, object_shapes),
     }
+
+
+def _resampled_mean(by_object: NDArray[np.float64], rng: np.random.Generator) -> list[float]:
+    """95 % percentile bootstrap interval of a mean over objects."""
+    means = rng.choice(by_object, size=(2000, len(by_object))).mean(axis=1)
+    return np.quantile(means, [0.025, 0.975]).tolist()
 
 
 def _read(classifier: TouchClassifier, touches: TouchSet, what: str) -> list[Touch]:

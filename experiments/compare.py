@@ -106,7 +106,7 @@ class Compare:
         for key in keys:
             cell = (key.decider, key.target)
             lines[cell] = (lines.get(cell, []) + folder.lines(key))[: self.episodes]
-            seconds.setdefault(cell, Seconds()).__iadd__(folder.seconds(key))
+            seconds[cell] = seconds.get(cell, Seconds()) + folder.seconds(key)
         folder.merge(chain.from_iterable(lines.values()))
         episodes = {cell: [read_episode(line, tuple(labels)) for line in some] for cell, some in lines.items()}
         ceiling = (sum(folder.read_ceiling(target, num_ceiling) for target in targets), num_ceiling * len(targets))

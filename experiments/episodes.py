@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
-from activetouch.world import MODELS
+from activetouch.world import MODELS, TouchTime
 from belief import SearchProblem
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
@@ -85,7 +85,7 @@ def play(
 ) -> tuple[list[Episode], Seconds]:
     """Play episodes in lockstep: the same numbers give the same episodes, bit for bit, in any process."""
     sensor = load_sensor(setting)
-    sensor = replace(sensor, time=type(sensor.time)())
+    sensor = replace(sensor, time=TouchTime())
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]
     chosen = make_decider(decider, sensor.model.outcome_table())

@@ -9,8 +9,8 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from belief import Confirm, Probe, SearchProblem
-from experiments.replay import Frame
+from belief import SearchProblem
+from experiments.replay import Frame, action_words
 from experiments.summary import Comparison
 from planners import Episode
 
@@ -76,12 +76,12 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
         figure = Figure(figsize=(1.75 * max(len(touched), 3) + 0.9, 4.2), layout="constrained")
         grid = figure.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
         for column, number in enumerate(touched):
-            frame, action = frames[number], frames[number].step.decision.action
-            assert isinstance(action, Probe)
+            frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
+            pose = problem.pose_labels[frame.step.touch.pose]
             top, bottom = grid[0, column], grid[1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             top.set(xticks=[], yticks=[])
-            top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\n{_pose(problem, action)}")
+            top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\npose {pose}")
             colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in range(len(labels))]
             bottom.barh(labels, frame.posterior, color=colours)
             bottom.set(xlim=(0, 1), xticks=(0, 0.5, 1))
@@ -89,23 +89,10 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
             bottom.spines[["top", "right"]].set_visible(False)
             if column:
                 bottom.set_yticks([])
-            bottom.set_xlabel(f"→ {_next_action(frames, number, problem)}", fontweight="bold")
+            bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
         verdict = "found" if episode.success else "failed"
         figure.suptitle(f"Searching for a {labels[episode.target]}: {verdict} after {episode.num_touches} touches")
         figure.savefig(path, dpi=130)
-
-
-def _pose(problem: SearchProblem, action: Probe) -> str:
-    return f"pose {problem.pose_labels[action.pose]}"
-
-
-def _next_action(frames: list[Frame], number: int, problem: SearchProblem) -> str:
-    if number + 1 == len(frames):
-        return "stopped"
-    action = frames[number + 1].step.decision.action
-    if isinstance(action, Probe):
-        return f"touch {problem.pose_labels[action.pose]}"
-    return "confirm" if isinstance(action, Confirm) else "reject"
 
 
 def _grouped(axes, comparison: Comparison, value) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
-from belief import Probe, Reject
+from belief import Confirm, Probe, Reject, SearchProblem
+from belief.problem import Action
 from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
 from planners import Episode, Step
@@ -32,6 +33,13 @@ class Frame:
     shape: int
     image: NDArray[np.uint8] | None
     posterior: NDArray[np.float64]
+
+
+def action_words(action: Action, problem: SearchProblem) -> str:
+    """An action as a reader sees it: "touch corner", "confirm" or "reject"."""
+    if isinstance(action, Probe):
+        return f"touch {problem.pose_labels[action.pose]}"
+    return "confirm" if isinstance(action, Confirm) else "reject"
 
 
 def replay(setting: Setting, episode: Episode) -> list[Frame]:

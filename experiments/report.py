@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from activetouch.atomic import atomic_path
-from belief import Confirm, Probe, SearchProblem
+from belief import SearchProblem
 from experiments.episodes import Setting
 from experiments.figures import success_figure, time_figure, touches_figure
-from experiments.replay import Frame, replay
+from experiments.replay import Frame, action_words, replay
 from experiments.results import RunFolder
 from experiments.summary import Comparison
 from planners import Episode, Outcome
@@ -41,7 +41,6 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         figures=[success_figure(comparison), touches_figure(comparison), time_figure(comparison)],
         stories=[_story(setting, name, episode) for name, episode in _choose(comparison)],
         run=RunFolder(folder).read_run(),
-        labels=comparison.problem.shape_labels,
         seed=seed,
     )
     path = folder / "report.html"
@@ -98,16 +97,11 @@ def _story(setting: Setting, decider: str, episode: Episode) -> Story:
 
 
 def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> Panel:
-    action = frame.step.decision.action
-    if isinstance(action, Probe):
-        what = f"touch, pose {problem.pose_labels[action.pose]}"
-    else:
-        what = "confirm" if isinstance(action, Confirm) else "reject"
     labels = problem.shape_labels
     bars = [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)]
     return Panel(
         heading=f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
-        action=what,
+        action=action_words(frame.step.decision.action, problem),
         picture=None if frame.image is None else _data_uri(frame.image),
         bars=bars,
         scores=[(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],

@@ -52,7 +52,7 @@ class ShardKey:
         return range(self.number * EPISODES_PER_SHARD, (self.number + 1) * EPISODES_PER_SHARD)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Seconds:
     """Time a set of episodes took, by part, and the touches it bought."""
 
@@ -61,13 +61,14 @@ class Seconds:
     decision: float = 0.0
     num_touches: int = 0
 
-    def __iadd__(self, other: Seconds) -> Seconds:
-        """Add another set's time."""
-        self.physics += other.physics
-        self.network += other.network
-        self.decision += other.decision
-        self.num_touches += other.num_touches
-        return self
+    def __add__(self, other: Seconds) -> Seconds:
+        """Time of both sets together."""
+        return Seconds(
+            self.physics + other.physics,
+            self.network + other.network,
+            self.decision + other.decision,
+            self.num_touches + other.num_touches,
+        )
 
     def ms_per_touch(self) -> dict[str, float]:
         """Milliseconds by part; zero without touches."""

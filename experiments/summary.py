@@ -133,10 +133,9 @@ def compare_episodes(
     """All numbers of a comparison."""
     cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
     by_decider: dict[str, list[Episode]] = {}
-    time_by_decider: dict[str, Seconds] = {}
-    for (decider, target), some in episodes.items():
+    for (decider, _), some in episodes.items():
         by_decider.setdefault(decider, []).extend(some)
-        time_by_decider.setdefault(decider, Seconds()).__iadd__(seconds[decider, target])
     for decider, some in by_decider.items():
-        cells[decider, "all"] = summarise(some, time_by_decider[decider], problem)
+        spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
+        cells[decider, "all"] = summarise(some, spent, problem)
     return Comparison(problem, episodes, cells, differences(by_decider, reference, rng), ceiling, reference)

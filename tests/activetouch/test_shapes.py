@@ -36,30 +36,29 @@ def mujoco_distance(shape, origins, direction):
     return np.array([d if d >= 0 else np.inf for d in distances])
 
 
-@pytest.mark.mujoco
-@pytest.mark.parametrize("name", ["sphere", "cube", "cylinder"])
-def test_primitives_agree_with_mujocos_rays_to_a_micrometre(name, rng):
-    shape = SHAPES[name]
-    for _ in range(10):
-        origins, direction = random_rays(rng, 0.06)
-        ours, theirs = shape.entry_distance(origins, direction), mujoco_distance(shape, origins, direction)
-        hit = np.isfinite(ours) & np.isfinite(theirs)
-        assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < 0.005  # grazing rays only
-        np.testing.assert_allclose(ours[hit], theirs[hit], atol=1e-6)
-
-
-@pytest.mark.mujoco
-def test_the_round_cone_agrees_with_its_polygonal_mesh_up_to_the_facets(rng):
-    shape = Cone(0.018, 0.036, num_facets=512)
+def errors_against_mujoco(shape, rng, most_missed):
+    """Differences on rays both hit; rays only one of them hits may only be grazing ones, at most this share."""
     errors = []
     for _ in range(10):
         origins, direction = random_rays(rng, 0.06)
         ours, theirs = shape.entry_distance(origins, direction), mujoco_distance(shape, origins, direction)
         hit = np.isfinite(ours) & np.isfinite(theirs)
-        assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < 0.02
+        assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < most_missed
         errors.append(np.abs(ours[hit] - theirs[hit]))
-    assert np.quantile(np.concatenate(errors), 0.99) < 2e-5
-    assert np.concatenate(errors).max() < 7e-4  # at the rim
+    return np.concatenate(errors)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("name", ["sphere", "cube", "cylinder"])
+def test_primitives_agree_with_mujocos_rays_to_a_micrometre(name, rng):
+    assert errors_against_mujoco(SHAPES[name], rng, most_missed=0.005).max() < 1e-6
+
+
+@pytest.mark.mujoco
+def test_the_round_cone_agrees_with_its_polygonal_mesh_up_to_the_facets(rng):
+    errors = errors_against_mujoco(Cone(0.018, 0.036, num_facets=512), rng, most_missed=0.02)
+    assert np.quantile(errors, 0.99) < 2e-5
+    assert errors.max() < 7e-4  # at the rim
 
 
 @every_shape
