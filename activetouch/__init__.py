@@ -5,7 +5,8 @@ Importing this package loads neither MuJoCo nor torch; what needs them loads the
 
 from activetouch.poses import POSES
 from activetouch.scene import Dynamic, Quasistatic, Scene
+from activetouch.scenes import SCENES
 from activetouch.shapes import SHAPES
 from activetouch.world import TactileSensor, TouchWorld
 
-__all__ = ["POSES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld"]
+__all__ = ["POSES", "SCENES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld"]

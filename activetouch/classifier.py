@@ -49,8 +49,9 @@ class ClassifierCard:
 
     Attributes:
         backbone: a key of :data:`BACKBONES`.
-        input_size: edge the image is averaged down to before the network sees it [pixels].
+        input_size: edge the image is averaged down, or repeated up, to before the network sees it [pixels].
         shape_labels, pose_labels: of the scene it was trained on.
+        channels: of the images: 1, or 3 in colour.
         images: description of the scene the training images came from.
         mujoco_version: MuJoCo that pressed them.
         training: summary of how training went (epochs, images, losses).
@@ -60,32 +61,41 @@ class ClassifierCard:
     input_size: int
     shape_labels: tuple[str, ...]
     pose_labels: tuple[str, ...]
+    channels: int = 1
     images: str = ""
     mujoco_version: str = ""
     training: str = ""
 
 
 class TouchNetwork(nn.Module):
-    """ConvNeXt on one-channel pressure images, with a linear head over the shapes."""
+    """ConvNeXt on tactile images, grey or in colour, with a linear head over the shapes."""
 
-    def __init__(self, backbone: Backbone, num_shapes: int, input_size: int) -> None:
+    def __init__(self, backbone: Backbone, num_shapes: int, input_size: int, channels: int = 1) -> None:
         from transformers import ConvNextConfig, ConvNextModel  # slow to import, so only here
 
         super().__init__()
-        self.input_size = input_size
+        self.input_size, self.channels = input_size, channels
         self.backbone = ConvNextModel(
-            ConvNextConfig(num_channels=1, depths=list(backbone.depths), hidden_sizes=list(backbone.widths))
+            ConvNextConfig(num_channels=channels, depths=list(backbone.depths), hidden_sizes=list(backbone.widths))
         )
         self.head = nn.Linear(backbone.widths[-1], num_shapes)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits ``(B, K)`` and features ``(B, D)`` of uint8 images ``(B, H, W)``."""
-        pixels = images.unsqueeze(1).float() / 255.0
-        shrink, rest = divmod(pixels.shape[-1], self.input_size)
-        if rest or not shrink:
-            raise ValueError(f"input_size {self.input_size} does not divide the images' {pixels.shape[-1]} pixels")
-        if shrink > 1:
-            pixels = nn.functional.avg_pool2d(pixels, shrink)
+        """Logits ``(B, K)`` and features ``(B, D)`` of uint8 images ``(B, H, W)`` or ``(B, H, W, channels)``."""
+        if images.ndim == 3:
+            images = images.unsqueeze(-1)
+        if images.shape[-1] != self.channels:
+            raise ValueError(f"the network reads images of {self.channels} channels, got {images.shape[-1]}")
+        pixels = images.permute(0, 3, 1, 2).float() / 255.0
+        found, wanted = pixels.shape[-1], self.input_size
+        if found % wanted == 0:
+            pixels = nn.functional.avg_pool2d(pixels, found // wanted) if found > wanted else pixels
+        elif wanted % found == 0:
+            pixels = nn.functional.interpolate(pixels, scale_factor=wanted // found, mode="nearest")
+        else:
+            raise ValueError(
+                f"input_size {wanted} is no multiple of the images' {found} pixels, nor the other way round"
+            )
         pixels = ((pixels - _PIXEL_MEAN) / _PIXEL_STD).contiguous(memory_format=torch.channels_last)
         features = self.backbone(pixels).pooler_output
         return self.head(features), features
@@ -105,9 +115,11 @@ class TouchClassifier:
 
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[NDArray, NDArray]:
-        """Logits ``(N, K)`` float64 and features ``(N, D)`` float32 of images ``(N, H, W)`` uint8."""
-        if images.ndim != 3 or images.dtype != np.uint8:
-            raise ValueError(f"images must be uint8 of shape (N, H, W), got {images.dtype} {images.shape}")
+        """Logits ``(N, K)`` float64 and features ``(N, D)`` float32 of images uint8, ``(N, H, W)`` or ``(N, H, W, 3)``."""
+        if images.ndim not in (3, 4) or images.dtype != np.uint8:
+            raise ValueError(
+                f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}"
+            )
         parts = [
             self.network(torch.from_numpy(images[first : first + batch_size]))
             for first in range(0, len(images), batch_size)
@@ -144,7 +156,7 @@ class TouchClassifier:
             for name in ("shape_labels", "pose_labels"):
                 fields[name] = tuple(fields[name])
             card = ClassifierCard(**fields)
-            network = TouchNetwork(BACKBONES[card.backbone], len(card.shape_labels), card.input_size)
+            network = TouchNetwork(BACKBONES[card.backbone], len(card.shape_labels), card.input_size, card.channels)
             network.load_state_dict(tensors)
         except (KeyError, TypeError, ValueError, RuntimeError) as error:
             raise CorruptFile(f"{path} does not describe a classifier: {error}") from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
+from activetouch.trace import Trace
 
 Floats = NDArray[np.float64]
 
@@ -24,26 +24,52 @@ class Contact:
         gap: distance of the object's surface behind its first point of contact, for every taxel, ≥ 0, ``inf``
             beside the object [m], ``(num_taxels, num_taxels)``.
         force: normal force in the pause [N]; 0 for an object that missed the pad.
+        indentation: how far each taxel's surface is pushed in, ≥ 0 [m], ``(num_taxels, num_taxels)``.
+        pressure: on every taxel [Pa], ``(num_taxels, num_taxels)``; its integral is ``force`` unless the layer
+            bottomed out.
+        trace: of the press, step by step, where it was asked for.
     """
 
     pad: Pad
     gap: Floats
     force: float
+    indentation: Floats
+    pressure: Floats
+    trace: Trace | None = None
 
-    @cached_property
+    @property
     def depth(self) -> float:
         """Indentation of the deepest taxel [m]."""
-        return self.pad.indentation(self.gap, self.force)
+        return float(self.indentation.max())
 
     @property
     def is_bottomed_out(self) -> bool:
         """Whether the layer reached its limit before it carried the force, as under a sharp tip."""
-        return self.depth == self.pad.max_depth
+        return self.depth >= self.pad.max_depth
 
     @property
-    def pressure(self) -> Floats:
-        """Pressure on every taxel [Pa]; its integral is ``force`` unless the layer bottomed out."""
-        return self.pad.stiffness * np.maximum(self.depth - self.gap, 0.0)
+    def centre_of_pressure(self) -> Floats:
+        """Where the force acts, along y and z from the pad's centre [m], ``(2,)``; 0 without pressure."""
+        total = self.pressure.sum()
+        if total == 0.0:
+            return np.zeros(2)
+        return (self.pad.taxel_centres[1:] @ self.pressure.ravel()) / total
+
+
+def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0, trace: Trace | None = None) -> Contact:
+    """The contact of a rigid surface with the pad's elastic foundation under a given force (decision 0003).
+
+    Args:
+        pad: the pad.
+        gap: from :func:`surface_gap`.
+        force: normal force [N]; ignored where no taxel is below the object.
+        stiffness: of layer and object skin together, relative to the pad's.
+        trace: of the press.
+    """
+    force = force if np.isfinite(gap).any() else 0.0
+    depth = pad.indentation(gap, force / stiffness)
+    indentation = np.maximum(depth - gap, 0.0)
+    return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
 
 
 def surface_gap(pad: Pad, placement: Placement) -> Floats:
@@ -53,11 +79,16 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
         ``(num_taxels, num_taxels)``, smallest value 0, ``inf`` where no surface lies above the taxel; all ``inf`` when
         the object misses the pad.
     """
+    return first_touch(pad, placement)[0]
+
+
+def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
+    """:func:`surface_gap`, and how far the object's centre is in front of the pad then [m]; ``nan`` for a miss."""
     rotation = to_matrix(placement.orientation)
     clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
     centre = np.array([[clearance], [placement.offset[0]], [placement.offset[1]]])
     origins = rotation.T @ (pad.taxel_centres - centre) / placement.scale  # object frame at nominal size, (3, n)
     distance = placement.shape.entry_distance(origins, rotation[0]) * placement.scale
     first = distance.min()
-    gap = distance - first if np.isfinite(first) else distance
-    return gap.reshape(pad.num_taxels, pad.num_taxels)
+    distance = distance.reshape(pad.num_taxels, pad.num_taxels)
+    return (distance - first, clearance - first) if np.isfinite(first) else (distance, np.nan)

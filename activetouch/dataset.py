@@ -52,7 +52,7 @@ class TouchSet:
     """Touches of one split, N of them.
 
     Attributes:
-        images: ``(N, H, W)`` uint8.
+        images: ``(N, H, W)`` or ``(N, H, W, 3)`` uint8.
         shapes: shape index of the touched object, ``(N,)``.
         object_ids: which object was touched, ``(N,)``.
         poses: pose index, ``(N,)``.
@@ -109,6 +109,7 @@ def write_manifest(folder: Path, scene: Scene, plan: CollectionPlan) -> None:
         "mujoco_version": mujoco.__version__,
         "shape_labels": list(scene.shape_labels),
         "pose_labels": list(scene.pose_labels),
+        "symmetry": scene.symmetry,
         "scene": repr(scene),
     }
     path = folder / "manifest.json"

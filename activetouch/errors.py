@@ -19,3 +19,7 @@ class CorruptFile(ActiveTouchError, ValueError):
 
 class LabelMismatch(ActiveTouchError, ValueError):
     """A model was made for other shapes or poses than the scene has."""
+
+
+class MissingPackage(ActiveTouchError, ImportError):
+    """Something optional is not installed; the message says what and how to get it."""

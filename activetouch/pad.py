@@ -24,9 +24,13 @@ class Pad:
     Attributes:
         half_width: half the edge of the sensing face [m]; the paper's pad is 30 × 30 mm.
         half_thickness: half the thickness of the pad body [m].
-        num_taxels: taxels along an edge; the image is ``(num_taxels, num_taxels)``.
+        num_taxels: points along an edge at which the layer is computed; each is a taxel of the image, unless the
+            renderer reads several as one.
         stiffness: k of the elastic foundation [N/m³]; 1.5 mm under a 20 mm sphere at 2 N.
         max_depth: indentation at which the layer bottoms out, also the full scale of the image [m].
+        contact_time: time constant of MuJoCo's soft contact [s]; shorter is stiffer. It moves the object, and has no
+            part in the imprint.
+        damping_ratio: of that contact; below 1 the object bounces.
     """
 
     half_width: float = 0.015
@@ -34,6 +38,15 @@ class Pad:
     num_taxels: int = 128
     stiffness: float = 1.45e7
     max_depth: float = 0.003
+    contact_time: float = 0.04
+    damping_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.num_taxels < 1:
+            raise ValueError(f"num_taxels must be at least 1, got {self.num_taxels}")
+        lengths = (self.half_width, self.half_thickness, self.stiffness, self.max_depth, self.contact_time)
+        if not (np.isfinite(lengths).all() and min(lengths) > 0.0 and 0.0 <= self.damping_ratio < np.inf):
+            raise ValueError(f"sizes, stiffness and contact_time must be positive, damping_ratio ≥ 0; got {self}")
 
     @property
     def taxel_area(self) -> float:

@@ -1,4 +1,4 @@
-"""Where an object is when it is pressed."""
+"""Where an object is when it is pressed, and what its surface is like."""
 
 from __future__ import annotations
 
@@ -20,14 +20,24 @@ class Placement:
         scale: its size factor.
         orientation: unit quaternion, object to pad frame, ``wxyz``.
         offset: displacement of its centre from the approach axis, along y and z [m], ``(2,)``.
+        friction: sliding friction coefficient between object and pad.
+        stiffness: of the pad's layer together with the object's skin, relative to the pad's alone.
     """
 
     shape: Shape
     scale: float
     orientation: Quaternion
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    friction: float = 1.0
+    stiffness: float = 1.0
 
     @property
     def bounding_radius(self) -> float:
         """Radius of the smallest ball about its centre that holds it [m]."""
         return self.shape.bounding_radius * self.scale
+
+    def __str__(self) -> str:
+        return (
+            f"{self.shape} at scale {self.scale:.3g} in orientation {np.round(self.orientation, 4).tolist()}, "
+            f"offset {np.asarray(self.offset).tolist()} m"
+        )

@@ -42,22 +42,21 @@ def random_orientation(rng: np.random.Generator) -> Quaternion:
     return quaternion / np.linalg.norm(quaternion)
 
 
-def _turn(axis: int, degrees: float) -> Quaternion:
-    half = np.deg2rad(degrees) / 2
+def turn(axis: str, angle: float) -> Quaternion:
+    """The rotation by ``angle`` [rad] about the axis ``"x"``, ``"y"`` or ``"z"``."""
     quaternion = np.zeros(4)
-    quaternion[0], quaternion[1 + axis] = np.cos(half), np.sin(half)
+    quaternion[0], quaternion[1 + "xyz".index(axis)] = np.cos(angle / 2), np.sin(angle / 2)
     return quaternion
 
 
-_Y, _Z = 1, 2
 POSES: Mapping[str, Quaternion] = MappingProxyType(
     {
-        "front": _turn(_Z, 0.0),
-        "z45": _turn(_Z, 45.0),
-        "z90": _turn(_Z, 90.0),
-        "y45": _turn(_Y, 45.0),
-        "y90": _turn(_Y, 90.0),
-        "corner": multiply(_turn(_Y, np.rad2deg(np.arctan(np.sqrt(0.5)))), _turn(_Z, 45.0)),
+        "front": turn("z", np.deg2rad(0.0)),
+        "z45": turn("z", np.deg2rad(45.0)),
+        "z90": turn("z", np.deg2rad(90.0)),
+        "y45": turn("y", np.deg2rad(45.0)),
+        "y90": turn("y", np.deg2rad(90.0)),
+        "corner": multiply(turn("y", np.arctan(np.sqrt(0.5))), turn("z", np.deg2rad(45.0))),
     }
 )
 """The six ``mix`` poses by name; their order is the pose index and the paper's POSE_0 … POSE_5."""

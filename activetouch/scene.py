@@ -16,44 +16,73 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.contact import Contact, surface_gap
+from activetouch.contact import Contact
+from activetouch.distributions import Constant, Distribution, Uniform
+from activetouch.dynamic import Dynamic
 from activetouch.pad import Pad
 from activetouch.placement import Placement
-from activetouch.poses import POSES, Quaternion, multiply, random_orientation
-from activetouch.press import Dynamic, Press, Quasistatic
-from activetouch.rendering import Imperfection, PressureRenderer, TactileRenderer
-from activetouch.shapes import SHAPES, Shape
+from activetouch.poses import POSES, Quaternion
+from activetouch.presentation import Presentation, Tumbled
+from activetouch.press import Press, Quasistatic
+from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
+from activetouch.robot import ROBOTS, Robot
+from activetouch.shapes import SHAPES, Mesh, Shape
+from activetouch.stage import Stage
+from belief.errors import UnknownName
 
-__all__ = ["Dynamic", "Quasistatic", "Scene", "Variation", "WorldObject"]
+__all__ = ["Dynamic", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
+
+
+class Symmetry(StrEnum):
+    """Which changes of an image leave it exactly as likely, for every shape."""
+
+    NONE = "none"
+    ROTATIONS = "rotations"
+    ROTATIONS_AND_MIRROR = "rotations and mirror"
 
 
 @dataclass(frozen=True)
 class Variation:
-    """What differs from object to object and from press to press; all uniform, in the given half-ranges.
+    """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
 
     Attributes:
-        size: relative size of an object around nominal.
-        offset: of an object's centre from the approach axis, along y and z [m].
-        min_force, max_force: range of the force stop [N].
+        size: factor on an object's nominal size.
+        offset: of an object's centre from the approach axis, along y and along z [m].
+        force: at which the motion stops [N].
+        friction: coefficient between an object and the pad.
+        stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
     """
 
-    size: float = 0.10
-    offset: float = 0.002
-    min_force: float = 1.5
-    max_force: float = 3.0
+    size: Distribution = Uniform(0.9, 1.1)
+    offset: Distribution = Uniform(-0.002, 0.002)
+    force: Distribution = Uniform(1.5, 3.0)
+    friction: Distribution = Constant(1.0)
+    stiffness: Distribution = Constant(1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class WorldObject:
-    """One physical object: its shape, its size factor, and the orientation it keeps for the episode (``wxyz``)."""
+    """One physical object, as it is for a whole episode.
+
+    Attributes:
+        shape_index: what it is.
+        scale: its size factor.
+        orientation: in which it was put on its guide, ``wxyz``.
+        friction: coefficient of its surface.
+        stiffness: of its skin together with the pad's layer, relative to the layer's alone.
+    """
 
     shape_index: int
     scale: float
     orientation: Quaternion
+    friction: float = 1.0
+    stiffness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -61,22 +90,50 @@ class Scene:
     """Everything that decides what touches look like.
 
     Attributes:
-        shapes: the shapes an object may have, by label; their order is the shape index.
+        shapes: the shapes an object may have, by label; their order is the shape index. A path stands for the solid
+            in that mesh file.
         poses: the exploration poses, by label; their order is the pose index.
         pad: the tactile pad.
-        press_model: how a press comes to its force, :class:`Dynamic` or :class:`Quasistatic`.
+        press_model: how a press comes to its force (:mod:`activetouch.press`).
         renderer: from contact to ideal image.
-        imperfection: from ideal image to sensor reading.
+        faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
+        presentation: how objects lie before a pose turns them.
+        height: of the pad above the floor [m].
+        finger: whether to model the finger that carries the pad.
+        parking: whether to load all objects at once, and park those that are not pressed.
+        robot: that stands behind the pad, by name or in detail; none by default.
     """
 
-    shapes: Mapping[str, Shape] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Path] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
     renderer: TactileRenderer = field(default_factory=PressureRenderer)
-    imperfection: Imperfection = field(default_factory=Imperfection)
+    faults: tuple[Fault, ...] = (Gain(0.10), Noise(0.02))
     variation: Variation = field(default_factory=Variation)
+    presentation: Presentation = field(default_factory=Tumbled)
+    height: float = 0.0
+    finger: bool = False
+    parking: bool = False
+    robot: Robot | str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.shapes or not self.poses:
+            raise ValueError("a scene needs at least one shape and one pose")
+        object.__setattr__(self, "poses", dict(self.poses))  # plain, so that a scene can be sent to another process
+        solids = {k: Mesh.from_file(v) if isinstance(v, Path) else v for k, v in self.shapes.items()}
+        object.__setattr__(self, "shapes", solids)
+        if isinstance(self.robot, str):
+            if self.robot not in ROBOTS:
+                raise UnknownName("robot", self.robot, list(ROBOTS))
+            object.__setattr__(self, "robot", ROBOTS[self.robot])
+
+    @property
+    def stage(self) -> Stage:
+        """What a press takes place in."""
+        loaded = tuple(self.shapes.values()) if self.parking else ()
+        return Stage(self.pad, self.height, self.finger, loaded, self.robot)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -88,26 +145,41 @@ class Scene:
         """Names of the poses, in index order."""
         return tuple(self.poses)
 
+    @property
+    def symmetry(self) -> Symmetry:
+        """How its images may be turned by quarters and mirrored without becoming less likely.
+
+        Nothing may be turned where up and down differ (objects stand upright) or the sensor has a direction (coloured
+        lights, broken taxels); nothing mirrored that may not be its own mirror image, as a user's mesh.
+        """
+        if not all(part.isotropic for part in (self.presentation, self.renderer, *self.faults)):
+            return Symmetry.NONE
+        if any(isinstance(shape, Mesh) for shape in self.shapes.values()):
+            return Symmetry.ROTATIONS
+        return Symmetry.ROTATIONS_AND_MIRROR
+
     def sample_object(self, shape_index: int, rng: np.random.Generator) -> WorldObject:
-        """An object of the given shape with random size and uniformly random orientation (``tumbled``)."""
+        """An object of the given shape with random size, surface and orientation."""
         if not 0 <= shape_index < len(self.shapes):
             raise ValueError(f"shape_index must be in [0, {len(self.shapes)}), got {shape_index}")
-        scale = 1.0 + rng.uniform(-self.variation.size, self.variation.size)
-        return WorldObject(shape_index, float(scale), random_orientation(rng))
+        vary = self.variation
+        scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
+        return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
+
+    def place(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> Placement:
+        """Put an object in front of the pad, in a pose."""
+        offset = np.array([self.variation.offset.sample(rng) for _ in range(2)])
+        shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
+        shape = self.shapes[self.shape_labels[thing.shape_index]]
+        return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
 
     def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
-        """Press an object in a pose: the contact and the sensor's image of it, ``(num_taxels, num_taxels)``.
+        """Press an object in a pose: the contact, and the sensor's image of it, ``(num_taxels, num_taxels)`` or with
+        a last axis of three colours.
 
         Raises:
             UnstablePress: the simulation diverged.
         """
-        variation = self.variation
-        offset = rng.uniform(-variation.offset, variation.offset, size=2)
-        target_force = float(rng.uniform(variation.min_force, variation.max_force))
-        shape = self.shapes[self.shape_labels[thing.shape_index]]
-        orientation = multiply(self.poses[self.pose_labels[pose]], thing.orientation)
-        placement = Placement(shape, thing.scale, orientation, offset)
-        gap = surface_gap(self.pad, placement)
-        force = self.press_model.force(self.pad, placement, target_force) if np.isfinite(gap).any() else 0.0
-        contact = Contact(self.pad, gap, force)
-        return contact, self.imperfection(self.renderer(contact), rng)
+        placement = self.place(thing, pose, rng)
+        contact = self.press_model.press(self.stage, placement, self.variation.force.sample(rng))
+        return contact, read_out(self.renderer(contact), self.faults, rng)

@@ -1,8 +1,8 @@
 """Train the classifier: AdamW, cosine schedule, symmetry augmentation, a checkpoint after every epoch.
 
-The only augmentations are the eight symmetries of the square pad. They are exact: orientation is uniform over
-SO(3) and the nuisances are symmetric, so a turned or mirrored image is as likely as the original, and the four
-shapes are their own mirror images.
+The only augmentations are symmetries of the square pad, and only those that the scene has exactly
+(:class:`activetouch.scene.Symmetry`): where orientation is uniform over SO(3) and the sensor treats all directions alike, a
+turned image is as likely as the original; where every shape is its own mirror image, so is a mirrored one.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from activetouch.classifier import TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.recipe import TrainingRecipe
+from activetouch.scene import Symmetry
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,12 @@ class EpochReport:
     calibration_accuracy: float
 
 
-def _symmetries(images: Tensor, generator: torch.Generator) -> Tensor:
-    """All images of a batch under one of the square's eight symmetries, drawn at random."""
+def _augmented(images: Tensor, symmetry: Symmetry, generator: torch.Generator) -> Tensor:
+    """All images of a batch under one of the symmetries, drawn at random."""
     turns, flip = torch.randint(4, (), generator=generator), torch.rand((), generator=generator) < 0.5
-    turned = torch.rot90(images, int(turns), dims=(1, 2))
-    return turned.flip(2) if flip else turned
+    if symmetry is not Symmetry.NONE:
+        images = torch.rot90(images, int(turns), dims=(1, 2))
+    return images.flip(2) if flip and symmetry is Symmetry.ROTATIONS_AND_MIRROR else images
 
 
 def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
@@ -59,9 +61,16 @@ def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[floa
 class Trainer:
     """Trains a classifier's network epoch by epoch, resuming from its state file where there is one."""
 
-    def __init__(self, classifier: TouchClassifier, recipe: TrainingRecipe, num_images: int, state: Path) -> None:
-        self.classifier, self.recipe, self.state = classifier, recipe, state
-        self._task = json.dumps([asdict(recipe), asdict(classifier.card), num_images])
+    def __init__(
+        self,
+        classifier: TouchClassifier,
+        recipe: TrainingRecipe,
+        num_images: int,
+        state: Path,
+        symmetry: Symmetry = Symmetry.NONE,
+    ) -> None:
+        self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
+        self._task = json.dumps([asdict(recipe), asdict(classifier.card), num_images, symmetry])
         network = classifier.network
         decayed = [p for p in network.parameters() if p.ndim > 1]
         plain = [p for p in network.parameters() if p.ndim <= 1]
@@ -90,7 +99,7 @@ class Trainer:
         total = 0.0
         for first in range(0, len(order), recipe.batch_size):
             index = np.sort(order[first : first + recipe.batch_size])
-            images = _symmetries(torch.from_numpy(train.images[index]), generator)
+            images = _augmented(torch.from_numpy(train.images[index]), self.symmetry, generator)
             with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
                 logits, _ = network(images)
             loss = nn.functional.cross_entropy(logits.float(), torch.from_numpy(train.shapes[index]))

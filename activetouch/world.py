@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.scene import Scene, WorldObject
+from activetouch.scenes import SCENES
 from belief import Touch
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
@@ -104,11 +105,11 @@ class TactileSensor:
 
     @classmethod
     def shipped(cls, name: str = "gel", scene: Scene | None = None) -> TactileSensor:
-        """A sensor that comes with the package, by name, on its own scene or on another."""
+        """A sensor that comes with the package, by name, on the scene of that name or on another."""
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        return cls.load(MODELS / name, scene if scene is not None else Scene())
+        return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene)
 
     def read(self, images: NDArray[np.uint8], poses: Sequence[int]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""

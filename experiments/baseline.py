@@ -12,6 +12,8 @@ from scipy.spatial import KDTree
 
 from activetouch.dataset import TouchSet
 
+Floats = NDArray[np.float64]
+
 
 def depth_and_force_accuracy(known: TouchSet, test: TouchSet, num_neighbours: int = 51) -> float:
     """Share of test touches whose shape the nearest known touches in (force, depth) vote for.
@@ -21,11 +23,26 @@ def depth_and_force_accuracy(known: TouchSet, test: TouchSet, num_neighbours: in
         test: touches of other objects.
         num_neighbours: touches that vote.
     """
-    scale = _numbers(known).std(axis=0) + np.finfo(float).tiny
-    _, nearest = KDTree(_numbers(known) / scale).query(_numbers(test) / scale, k=min(num_neighbours, len(known.shapes)))
-    votes = np.eye(known.shapes.max() + 1)[known.shapes[nearest.reshape(len(test.shapes), -1)]].sum(axis=1)  # (n, K)
-    return float(np.mean(votes.argmax(axis=1) == test.shapes))
+    return neighbour_accuracy(_numbers(known), known.shapes, _numbers(test), test.shapes, num_neighbours)
 
 
-def _numbers(touches: TouchSet) -> NDArray[np.float64]:
+def neighbour_accuracy(
+    known: Floats, known_shapes: NDArray[np.int64], test: Floats, test_shapes: NDArray[np.int64], num_neighbours: int
+) -> float:
+    """Share of test rows whose shape the majority of the nearest known rows has, columns scaled alike.
+
+    Args:
+        known: numbers of touches whose shapes are told, ``(n, D)``.
+        known_shapes: those shapes, ``(n,)``.
+        test: numbers of other touches, ``(m, D)``.
+        test_shapes: their shapes, ``(m,)``.
+        num_neighbours: touches that vote.
+    """
+    scale = known.std(axis=0) + np.finfo(float).tiny
+    _, nearest = KDTree(known / scale).query(test / scale, k=min(num_neighbours, len(known)))
+    votes = np.eye(known_shapes.max() + 1)[known_shapes[nearest.reshape(len(test), -1)]].sum(axis=1)  # (m, K)
+    return float(np.mean(votes.argmax(axis=1) == test_shapes))
+
+
+def _numbers(touches: TouchSet) -> Floats:
     return np.column_stack([touches.forces, touches.depths])

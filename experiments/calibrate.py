@@ -24,6 +24,7 @@ from belief.selection import cross_validated_nll, group_by_object, log_posterior
 from belief.statistics import clopper_pearson_interval
 from experiments.baseline import depth_and_force_accuracy
 from experiments.parallel import progress_bar
+from experiments.scene_choice import named_scene
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -40,15 +41,18 @@ class Calibrate:
 
     For example:
 
-        activetouch calibrate --data data/gel --classifier runs/train/classifier.safetensors --out runs/sensor
+        activetouch calibrate --scene gel
+        activetouch calibrate --data data/mug --classifier runs/train-mug/classifier.safetensors --out runs/sensor-mug
     """
 
-    classifier: Path
-    """Checkpoint from ``activetouch train``."""
-    data: Path = Path("data/gel")
-    """Folder of the collection."""
-    out: Path = Path("runs/sensor")
-    """Folder of the finished sensor."""
+    scene: str = "gel"
+    """The scene it is for: decides the next three where they are not given."""
+    classifier: Path | None = None
+    """Checkpoint from ``activetouch train``; runs/train-SCENE/classifier.safetensors by default."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    out: Path | None = None
+    """Folder of the finished sensor; runs/sensor-SCENE by default."""
     seed: int = 0
     """Of the bootstrap intervals."""
 
@@ -56,11 +60,15 @@ class Calibrate:
         """Fit, write, and print the evaluation."""
         from activetouch.classifier import TouchClassifier  # loads torch
 
-        classifier = TouchClassifier.load(self.classifier)
+        named_scene(self.scene)  # or say which there are
+        data = self.data if self.data is not None else Path("data") / self.scene
+        out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
+        trained = self.classifier if self.classifier is not None else Path(f"runs/train-{self.scene}") / CLASSIFIER_FILE
+        classifier = TouchClassifier.load(trained)
         labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
-        manifest = read_manifest(self.data)
+        manifest = read_manifest(data)
         classifier.require_labels(tuple(manifest["shape_labels"]), tuple(manifest["pose_labels"]))
-        calibration = read_split(self.data, "calibration")
+        calibration = read_split(data, "calibration")
         touches = _read(classifier, calibration, "reading calibration touches")
         fit = partial(ConfusionModel.fit, shape_labels=labels, num_poses=num_poses)
         losses = {
@@ -71,7 +79,7 @@ class Calibrate:
         }
         edges = min(losses, key=losses.__getitem__)
         model = fit(touches, calibration.shapes, confidence_edges=edges)
-        test = read_split(self.data, "test")
+        test = read_split(data, "test")
         test_touches = _read(classifier, test, "reading test touches")
         evaluation = {
             "cross_validated_nll": {str(list(edges)): loss for edges, loss in losses.items()},
@@ -79,13 +87,13 @@ class Calibrate:
             "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
             **evaluate(model, test_touches, test, np.random.default_rng(self.seed)),
         }
-        classifier.save(self.out / CLASSIFIER_FILE)
-        with atomic_path(self.out / OBSERVATION_FILE) as temporary:
+        classifier.save(out / CLASSIFIER_FILE)
+        with atomic_path(out / OBSERVATION_FILE) as temporary:
             temporary.write_text(model.to_json() + "\n")
-        with atomic_path(self.out / "evaluation.json") as temporary:
+        with atomic_path(out / "evaluation.json") as temporary:
             temporary.write_text(json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, labels, model.calibration)
-        print(f"wrote {self.out}")
+        print(f"wrote {out}")
 
 
 def evaluate(

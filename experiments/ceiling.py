@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from belief import SceneBelief
+from belief import Composition, SceneBelief
 from experiments.episodes import Setting, episode_seed, load_sensor, make_world
 from planners.search import TouchRequest, touch_rng
 
@@ -33,7 +33,9 @@ def full_information_successes(setting: Setting, target: int, seed: int, numbers
             if object_index + 1 < problem.num_objects:
                 world.advance()
         here = scene.marginals()[:, target]
-        if 1.0 - here.sum() > here.max():  # shapes are distinct: what is left is the chance that it is absent
+        distinct = problem.composition is Composition.DISTINCT
+        absent = 1.0 - here.sum() if distinct else np.prod(1.0 - here)
+        if absent > here.max():
             successes += target not in world.arrangement
         else:
             successes += world.arrangement[int(np.argmax(here))] == target

@@ -5,6 +5,8 @@ For example:
     activetouch compare                                  the main job: a table and a report in runs/compare
     activetouch compare --deciders threshold --help      what can be set
     activetouch replay --target cone --number 3          a picture of one search of that run
+    activetouch touch --shape cone                       a picture of one press
+    activetouch explain --scene paper                    what a scene models, why, and what that costs
 """
 
 from __future__ import annotations
@@ -21,10 +23,25 @@ def main() -> None:
     from belief.errors import ActiveTouchError
     from experiments.calibrate import Calibrate
     from experiments.compare import Compare
+    from experiments.explain import Explain
+    from experiments.fidelity import Fidelity
     from experiments.perception import Collect, Train
     from experiments.replay import Replay
+    from experiments.touch import Gallery, Record, Touch, View
 
-    commands = {"compare": Compare, "replay": Replay, "collect": Collect, "train": Train, "calibrate": Calibrate}
+    commands = {
+        "compare": Compare,
+        "replay": Replay,
+        "explain": Explain,
+        "touch": Touch,
+        "gallery": Gallery,
+        "record": Record,
+        "view": View,
+        "fidelity": Fidelity,
+        "collect": Collect,
+        "train": Train,
+        "calibrate": Calibrate,
+    }
     command = tyro.extras.subcommand_cli_from_dict(commands, description=__doc__)
     try:
         command.run()

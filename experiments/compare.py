@@ -10,8 +10,10 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import tyro
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -44,6 +46,7 @@ class Compare:
 
         activetouch compare
         activetouch compare --deciders threshold information_gain --targets cone --episodes 1000 --out runs/cone
+        activetouch compare --scene coarse
     """
 
     deciders: tuple[str, ...] = ("information_gain", "threshold", "random_confirm")
@@ -54,12 +57,18 @@ class Compare:
     """Searches per decider and target."""
     seed: int = 0
     """Of the whole comparison."""
-    setting: Setting = field(default_factory=Setting)
+    setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
     """What the episodes have in common."""
-    out: Path = Path("runs/compare")
-    """Folder of the run."""
+    out: Path | None = None
+    """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the run is kept."""
+        scene = self.setting.choice.scene
+        return self.out if self.out is not None else Path("runs/compare" if scene == "gel" else f"runs/compare-{scene}")
 
     def run(self) -> None:
         """Play what is missing, then summarise everything."""
@@ -70,7 +79,7 @@ class Compare:
         console.print(render_table(comparison))
         for line in describe_differences(comparison):
             console.print(line)
-        report = write_report(self.out, comparison, self.setting, self.seed)
+        report = write_report(self.folder, comparison, self.setting, self.seed)
         console.print(f"report: {report}", soft_wrap=True)
 
     def play(self) -> Comparison:
@@ -83,7 +92,7 @@ class Compare:
         """
         problem, targets = self._check()
         labels = list(problem.shape_labels)
-        folder, shards = RunFolder(self.out), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
+        folder, shards = RunFolder(self.folder), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
         keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
         num_ceiling = min(self.episodes, _CEILING_EPISODES)
         warning = folder.open(self._identity(), self._arguments())
@@ -115,6 +124,11 @@ class Compare:
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
         """The search and the targets, or an error before anything is started or written."""
+        if not self.setting.sensor_folder.is_dir():
+            raise BadArgument(
+                f"{self.setting.sensor_folder} holds no sensor; make one for this scene with activetouch collect, train "
+                "and calibrate, and name its folder with --sensor"
+            )
         try:
             problem = self.setting.problem
         except ValueError as error:
@@ -133,13 +147,13 @@ class Compare:
         """What decides an episode; the sensor by content, wherever it lies."""
         digest = hashlib.sha256()
         for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
-            digest.update((self.setting.sensor / name).read_bytes())
-        setting = {name: value for name, value in asdict(self.setting).items() if name != "sensor"}
+            digest.update((self.setting.sensor_folder / name).read_bytes())
+        problem = repr(self.setting.problem)
         scene = repr(self.setting.scene)
-        return {"seed": self.seed, "setting": setting, "scene": scene, "sensor_sha256": digest.hexdigest()}
+        return {"seed": self.seed, "problem": problem, "scene": scene, "sensor_sha256": digest.hexdigest()}
 
     def _arguments(self) -> dict[str, object]:
-        return {**asdict(self), "out": str(self.out), "setting": self.setting.to_dict()}
+        return {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
 
 
 def _play_ceiling(folder: RunFolder, label: str, setting: Setting, target: int, seed: int, episodes: int) -> None:
@@ -160,7 +174,7 @@ def render_table(comparison: Comparison) -> Table:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), caption_justify="left")
     table.caption = (
         f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals. Floor (confirm at random) {comparison.floor:.2f}; ceiling (touch everything first) "
+        f"intervals. Floor (without touching) {comparison.floor:.2f}; ceiling (touch everything first) "
         f"{comparison.ceiling[0]}/{comparison.ceiling[1]}. ms/touch = physics+network+decision"
     )
     for heading in ("target", "success", "95 %", "wrong", "none", "touches", "ms/touch"):

@@ -4,59 +4,72 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
-from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
+from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.world import MODELS, TouchTime
 from belief import SearchProblem
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
+from experiments.scene_choice import SceneChoice
 from planners import Episode, make_decider, search_lockstep
 
+_TOUCHES_PER_OBJECT = 12  # until a search is cut off
 _WORLD = 2  # stream of an episode's seed that makes the objects; the search loop has its own
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What all episodes of a run have in common.
+    """What all episodes of a run have in common."""
 
-    Attributes:
-        sensor: folder of the classifier and the observation model.
-        quasistatic: press without time stepping.
-        num_objects: on the table.
-        touch_cost: λ.
-    """
-
-    sensor: Path = MODELS / "gel"
-    quasistatic: bool = False
-    num_objects: int = 4
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    sensor: Path | None = None
+    """Folder of a classifier and an observation model; those that come with the scene by default."""
+    num_objects: int | None = None
+    """Objects on the table; as many as the scene has by default."""
     touch_cost: float = 0.02
+    """λ."""
 
     def to_dict(self) -> dict[str, Any]:
         """The setting as plain values."""
-        return {**asdict(self), "sensor": str(self.sensor)}
+        sensor = None if self.sensor is None else str(self.sensor)
+        return {**asdict(self), "choice": self.choice.to_dict(), "sensor": sensor}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
         """The setting from :meth:`to_dict`."""
-        return cls(**{**fields, "sensor": Path(fields["sensor"])})
+        sensor = None if fields["sensor"] is None else Path(fields["sensor"])
+        return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
 
-    @property
+    @cached_property
     def scene(self) -> Scene:
         """The scene the episodes play in."""
-        return Scene(press_model=Quasistatic() if self.quasistatic else Dynamic())
+        return self.choice.named.scene
+
+    @property
+    def sensor_folder(self) -> Path:
+        """Where the classifier and the observation model are."""
+        return self.sensor if self.sensor is not None else MODELS / self.choice.scene
 
     @property
     def problem(self) -> SearchProblem:
         """The rules of the search."""
-        scene = self.scene
+        named = self.choice.named
+        num_objects = named.num_objects if self.num_objects is None else self.num_objects
         return SearchProblem(
-            scene.shape_labels, scene.pose_labels, num_objects=self.num_objects, touch_cost=self.touch_cost
+            self.scene.shape_labels,
+            self.scene.pose_labels,
+            num_objects=num_objects,
+            composition=named.composition,
+            touch_cost=self.touch_cost,
+            touch_limit=_TOUCHES_PER_OBJECT * num_objects,
         )
 
 
@@ -66,7 +79,7 @@ def load_sensor(setting: Setting) -> TactileSensor:
     import torch
 
     torch.set_num_threads(1)  # the processes share the cores, and sums keep their order
-    return TactileSensor.load(setting.sensor, setting.scene)
+    return TactileSensor.load(setting.sensor_folder, setting.scene)
 
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:

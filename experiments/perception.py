@@ -5,12 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import tyro
 
 from activetouch.dataset import CollectionPlan, read_manifest, read_split, record_shard, shard_path, write_manifest
 from activetouch.recipe import TrainingRecipe
-from activetouch.scene import Dynamic, Quasistatic, Scene
+from activetouch.scene import Symmetry
+from activetouch.world import CLASSIFIER_FILE
 from experiments.parallel import default_jobs, progress_bar, run_tasks
+from experiments.scene_choice import SceneChoice, named_scene
 
 
 @dataclass(frozen=True)
@@ -21,28 +25,30 @@ class Collect:
 
     For example:
 
-        activetouch collect --out data/gel --plan.train 2700
+        activetouch collect --scene gel --plan.train 2700
+        activetouch collect --meshes mug.stl --out data/mug
     """
 
-    out: Path = Path("data/gel")
-    """Folder of the collection."""
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    out: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
     plan: CollectionPlan = field(default_factory=CollectionPlan)
     """Objects per shape and split; each is touched once in every pose."""
-    quasistatic: bool = False
-    """Skip time stepping: every press gets exactly its target force."""
     jobs: int = field(default_factory=default_jobs)
     """Processes."""
 
     def run(self) -> None:
         """Record all missing shards."""
-        scene = Scene(press_model=Quasistatic() if self.quasistatic else Dynamic())
-        write_manifest(self.out, scene, self.plan)
+        scene = self.choice.named.scene
+        folder = self.out if self.out is not None else Path("data") / self.choice.scene
+        write_manifest(folder, scene, self.plan)
         tasks = [
             partial(record_shard, scene, self.plan, split, objects, path)
             for split, shard, objects in self.plan.shards(len(scene.shapes))
-            if not (path := shard_path(self.out, split, shard)).exists()
+            if not (path := shard_path(folder, split, shard)).exists()
         ]
-        for _ in run_tasks(tasks, self.jobs, f"touching objects → {self.out}"):
+        for _ in run_tasks(tasks, self.jobs, f"touching objects → {folder}"):
             pass
 
 
@@ -52,17 +58,20 @@ class Train:
 
     For example:
 
-        activetouch train --data data/gel --out runs/train --backbone atto --input-size 64
+        activetouch train --scene gel
+        activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe.epochs 5
     """
 
-    data: Path = Path("data/gel")
-    """Folder of the collection."""
-    out: Path = Path("runs/train")
-    """Folder for the checkpoint and the training state."""
+    scene: str = "gel"
+    """The scene it is for: decides the next three where they are not given."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    out: Path | None = None
+    """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
+    input_size: int | None = None
+    """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: Literal["atto", "femto", "pico", "nano", "tiny"] = "atto"
     """ConvNeXt size."""
-    input_size: int = 64
-    """Edge the images are averaged down to before the network [pixels]."""
     start_from: Path | None = None
     """Checkpoint whose weights to start from; from scratch without."""
     recipe: TrainingRecipe = field(default_factory=TrainingRecipe)
@@ -78,29 +87,35 @@ class Train:
         from activetouch.training import Trainer
 
         torch.set_num_threads(self.threads)
-        manifest = read_manifest(self.data)
-        train, calibration = read_split(self.data, "train"), read_split(self.data, "calibration")
+        named = named_scene(self.scene)
+        data = self.data if self.data is not None else Path("data") / self.scene
+        out = self.out if self.out is not None else Path(f"runs/train-{self.scene}")
+        input_size = self.input_size if self.input_size is not None else named.input_size
+        manifest = read_manifest(data)
+        train, calibration = read_split(data, "train"), read_split(data, "calibration")
         card = ClassifierCard(
             backbone=self.backbone,
-            input_size=self.input_size,
+            input_size=input_size,
             shape_labels=tuple(manifest["shape_labels"]),
             pose_labels=tuple(manifest["pose_labels"]),
+            channels=train.images.shape[3] if train.images.ndim == 4 else 1,
             images=manifest["scene"],
             mujoco_version=manifest["mujoco_version"],
             training=f"{self.recipe}, {len(train.images)} images, weights from {self.start_from or 'scratch'}",
         )
         with torch.random.fork_rng():  # torch draws initial weights from its global generator only
             torch.manual_seed(self.recipe.seed)
-            network = TouchNetwork(BACKBONES[self.backbone], len(card.shape_labels), self.input_size)
+            network = TouchNetwork(BACKBONES[self.backbone], len(card.shape_labels), input_size, card.channels)
         if self.start_from is not None:
             network.load_state_dict(TouchClassifier.load(self.start_from).network.state_dict())
-        print(f"{self.backbone} at {self.input_size} pixels: {card.training}")
+        print(f"{self.backbone} at {input_size} pixels: {card.training}")
         classifier = TouchClassifier(card, network)
-        trainer = Trainer(classifier, self.recipe, len(train.images), self.out / "state.safetensors")
+        symmetry = Symmetry(manifest["symmetry"])
+        trainer = Trainer(classifier, self.recipe, len(train.images), out / "state.safetensors", symmetry)
         with progress_bar() as progress:
             while trainer.epochs_done < self.recipe.epochs:
                 bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(train.images))
                 report = trainer.run_epoch(train, calibration, lambda n, bar=bar: progress.advance(bar, n))
                 progress.console.print(report)
-        classifier.save(self.out / "classifier.safetensors")
-        print(f"wrote {self.out / 'classifier.safetensors'}")
+        classifier.save(out / CLASSIFIER_FILE)
+        print(f"wrote {out / CLASSIFIER_FILE}")

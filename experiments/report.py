@@ -109,7 +109,7 @@ def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> Panel:
 
 
 def _data_uri(image: NDArray[np.uint8]) -> str:
-    colours = (colormaps["magma"](image)[::-1, :, :3] * 255).astype(np.uint8)
+    colours = image if image.ndim == 3 else (colormaps["magma"](image)[:, :, :3] * 255).astype(np.uint8)
     buffer = io.BytesIO()
-    Image.fromarray(colours).quantize(64).save(buffer, format="PNG", optimize=True)
+    Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()

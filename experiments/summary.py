@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import SearchProblem
+from belief import Composition, SearchProblem
 from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.results import Seconds
 from planners import Episode, Outcome
@@ -118,8 +118,14 @@ class Comparison:
 
     @property
     def floor(self) -> float:
-        """Success of confirming at random: every object is equally likely to have each of the K shapes."""
-        return 1.0 / self.problem.num_shapes
+        """Best success without touching: confirm any object, or nothing where the target is more likely absent.
+
+        Every object is equally likely to have each of the K shapes.
+        """
+        share, objects = 1.0 / self.problem.num_shapes, self.problem.num_objects
+        distinct = self.problem.composition is Composition.DISTINCT
+        absent = 1.0 - objects * share if distinct else (1.0 - share) ** objects
+        return max(share, absent)
 
 
 def compare_episodes(

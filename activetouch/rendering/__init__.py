@@ -1,10 +1,34 @@
-"""From contacts to tactile images: renderers, and the sensor's imperfections.
+"""From contacts to tactile images: renderers, and the sensor's faults.
 
-To add a renderer, write a class with the call of :class:`TactileRenderer` in a file here and name it below.
+To add a renderer, write a class with the call of :class:`TactileRenderer` in a file here and one line in
+:data:`RENDERERS`; to add a fault, write a class with the call of :class:`Fault`.
 """
 
-from activetouch.rendering.imperfection import Imperfection
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from activetouch.rendering.faults import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, read_out
+from activetouch.rendering.force_patch import ForcePatchRenderer
+from activetouch.rendering.gelsight import GelSightRenderer
 from activetouch.rendering.pressure import PressureRenderer
 from activetouch.rendering.renderer import TactileRenderer
 
-__all__ = ["Imperfection", "PressureRenderer", "TactileRenderer"]
+RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
+    {"force_patch": ForcePatchRenderer(), "pressure": PressureRenderer(), "gelsight": GelSightRenderer()}
+)
+"""Every renderer by name, as it comes."""
+
+__all__ = [
+    "RENDERERS",
+    "DeadTaxels",
+    "Fault",
+    "ForcePatchRenderer",
+    "Gain",
+    "GelSightRenderer",
+    "Hysteresis",
+    "Noise",
+    "PressureRenderer",
+    "Quantisation",
+    "TactileRenderer",
+    "read_out",
+]

@@ -1,8 +1,9 @@
-"""The geometry-resolved pressure image: what an ideal array of pressure taxels reads."""
+"""What an array of pressure taxels reads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,25 @@ from activetouch.contact import Contact
 
 @dataclass(frozen=True)
 class PressureRenderer:
-    """Pressure relative to the pad's full scale, where the layer bottoms out."""
+    """Mean pressure on every taxel, relative to the pad's full scale, where the layer bottoms out.
+
+    Attributes:
+        binning: points of the pad along an edge that one taxel covers. A coarse array feels everything that presses on
+            it, not only what lies above the taxels' centres; so it is a fine pad whose points are read together.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    binning: int = 1
 
     def __call__(self, contact: Contact) -> NDArray[np.float64]:
-        """The image ``(num_taxels, num_taxels)`` in [0, 1]; all zero for a miss."""
-        return contact.pressure / (contact.pad.stiffness * contact.pad.max_depth)
+        """The image ``(n, n)`` in [0, 1] with n = num_taxels / binning; all zero for a miss.
+
+        Raises:
+            ValueError: ``binning`` does not divide the pad's number of points.
+        """
+        pad, edge = contact.pad, self.binning
+        if pad.num_taxels % edge:
+            raise ValueError(f"binning must divide the pad's {pad.num_taxels} points an edge, got {edge}")
+        blocks = contact.pressure.reshape(pad.num_taxels // edge, edge, pad.num_taxels // edge, edge)
+        return blocks.mean(axis=(1, 3)) / (pad.stiffness * pad.max_depth)

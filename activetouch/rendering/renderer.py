@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,16 @@ from activetouch.contact import Contact
 
 
 class TactileRenderer(Protocol):
-    """Turns the physics of a press into the image an ideal sensor would read."""
+    """Turns the physics of a press into the image an ideal sensor would give.
+
+    Attributes:
+        isotropic: whether a turned or mirrored contact gives the turned or mirrored image.
+    """
+
+    isotropic: ClassVar[bool]
 
     def __call__(self, contact: Contact) -> NDArray[np.float64]:
-        """The image ``(num_taxels, num_taxels)`` in [0, 1]; all zero for a miss."""
+        """The image in [0, 1]: ``(n, n)``, or ``(n, n, 3)`` in colour; n is ``num_taxels`` unless taxels are binned.
+
+        Rows run along z, columns along y. A miss gives the image of the untouched pad.
+        """

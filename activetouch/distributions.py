@@ -1,0 +1,96 @@
+"""What is left to chance in a scene, as small frozen distributions: ``distribution.sample(rng)`` draws one number.
+
+>>> import numpy as np
+>>> Uniform(1.5, 3.0).sample(np.random.default_rng(0))
+2.455442505...
+>>> Constant(2.0).sample(np.random.default_rng(0))     # draws nothing from the generator
+2.0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+
+class Distribution(Protocol):
+    """A real random number."""
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """Draw one number."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Always the same ``value``; leaves the generator alone."""
+
+    value: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self, self.value)
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """See :class:`Distribution`."""
+        return self.value
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Anything between ``low`` and ``high`` alike."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self, self.low, self.high)
+        if self.low > self.high:
+            raise ValueError(f"low must not exceed high, got {self}")
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """See :class:`Distribution`."""
+        return float(rng.uniform(self.low, self.high))
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Anything between ``low`` and ``high``, both positive, with uniform logarithm: factors rather than differences."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _require_finite(self, self.low, self.high)
+        if not 0.0 < self.low <= self.high:
+            raise ValueError(f"0 < low ≤ high must hold, got {self}")
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """See :class:`Distribution`."""
+        return float(np.exp(rng.uniform(np.log(self.low), np.log(self.high))))
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Gaussian around ``mean``, at most ``limit`` standard deviations away from it (values beyond are drawn again)."""
+
+    mean: float
+    std: float
+    limit: float = 3.0
+
+    def __post_init__(self) -> None:
+        _require_finite(self, self.mean, self.std, self.limit)
+        if self.std < 0.0 or self.limit <= 0.0:
+            raise ValueError(f"std must be ≥ 0 and limit > 0, got {self}")
+
+    def sample(self, rng: np.random.Generator) -> float:
+        """See :class:`Distribution`."""
+        while True:
+            deviate = rng.standard_normal()
+            if abs(deviate) <= self.limit:
+                return float(self.mean + self.std * deviate)
+
+
+def _require_finite(distribution: Distribution, *values: float) -> None:
+    if not np.isfinite(values).all():
+        raise ValueError(f"a distribution needs finite numbers, got {distribution}")

@@ -1,0 +1,89 @@
+"""How objects are presented to the pad: which orientation they have when nobody has turned them yet.
+
+A presentation says two things: the orientation an object is given when it is put on its guide, and the one it shows
+when a pose is asked for. ``Tumbled`` is the default; ``Resampled`` is how the paper collected its data (paper §5.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from activetouch.poses import Quaternion, multiply, random_orientation, turn
+
+
+class Presentation(Protocol):
+    """Where orientations come from.
+
+    Attributes:
+        isotropic: whether every rotation of a shown object about the approach axis is as likely.
+    """
+
+    isotropic: ClassVar[bool]
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """Orientation of an object that is put on its guide, unit quaternion ``wxyz``."""
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """Orientation in which the pad meets it in a pose."""
+
+
+@dataclass(frozen=True)
+class Tumbled:
+    """Unknown, uniformly random, and kept for the whole episode; poses turn the object from there."""
+
+    isotropic: ClassVar[bool] = True
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return random_orientation(rng)
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return multiply(pose, rest)
+
+
+@dataclass(frozen=True)
+class Upright:
+    """Standing on its base at an unknown heading, tilted a little about a random horizontal axis.
+
+    Attributes:
+        tilt: largest angle from upright [rad]; uniform.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    tilt: float = np.deg2rad(5.0)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tilt <= np.pi:
+            raise ValueError(f"tilt must be in [0, π] rad, got {self.tilt}")
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        heading, direction, tilt = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, self.tilt)
+        lean = np.concatenate(
+            [[np.cos(tilt / 2)], np.sin(tilt / 2) * np.array([np.cos(direction), np.sin(direction), 0])]
+        )
+        return multiply(lean, turn("z", heading))
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return multiply(pose, rest)
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """A new random orientation for every touch, whatever the pose: touches of one object are then independent."""
+
+    isotropic: ClassVar[bool] = True
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return random_orientation(rng)
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return random_orientation(rng)

@@ -1,0 +1,128 @@
+"""What a real sensor adds to the ideal image, as small parts that are applied one after the other.
+
+    scene = Scene(faults=(Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(bits=4)))
+
+Every part takes an image in [0, 1], in grey or in colour, and a generator, and gives an image back. What comes out of the
+last one is saturated and converted to 8 bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.floating]
+
+
+class Fault(Protocol):
+    """One imperfection of a sensor.
+
+    Attributes:
+        isotropic: whether it treats a turned or mirrored image as it treats the original.
+    """
+
+    isotropic: ClassVar[bool]
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """The image as this sensor gives it, of the same shape; values may leave [0, 1]."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """An uncertain amplification, drawn anew for every touch: at most ``half_range`` off, relative."""
+
+    isotropic: ClassVar[bool] = True
+
+    half_range: float
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        return (1.0 + rng.uniform(-self.half_range, self.half_range)) * image
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Independent Gaussian noise on every taxel, ``std`` relative to full scale."""
+
+    isotropic: ClassVar[bool] = True
+
+    std: float
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        return image + self.std * rng.standard_normal(image.shape, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class DeadTaxels:
+    """Taxels that always read zero: the same ones in every touch, because they are broken.
+
+    Attributes:
+        share: of all taxels, rounded to a whole number of them.
+        seed: which specimen of the sensor; decides which taxels.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    share: float
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share <= 1.0:
+            raise ValueError(f"share must be in [0, 1], got {self.share}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        num_taxels = image.shape[0] * image.shape[1]
+        order = np.random.default_rng(self.seed).permutation(num_taxels)
+        dead = np.zeros(num_taxels, bool)
+        dead[order[: round(self.share * num_taxels)]] = True
+        faulty = image.copy()
+        faulty[dead.reshape(image.shape[:2])] = 0.0
+        return faulty
+
+
+@dataclass(frozen=True)
+class Quantisation:
+    """A converter with ``bits`` bits; the final 8 of every image are added without asking."""
+
+    isotropic: ClassVar[bool] = True
+
+    bits: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.bits <= 16:
+            raise ValueError(f"bits must be in [1, 16], got {self.bits}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        levels = 2**self.bits - 1
+        return np.rint(levels * np.clip(image, 0.0, 1.0)) / levels
+
+
+@dataclass(frozen=True)
+class Hysteresis:
+    """Backlash: a taxel follows a change only after it has exceeded ``width`` (relative to full scale).
+
+    This is the play operator, started from a released pad: every press loads the taxels from zero, so what is loaded
+    reads ``width`` too little and light pressure goes unnoticed (Visintin, *Differential Models of Hysteresis*, §III.2).
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    width: float
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        return np.maximum(image - self.width, 0.0)
+
+
+def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """The sensor's reading of an image: all faults in turn, then saturation and 8 bits."""
+    for fault in faults:
+        image = fault(image, rng)
+    return np.rint(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)

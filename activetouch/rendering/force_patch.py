@@ -1,0 +1,88 @@
+"""The paper's tactile image: a force vector drawn as a patch (paper §5.5).
+
+All it knows of the contact is one force vector and one contact point at a time: a disc at the point, its radius
+proportional to the force, one for every reading of a short window, summed, smoothed, normalised and coloured. The paper
+does not give the numbers; these are ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from activetouch.contact import Contact
+from activetouch.pad import Pad
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ForcePatchRenderer:
+    """Discs at the contact point, Gaussian-smoothed, normalised to their own maximum, in a perceptual colormap.
+
+    Attributes:
+        window: readings drawn into one image: those of the last so many seconds [s].
+        radius_per_newton: of a disc [m/N].
+        smoothing: standard deviation of the Gaussian, relative to the pad's edge.
+        colormap: name of a matplotlib colormap.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    window: float = 0.05
+    radius_per_newton: float = 0.0015
+    smoothing: float = 0.015
+    colormap: str = "viridis"
+
+    def __call__(self, contact: Contact) -> Floats:
+        """The image ``(num_taxels, num_taxels, 3)`` of the window that ends with the pause."""
+        if contact.trace is None:  # nothing moved: one reading, normal to the pad
+            return self._draw(contact.pad, np.array([contact.force]), contact.centre_of_pressure[None])
+        return self._window(contact, contact.trace.end_of_pause)
+
+    def windows(self, contact: Contact, stride: float) -> Iterator[Floats]:
+        """Images of a window that slides over the whole press, ``stride`` [s] apart (paper §5.6).
+
+        Raises:
+            ValueError: the contact has no trace.
+        """
+        if contact.trace is None:
+            raise ValueError("there is no trace to slide over; press with a fidelity that records one (GuardedMove)")
+        touched = np.flatnonzero(contact.trace.force.any(axis=1))
+        if touched.size:
+            step = np.diff(contact.trace.time[:2]).item()
+            for end in range(touched[0] + 1, touched[-1] + 2, max(1, round(stride / step))):
+                yield self._window(contact, end)
+
+    def _window(self, contact: Contact, end: int) -> Floats:
+        trace = contact.trace
+        assert trace is not None, "callers look first"
+        rows = trace.select(slice(0, end))
+        recent = rows.time > (rows.time[-1] - self.window if end else 0.0)
+        return self._draw(contact.pad, np.linalg.norm(rows.force[recent], axis=1), rows.point[recent])
+
+    def _draw(self, pad: Pad, magnitudes: Floats, points: Floats) -> Floats:
+        magnitudes, points = magnitudes[magnitudes > 0.0], points[magnitudes > 0.0]
+        edge = pad.taxel_centres[2].reshape(pad.num_taxels, -1)[:, 0]  # the same along rows and columns
+        squares = (edge - points[:, :, None]) ** 2  # (readings, 2, n): along y, along z
+        distance = squares[:, 1, :, None] + squares[:, 0, None, :]
+        # At least a taxel wide, or a small force on a coarse pad would leave nothing.
+        radii = np.maximum(self.radius_per_newton * magnitudes, pad.half_width / pad.num_taxels * np.sqrt(2.0))
+        intensity = magnitudes @ (distance <= radii[:, None, None] ** 2).reshape(len(magnitudes), -1)
+        image = gaussian_filter(intensity.reshape(pad.num_taxels, -1), self.smoothing * pad.num_taxels)
+        brightest = image.max()
+        return _colours(self.colormap)[np.rint(255 * (image / brightest if brightest > 0.0 else image)).astype(int)]
+
+
+@lru_cache(maxsize=8)
+def _colours(name: str) -> Floats:
+    """A colormap as a table ``(256, 3)``."""
+    import matplotlib  # slow to import, so only here
+
+    return np.asarray(matplotlib.colormaps[name](np.arange(256))[:, :3])

@@ -1,0 +1,53 @@
+"""What a camera behind an elastic, reflecting membrane sees under three coloured lights (Yuan et al. 2017).
+
+The membrane follows the indented surface but cannot fold as sharply, so the indentation is smoothed. Its slope decides
+how much of each light it sends to the camera (Lambert's law): red, green and blue come from three sides, and an untouched
+pad is evenly grey.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from activetouch.contact import Contact
+
+_AZIMUTHS = np.deg2rad([90.0, 210.0, 330.0])  # of the red, green and blue light
+
+
+@dataclass(frozen=True)
+class GelSightRenderer:
+    """Shading of the smoothed indentation.
+
+    Attributes:
+        smoothing: standard deviation of the membrane's smoothing [m].
+        elevation: of the lights above the membrane [rad]; lower lights show slopes more strongly.
+        brightness: of the untouched pad, in [0, 1].
+    """
+
+    isotropic: ClassVar[bool] = False  # each colour of light comes from one side
+
+    smoothing: float = 0.0003
+    elevation: float = np.deg2rad(45.0)
+    brightness: float = 0.45
+
+    def __call__(self, contact: Contact) -> NDArray[np.float64]:
+        """The image ``(num_taxels, num_taxels, 3)``.
+
+        Raises:
+            ValueError: a pad of a single taxel, which has no slope.
+        """
+        pad = contact.pad
+        if pad.num_taxels < 2:
+            raise ValueError("a GelSight image needs slopes, so a pad of at least 2 × 2 taxels")
+        spacing = 2 * pad.half_width / pad.num_taxels
+        surface = -gaussian_filter(contact.indentation, self.smoothing / spacing)
+        along_z, along_y = np.gradient(surface, spacing)
+        normal = np.stack([-along_y, -along_z, np.ones_like(surface)]) / np.sqrt(1 + along_y**2 + along_z**2)
+        lights = np.stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS), np.full(3, np.tan(self.elevation))])
+        shading = np.einsum("ixy,ic->xyc", normal, lights) / np.tan(self.elevation)  # 1 where it is flat
+        return np.clip(self.brightness * shading, 0.0, 1.0)

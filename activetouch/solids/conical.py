@@ -1,0 +1,109 @@
+"""Solids of revolution with straight sides: cylinder, frustum, cone. The other two are special frusta."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from activetouch.solids.solid import Floats, Geom, ahead, quadratic_roots, ring
+
+_SLACK = 1.0 + 1e-12  # a ray through the rim must not slip between side and cap
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """Truncated circular cone about its z axis, origin at half height.
+
+    Attributes:
+        bottom_radius: radius at the bottom [m].
+        top_radius: radius at the top, smaller or larger [m].
+        height: from bottom to top [m].
+        num_facets: sides of the prismoid MuJoCo collides with: it has no frustum.
+    """
+
+    bottom_radius: float
+    top_radius: float
+    height: float
+    num_facets: int = 64
+
+    @property
+    def bounding_radius(self) -> float:
+        """See :class:`Shape`."""
+        return float(np.hypot(max(self.bottom_radius, self.top_radius), self.height / 2))
+
+    @property
+    def geom(self) -> Geom:
+        """See :class:`Shape`."""
+        bottom = ring(self.bottom_radius, -self.height / 2, self.num_facets)
+        top = ring(self.top_radius, self.height / 2, self.num_facets)
+        return Geom("mesh", vertices=np.vstack([bottom, top]))
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        (x, y, z), (dx, dy, dz) = origins, direction
+        half_height = self.height / 2
+        slope = (self.bottom_radius - self.top_radius) / self.height
+        radius = (self.bottom_radius + self.top_radius) / 2 - slope * z  # of the cone at the rays' starts
+        entry = np.full(len(x), np.inf)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for t in quadratic_roots(
+                dx * dx + dy * dy - (slope * dz) ** 2,
+                x * dx + y * dy + slope * radius * dz,
+                x * x + y * y - radius * radius,
+            ):
+                # The height limit also discards the mirror cone beyond the apex.
+                on_side = np.abs(z + t * dz) <= half_height * _SLACK
+                np.minimum(entry, t, out=entry, where=on_side)
+            if dz != 0.0:  # the cap that faces the ray
+                cap, rim = (-half_height, self.bottom_radius) if dz > 0.0 else (half_height, self.top_radius)
+                t = (cap - z) / dz
+                on_cap = (x + t * dx) ** 2 + (y + t * dy) ** 2 <= (rim * _SLACK) ** 2
+                np.minimum(entry, t, out=entry, where=on_cap)
+        return ahead(entry)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Circular cylinder about its z axis: ``radius`` and ``half_length`` [m]."""
+
+    radius: float
+    half_length: float
+
+    @property
+    def bounding_radius(self) -> float:
+        """See :class:`Shape`."""
+        return float(np.hypot(self.radius, self.half_length))
+
+    @property
+    def geom(self) -> Geom:
+        """See :class:`Shape`."""
+        return Geom("cylinder", (self.radius, self.half_length, 0.0))
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        return Frustum(self.radius, self.radius, 2 * self.half_length).entry_distance(origins, direction)
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Circular cone about its z axis, origin at half height: base ``radius`` at the bottom, ``height`` [m]."""
+
+    radius: float
+    height: float
+    num_facets: int = 64
+
+    @property
+    def bounding_radius(self) -> float:
+        """See :class:`Shape`."""
+        return float(np.hypot(self.radius, self.height / 2))
+
+    @property
+    def geom(self) -> Geom:
+        """A convex pyramid of ``num_facets`` sides: MuJoCo has no cone. See :class:`Shape`."""
+        base = ring(self.radius, -self.height / 2, self.num_facets)
+        return Geom("mesh", vertices=np.vstack([base, [0.0, 0.0, self.height / 2]]))
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        return Frustum(self.radius, 0.0, self.height).entry_distance(origins, direction)

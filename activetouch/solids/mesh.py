@@ -1,0 +1,168 @@
+"""Any closed triangle mesh as a shape, convex or not: how users bring their own objects."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.solids.raycast import first_entry
+from activetouch.solids.solid import Floats, Geom
+from belief.errors import ActiveTouchError
+
+Ints = NDArray[np.intp]
+
+_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of what a fingertip-sized pad can feel [m]
+_TYPICAL_RADIUS = 0.005  # from here on a guess at the unit is worth telling [m]
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
+
+
+class BadMesh(ActiveTouchError, ValueError):
+    """A mesh is no solid object of a size that can be felt; the message says why and what to do."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh:
+    """A solid in one piece bounded by triangles, convex or not.
+
+    Meshes are equal when their triangles are, to the nanometre, whatever their names. MuJoCo collides with the convex
+    hull, the touch image is that of the true surface. Whether the surface cuts through itself is not checked; rays
+    then stop where they first enter any part.
+
+    Attributes:
+        name: what to call it, the file's name for example.
+        vertices: ``(v, 3)`` [m]; those that no triangle uses are dropped.
+        faces: corners of the triangles as indices of vertices, counter-clockwise from outside, ``(f, 3)``.
+
+    Raises:
+        BadMesh: there is no triangle, a vertex is not finite, the surface is open, inside out or in several pieces, or
+            the size is absurd.
+    """
+
+    name: str
+    vertices: Floats
+    faces: Ints
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
+        faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
+        if len(faces) == 0:
+            raise BadMesh(f"{self.name}: there are no triangles in it")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise BadMesh(f"{self.name}: a triangle names a vertex that is not among the {len(vertices)} there are")
+        used, renamed = np.unique(faces, return_inverse=True)
+        object.__setattr__(self, "vertices", vertices[used])
+        object.__setattr__(self, "faces", renamed.reshape(-1, 3))
+        if problem := self._surface_problem() or self._size_problem():
+            raise BadMesh(f"{self.name}: {problem}")
+
+    @classmethod
+    def from_file(cls, path: Path | str, scale: float = 1.0) -> Mesh:
+        """The mesh in an STL, OBJ, PLY or OFF file, moved so that its centre of mass is the origin.
+
+        Corners closer than 10 nm are joined, and triangles that face the wrong way are turned round.
+
+        Args:
+            path: the file. Nothing in it is executed, and no other file that it names is opened.
+            scale: metres per unit of the file; 0.001 for a file in millimetres.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            BadMesh: the file cannot be read, or what is in it is no solid object.
+            ValueError: the scale is not a positive number.
+        """
+        from activetouch.solids.mesh_file import read_surface
+
+        if not 0.0 < scale < np.inf:
+            raise ValueError(f"scale must be positive and finite, got {scale}")
+        return cls(Path(path).name, *read_surface(Path(path), scale))
+
+    @cached_property
+    def bounding_radius(self) -> float:
+        """See :class:`Shape`."""
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
+    @cached_property
+    def geom(self) -> Geom:
+        """The corners of the convex hull. See :class:`Shape`."""
+        from scipy.spatial import ConvexHull  # costs as much to import as everything else here
+
+        return Geom("mesh", vertices=self.vertices[ConvexHull(self.vertices).vertices])
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        return first_entry(self.vertices, self.faces, origins, direction)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the triangles, with vertices to the nanometre, which no rounding of another machine changes."""
+        content = np.round(self.vertices * 1e9).astype("<i8").tobytes(), self.faces.astype("<i8").tobytes()
+        return hashlib.sha256(b"".join(content)).hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return self.digest == other.digest if isinstance(other, Mesh) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
+
+    def _surface_problem(self) -> str | None:
+        """What keeps the triangles from bounding one solid."""
+        if not np.isfinite(self.vertices).all():
+            return "some vertices are not finite numbers"
+        directed, sharing = edges(self.faces)
+        if (sharing != 2).any():
+            return (
+                f"it is not closed: {(sharing == 1).sum()} open edges, {(sharing > 2).sum()} shared by more than two "
+                "triangles. Fill its holes, or make it solid, in the program it comes from"
+            )
+        if len(np.unique(directed)) < len(directed):
+            return "its triangles disagree about which side is outside"
+        if (num_pieces := self._num_pieces()) > 1:
+            return f"it consists of {num_pieces} separate surfaces; join them into one solid and fill its cavities"
+        if tetrahedra(self.vertices, self.faces).sum() <= 0.0:
+            return "it encloses no volume, or is inside out"
+        return None
+
+    def _num_pieces(self) -> int:
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
+        size = len(self.vertices)
+        return int(connected_components(coo_array((np.ones(start.size), (start, end)), (size, size)))[0])
+
+    def _size_problem(self) -> str | None:
+        """What keeps it from being an object that can be felt, with a guess at the unit it is in."""
+        if _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
+            return None
+        guesses = [
+            f"scale={scale} if it is in {unit}"
+            for unit, scale in _UNITS.items()
+            if _TYPICAL_RADIUS <= self.bounding_radius * scale <= _MAX_RADIUS
+        ]
+        hint = f". Try Mesh.from_file(path, scale=...): {', or '.join(guesses)}" if guesses else ""
+        return (
+            f"its farthest point is {self.bounding_radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to "
+            f"{_MAX_RADIUS} m. Lengths are in metres{hint}"
+        )
+
+
+def edges(faces: Ints) -> tuple[Ints, Ints]:
+    """One number for every directed edge, ``(3 f,)``, and for each edge how many triangles share it."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    size = int(faces.max()) + 1
+    _, sharing = np.unique(np.minimum(start, end) * size + np.maximum(start, end), return_counts=True)
+    return start * size + end, sharing
+
+
+def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
+    """Signed volumes of the tetrahedra between the origin and each triangle, ``(f,)`` [m³]."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6

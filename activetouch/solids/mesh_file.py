@@ -1,0 +1,65 @@
+"""From a mesh file to the surface of a centred solid, as far as that can be had without guessing."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from activetouch.solids.mesh import BadMesh, Ints, edges, tetrahedra
+from activetouch.solids.solid import Floats
+
+_FORMATS = (".stl", ".obj", ".ply", ".off")
+_SAME_POINT = 1e-8  # [m]; STL repeats a corner in every triangle, to seven digits
+
+
+def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
+    """Vertices in metres about the centre of mass, ``(v, 3)``, and triangles that face outwards, ``(f, 3)``.
+
+    Args:
+        path: the file.
+        scale: metres per unit of the file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        BadMesh: the file is not of a known format.
+    """
+    vertices, faces = _welded(*_read(path), scale)
+    if len(faces) == 0 or not np.isfinite(vertices).all():
+        return vertices, faces
+    directed, sharing = edges(faces)
+    if (sharing == 2).all() and len(np.unique(directed)) < len(directed):
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        trimesh.repair.fix_winding(mesh)
+        faces = np.asarray(mesh.faces, dtype=np.intp)
+    vertices = vertices - vertices.mean(axis=0)  # so that a part far from its origin is weighed accurately
+    volumes = tetrahedra(vertices, faces)
+    volume = volumes.sum()
+    if volume < 0.0:
+        faces = faces[:, ::-1]
+    if volume != 0.0:
+        vertices = vertices - volumes @ vertices[faces].sum(axis=1) / (4 * volume)
+    return vertices, faces
+
+
+def _read(path: Path) -> tuple[Floats, Ints]:
+    kind = path.suffix.lower()
+    if kind not in _FORMATS:
+        raise BadMesh(f"{path.name}: meshes are read from {', '.join(_FORMATS)} files")
+    content = io.BytesIO(path.read_bytes())  # nameless, so that nothing beside it is looked for
+    try:
+        mesh = trimesh.load_mesh(content, file_type=kind[1:], process=False, skip_materials=True)
+        return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.intp)
+    except Exception as error:  # a parser fails in as many ways as a file can be broken
+        raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()} ({error})") from error
+
+
+def _welded(vertices: Floats, faces: Ints, scale: float) -> tuple[Floats, Ints]:
+    """The triangles with corners joined where they meet, in metres, without those that have shrunk to a line."""
+    vertices = vertices.reshape(-1, 3) * scale
+    _, first, same = np.unique(np.round(vertices / _SAME_POINT), axis=0, return_index=True, return_inverse=True)
+    faces = same.ravel()[faces.reshape(-1, 3)]
+    distinct = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return vertices[first], faces[distinct]

@@ -1,0 +1,146 @@
+"""Convex solids with flat faces: box, wedge, prism, pyramid, and the hull of any points."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from activetouch.solids.solid import Floats, Geom, ahead, clip, ring
+
+
+class _FlatFaced(ABC):
+    """The hull of its corners, met by rays with the slab method."""
+
+    @property
+    @abstractmethod
+    def corners(self) -> Floats:
+        """Points whose convex hull the solid is, ``(n, 3)`` [m]."""
+
+    @cached_property
+    def planes(self) -> tuple[Floats, Floats]:
+        """Unit outward normals of the faces, ``(m, 3)``, and their distances from the origin, ``(m,)`` [m]."""
+        from scipy.spatial import ConvexHull  # costs as much to import as everything else here
+
+        facets = ConvexHull(self.corners).equations  # triangles, so that most faces come in several
+        _, first = np.unique(np.round(facets, 9), axis=0, return_index=True)
+        return facets[first, :3], -facets[first, 3]
+
+    @cached_property
+    def bounding_radius(self) -> float:
+        """See :class:`Shape`."""
+        return float(np.linalg.norm(self.corners, axis=1).max())
+
+    @property
+    def geom(self) -> Geom:
+        """See :class:`Shape`."""
+        return Geom("mesh", vertices=self.corners)
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        enter = np.full(origins.shape[1], -np.inf)
+        leave = np.full(origins.shape[1], np.inf)
+        normals, offsets = self.planes
+        for normal, offset in zip(normals, offsets, strict=True):
+            clip(enter, leave, normal @ origins - offset, float(normal @ direction))
+        return ahead(np.where(enter <= leave, enter, np.inf))
+
+
+@dataclass(frozen=True)
+class Box(_FlatFaced):
+    """Cuboid with the given half-extents [m] along its own axes."""
+
+    half_extents: tuple[float, float, float]
+
+    @property
+    def corners(self) -> Floats:
+        """See :class:`Shape`."""
+        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij")).reshape(3, 8).T
+        return signs * self.half_extents
+
+    @cached_property
+    def planes(self) -> tuple[Floats, Floats]:
+        """Known without looking for a hull."""
+        return np.vstack([np.eye(3), -np.eye(3)]), np.tile(self.half_extents, 2)
+
+    @property
+    def geom(self) -> Geom:
+        """See :class:`Shape`."""
+        return Geom("box", self.half_extents)
+
+
+@dataclass(frozen=True)
+class Wedge(_FlatFaced):
+    """Right-angled triangular prism along its y axis, a ramp that falls along x; origin at the centroid.
+
+    Attributes:
+        length: of the base, along x [m].
+        height: of the upright face, along z [m].
+        half_width: half the extent along y [m].
+    """
+
+    length: float
+    height: float
+    half_width: float
+
+    @property
+    def corners(self) -> Floats:
+        """See :class:`Shape`."""
+        triangle = np.array([[-1, -1], [2, -1], [-1, 2]]) / 3 * (self.length, self.height)
+        return np.array([[x, y, z] for y in (-self.half_width, self.half_width) for x, z in triangle])
+
+
+@dataclass(frozen=True)
+class Prism(_FlatFaced):
+    """Regular prism about its z axis: ``num_sides``, ``radius`` of its edges and ``half_length`` [m]."""
+
+    num_sides: int
+    radius: float
+    half_length: float
+
+    @property
+    def corners(self) -> Floats:
+        """See :class:`Shape`."""
+        return np.vstack([ring(self.radius, z, self.num_sides) for z in (-self.half_length, self.half_length)])
+
+
+@dataclass(frozen=True)
+class Pyramid(_FlatFaced):
+    """Regular pyramid about its z axis, origin at half height: ``radius`` of its base corners, ``height`` [m]."""
+
+    num_sides: int
+    radius: float
+    height: float
+
+    @property
+    def corners(self) -> Floats:
+        """See :class:`Shape`."""
+        return np.vstack([ring(self.radius, -self.height / 2, self.num_sides), [0.0, 0.0, self.height / 2]])
+
+
+@dataclass(frozen=True)
+class ConvexPolyhedron(_FlatFaced):
+    """Convex hull of at least four ``vertices`` [m], given as a tuple of tuples; the origin must lie inside.
+
+    Raises:
+        ValueError: a vertex is not finite, the vertices span no volume, or the origin is not inside.
+    """
+
+    vertices: tuple[tuple[float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        corners = self.corners
+        if corners.shape != (len(corners), 3) or len(corners) < 4 or not np.isfinite(corners).all():
+            raise ValueError(f"vertices must be at least four finite triples, got {self.vertices}")
+        extents = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        if extents[2] < 1e-9 * extents[0]:
+            raise ValueError(f"the {len(corners)} vertices lie in one plane and enclose no volume")
+        if self.planes[1].min() <= 0.0:
+            raise ValueError("the origin must lie inside the polyhedron; subtract the vertices' mean, for example")
+
+    @property
+    def corners(self) -> Floats:
+        """See :class:`Shape`."""
+        return np.array(self.vertices, dtype=float)

@@ -1,0 +1,88 @@
+"""The time series of a press: where the object was, what the pad felt, and which phase the motion was in (paper §5.4).
+
+contact = Dynamic(traced=True).press(stage, placement, target_force=2.0)
+write_csv(Path("cone.csv"), [contact.trace])           # pandas.read_csv reads it back
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.atomic import atomic_path
+
+Floats = NDArray[np.float64]
+COLUMNS = ("cycle", "time", "x", "y", "z", "fx", "fy", "fz", "phase")
+
+
+class Phase(StrEnum):
+    """What the guide is doing (paper §5.3: forward, pause, backward, rotation; the first split at contact)."""
+
+    APPROACH = "approach"
+    CONTACT = "contact"
+    PAUSE = "pause"
+    WITHDRAW = "withdraw"
+    ROTATE = "rotate"
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One row for every step of a press, T of them.
+
+    Attributes:
+        time: since the start [s], ``(T,)``.
+        position: of the object's centre [m], ``(T, 3)``, world frame.
+        force: of the pad on the object [N], ``(T, 3)``, world frame; +x pushes it back.
+        point: where the force acts, along y and z from the pad's centre [m], ``(T, 2)``; 0 without contact.
+        phase: of the motion, ``(T,)``.
+    """
+
+    time: Floats
+    position: Floats
+    force: Floats
+    point: Floats
+    phase: Sequence[Phase]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def select(self, rows: slice) -> Trace:
+        """Some of the rows."""
+        return Trace(self.time[rows], self.position[rows], self.force[rows], self.point[rows], self.phase[rows])
+
+    @property
+    def end_of_pause(self) -> int:
+        """Row after the last one of the pause; 0 where nothing was held, as in a miss."""
+        held = [row for row, phase in enumerate(self.phase) if phase is Phase.PAUSE]
+        return held[-1] + 1 if held else 0
+
+
+def join(traces: Iterable[Trace]) -> Trace:
+    """Traces one after the other, as one time series."""
+    parts, start = [], 0.0
+    for trace in traces:
+        parts.append(replace(trace, time=trace.time + start))
+        start = parts[-1].time[-1] if len(trace) else start
+    if not parts:
+        raise ValueError("there is no trace to join")
+    columns = ("time", "position", "force", "point")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
+    return Trace(**joined, phase=[phase for part in parts for phase in part.phase])
+
+
+def write_csv(path: Path, cycles: Sequence[Trace]) -> None:
+    """One row a step, cycle after cycle, with the columns :data:`COLUMNS`; time goes on across cycles. Atomic."""
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        start = 0.0
+        for number, cycle in enumerate(cycles):
+            rows = zip(cycle.time + start, cycle.position, cycle.force, cycle.phase, strict=True)
+            writer.writerows((number, float(t), *map(float, x), *map(float, f), phase.value) for t, x, f, phase in rows)
+            start += float(cycle.time[-1]) if len(cycle) else 0.0

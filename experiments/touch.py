@@ -1,0 +1,201 @@
+"""Commands that show single presses: ``touch`` one of them, ``gallery`` all shapes, poses and renderers, ``record`` as
+the paper's CSV files, ``view`` in MuJoCo's window.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+from rich.progress import track
+
+from activetouch.atomic import atomic_path
+from activetouch.cycles import record_cycles
+from activetouch.dynamic import Dynamic
+from activetouch.errors import MissingPackage
+from activetouch.placement import Placement
+from activetouch.rendering import RENDERERS
+from activetouch.scene import Scene
+from activetouch.trace import write_csv
+from belief.errors import UnknownName
+from experiments.scene_choice import SceneChoice
+
+if TYPE_CHECKING:
+    from activetouch.contact import Contact
+
+
+def _index(kind: str, label: str, labels: tuple[str, ...]) -> int:
+    if label not in labels:
+        raise UnknownName(kind, label, list(labels))
+    return labels.index(label)
+
+
+def traced(scene: Scene) -> Scene:
+    """The scene with a force trace, where its presses can have one."""
+    if isinstance(scene.press_model, Dynamic):
+        return replace(scene, press_model=replace(scene.press_model, traced=True))
+    return scene
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Draw one press: the scene, the height map, what three sensors see, and the force over time.
+
+    For example:
+
+        activetouch touch --shape cone --pose corner --out cone.png
+        activetouch touch --scene paper --robot panda_allegro --seed 3
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    shape: str = "cylinder"
+    """What to press."""
+    pose: str = "front"
+    """In which pose."""
+    seed: int = 0
+    """Of the object's size and orientation and of the press."""
+    out: Path = Path("runs/touch.png")
+    """Picture to write; the ending decides the format."""
+
+    def run(self) -> None:
+        """Press once and draw."""
+        from activetouch.picture import GL_HINT, gl_backend, press_picture
+        from experiments.touch_figures import draw_touch
+
+        scene = traced(self.choice.named.scene)
+        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        if gl_backend() is None:
+            print(GL_HINT)
+        view = press_picture(scene.stage, placement, contact.depth)
+        title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
+            " (bottomed out)" if contact.is_bottomed_out else ""
+        )
+        with atomic_path(self.out) as temporary:
+            draw_touch(title, view, contact, temporary)
+        print(f"wrote {self.out}")
+
+
+def press_once(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
+    """The placement and the contact of a new object pressed once."""
+    rng = np.random.default_rng(seed)
+    shape_index, pose_index = _index("shape", shape, scene.shape_labels), _index("pose", pose, scene.pose_labels)
+    thing = scene.sample_object(shape_index, rng)
+    placement = scene.place(thing, pose_index, rng)
+    return placement, scene.press_model.press(scene.stage, placement, scene.variation.force.sample(rng))
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Draw every shape in every pose, as each renderer shows it.
+
+    For example:
+
+        activetouch gallery --out docs/gallery.png
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    seed: int = 4
+    """Of the objects' sizes and orientations."""
+    out: Path = Path("docs/gallery.png")
+    """Picture to write; the ending decides the format."""
+
+    def run(self) -> None:
+        """Press every shape in every pose and draw."""
+        from experiments.touch_figures import draw_gallery
+
+        scene = traced(self.choice.named.scene)
+        images = {}
+        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+            thing = scene.sample_object(shape_index, np.random.default_rng([self.seed, shape_index]))
+            for pose_index, pose in enumerate(scene.pose_labels):
+                contact, _ = scene.press(thing, pose_index, np.random.default_rng([self.seed, shape_index, pose_index]))
+                for name, renderer in RENDERERS.items():
+                    images[shape, name, pose] = renderer(contact)
+        with atomic_path(self.out) as temporary:
+            draw_gallery(images, scene.pose_labels, temporary)
+        print(f"wrote {self.out}")
+
+
+@dataclass(frozen=True)
+class Record:
+    """Press an object of each shape again and again and log every step, one CSV file an object (paper §5.4).
+
+    The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause, withdraw,
+    rotate). Only guarded moves rotate, so the scene is the paper's unless another fidelity says otherwise.
+
+    For example:
+
+        activetouch record --cycles 20 --out runs/log
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice(scene="paper"))
+    """The world."""
+    cycles: int = 10
+    """Presses of each object."""
+    seed: int = 0
+    """Of the objects and their presses."""
+    out: Path = Path("runs/log")
+    """Folder for the files."""
+
+    def run(self) -> None:
+        """Press and write."""
+        scene = self.choice.named.scene
+        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+            rng = np.random.default_rng([self.seed, shape_index])
+            cycles = record_cycles(scene, scene.sample_object(shape_index, rng), self.cycles, rng)
+            write_csv(self.out / f"{shape}.csv", cycles)
+        print(f"wrote {len(scene.shapes)} files to {self.out}")
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the scene in MuJoCo's interactive window and press an object in it (needs the extra ``viewer`` and a display).
+
+    For example:
+
+        activetouch view --scene paper --shape cone
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    shape: str = "cone"
+    """What to press."""
+    pose: str = "front"
+    """In which pose."""
+    seed: int = 0
+    """Of the object's size and orientation and of the press."""
+
+    def run(self) -> None:
+        """Open the window; it stays until it is closed."""
+        import mujoco
+
+        from activetouch.rig import Rig
+
+        try:
+            from mujoco import viewer
+        except ImportError as error:
+            raise MissingPackage(
+                f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'. It also "
+                "needs a display; without one, activetouch touch draws the scene into a file."
+            ) from error
+        scene = traced(self.choice.named.scene)
+        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        if contact.trace is None:
+            raise MissingPackage("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
+        rig = Rig(scene.stage, placement.shape, timestep=float(contact.trace.time[0]))
+        rig.place(float(contact.trace.position[0, 0]), placement)
+        with viewer.launch_passive(rig.model, rig.data) as window:
+            for position in itertools.cycle(contact.trace.position[:, 0]):
+                if not window.is_running():
+                    break
+                rig.data.qpos[0] = position
+                mujoco.mj_forward(rig.model, rig.data)
+                window.sync()
+                time.sleep(rig.model.opt.timestep)
