@@ -115,7 +115,7 @@ class TouchClassifier:
 
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[NDArray, NDArray]:
-        """Logits ``(N, K)`` float64 and features ``(N, D)`` float32 of images uint8, ``(N, H, W)`` or ``(N, H, W, 3)``."""
+        """Logits ``(N, K)`` float64, features ``(N, D)`` float32, of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
         if images.ndim not in (3, 4) or images.dtype != np.uint8:
             raise ValueError(
                 f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}"

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import convolve1d
 
 from activetouch.contact import Contact, surface_gap
 from activetouch.errors import UnstablePress
@@ -23,6 +24,7 @@ from activetouch.stage import Stage
 Floats = NDArray[np.float64]
 
 _CLEARANCE = 0.0005  # of the object at the start [m]; a corner between two taxels is a tenth of it nearer
+_SMOOTHING = (0.25, 0.5, 0.25)  # of the forces of neighbouring nodes
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Deformable:
     ``max_depth``: a block does not bottom out.
 
     Attributes:
-        nodes: of the block along an edge of its face; the time of a press grows with their square.
+        nodes: of the block along an edge of its face; the time of a press grows with their square. Odd
+            numbers put a node on the approach axis, where edges and tips touch.
         layers: of tetrahedra through the thickness.
         young: Young's modulus [Pa]; the default gives the foundation's 1.5 mm under a 20 mm sphere at 2 N.
         poisson: Poisson's ratio, in [0, 0.5); close to 0.5 linear tetrahedra lock.
@@ -45,13 +48,13 @@ class Deformable:
         patience: how long to wait for that before giving up [s].
     """
 
-    nodes: int = 24
-    layers: int = 3
-    young: float = 1.55e5
+    nodes: int = 25
+    layers: int = 4
+    young: float = 1.03e5
     poisson: float = 0.3
     damping: float = 0.005
     timestep: float = 0.002
-    admittance: float = 0.03
+    admittance: float = 0.05
     tolerance: float = 0.02
     pause: float = 0.04
     patience: float = 2.0
@@ -73,19 +76,22 @@ class Deformable:
         if not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
             return Contact(pad, gap, 0.0, blank, blank)
+        # All elastic stresses are proportional to Young's modulus: a block s times as stiff is the block under F / s.
+        stop = target_force / placement.stiffness
         rig = shared_soft_rig(self, pad, placement.shape)
-        rig.place(_touching_position(pad, placement, gap) + _CLEARANCE, placement, target_force)
+        rig.place(_touching_position(pad, placement, gap) + _CLEARANCE, placement, stop)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = round(self.pause / self.timestep), round(self.patience / self.timestep)
         while num_settled < wanted and num_steps < limit and not rig.num_warnings:
             force = rig.step()
-            num_settled = num_settled + 1 if abs(force - target_force) <= self.tolerance * target_force else 0
+            num_settled = num_settled + 1 if abs(force - stop) <= self.tolerance * stop else 0
             num_steps += 1
+        force *= placement.stiffness
         if rig.num_warnings or num_settled < wanted:
             raise UnstablePress(
                 f"pressing {placement} into a deformable pad: the force did not settle at {target_force:.3g} N (last "
                 f"{force:.3g} N, step {num_steps}, {rig.num_warnings} MuJoCo warnings). Try a smaller timestep (now "
-                f"{self.timestep} s), a larger young (now {self.young:.3g} Pa) or more patience (now {self.patience} s)."
+                f"{self.timestep} s), a larger young (now {self.young:.3g} Pa) or patience (now {self.patience} s)."
             )
         indentation = np.maximum(_on_taxels(pad, rig.indentation), 0.0)
         return Contact(pad, gap, force, indentation, _pressure(pad, rig.node_forces, force))
@@ -112,7 +118,11 @@ def _pressure(pad: Pad, node_forces: Floats, force: float) -> Floats:
     """Pressure on every taxel [Pa], of integral ``force``, from the forces on the nodes of the face.
 
     Each node's force is spread over the part of the face nearer to it than to others, half of it along the rim.
+    MuJoCo gives a tetrahedron under a flat face one contact, at an arbitrary place on it, so that neighbouring nodes
+    share their force by chance; the smoothing undoes that.
     """
+    for axis in (0, 1):
+        node_forces = convolve1d(node_forces, _SMOOTHING, axis=axis, mode="reflect")  # keeps the sum
     share = np.ones(len(node_forces))
     share[[0, -1]] = 0.5
     pressure = _on_taxels(pad, np.maximum(node_forces, 0.0) / np.outer(share, share))

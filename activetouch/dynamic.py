@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from activetouch.contact import Contact, elastic_contact, surface_gap
+from activetouch.contact import Contact, elastic_contact, first_touch
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.stage import Stage
@@ -28,8 +28,8 @@ def require_steps(timestep: float, speed: float, pause: float) -> None:
 class Dynamic:
     """The object moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing force.
 
-    The force is read once it has stayed near the stop for the whole ``pause`` (admittance control). Reaching the far
-    end of the guide without contact is a miss.
+    The force is read once it has stayed near the stop for the whole ``pause`` (admittance control). At the far end of
+    the guide it is read whatever it is: nothing after a miss, little where the object glances off the pad's rim.
 
     Attributes:
         timestep: of the simulation [s].
@@ -73,17 +73,21 @@ class Dynamic:
             near = abs(force - target_force) <= self.tolerance * target_force
             num_settled = num_settled + 1 if near else 0
             num_steps += 1
-        missed = position <= -self.travel and force == 0.0
+        at_end = position <= -self.travel  # missed, or glancing off: hold there, and read what there is to read
         if num_settled == wanted:
             rig.relabel(wanted, Phase.PAUSE)  # which steps were the pause shows only at its end
+        elif at_end and force > 0.0:
+            for _ in range(wanted):
+                force = rig.step(position, Phase.PAUSE)
+        gap, touching = first_touch(stage.pad, placement)
+        pressed_through = touching - position > 2 * stage.pad.half_thickness
         while position < withdrawn and (rig.force > 0.0 or self.traced):  # until the pad is free again
             position = min(position + self.timestep * self.speed, withdrawn)
             rig.step(position, Phase.WITHDRAW)
-        if rig.num_warnings or not (missed or num_settled == wanted):
+        if rig.num_warnings or pressed_through or not (at_end or num_settled == wanted):
             raise UnstablePress(
                 f"pressing {placement}: the force did not settle at {target_force:.3g} N (last {force:.3g} N, step "
                 f"{num_steps}, {rig.num_warnings} MuJoCo warnings). Try a smaller timestep (now {self.timestep} s) or "
                 f"speed (now {self.speed} m/s)."
             )
-        gap = surface_gap(stage.pad, placement)
-        return elastic_contact(stage.pad, gap, 0.0 if missed else force, placement.stiffness, rig.trace())
+        return elastic_contact(stage.pad, gap, force, placement.stiffness, rig.trace())

@@ -23,3 +23,11 @@ class LabelMismatch(ActiveTouchError, ValueError):
 
 class MissingPackage(ActiveTouchError, ImportError):
     """Something optional is not installed; the message says what and how to get it."""
+
+
+class MissingRobot(ActiveTouchError, FileNotFoundError):
+    """The robot's model files are not where they were looked for."""
+
+
+class BadMesh(ActiveTouchError, ValueError):
+    """A mesh is no solid object of a size that can be felt; the message says why and what to do."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from activetouch.deformable import Deformable
 from activetouch.dynamic import Dynamic
 from activetouch.guarded_move import GuardedMove
@@ -27,16 +29,17 @@ class Entry:
 
 def inventory(scene: Scene) -> list[Entry]:
     """What is modelled for one press of the scene; kinds it has none of are left out."""
-    pad = scene.pad
+    pad, faults = scene.pad, [type(fault).__name__ for fault in scene.faults]
+    spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
     entries = [
         Entry(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
         Entry(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
         Entry(
             pad.num_taxels**2,
             "points of the pad",
-            f"one ray each, {1e3 * 2 * pad.half_width / pad.num_taxels:.2f} mm apart",
+            f"one ray each, {spacing:.2f} mm apart",
         ),
-        Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(type(f).__name__ for f in scene.faults)),
+        Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
     press = scene.press_model
     if isinstance(press, Dynamic | GuardedMove):
@@ -53,26 +56,27 @@ def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
     stage = scene.stage
     model = build_spec(stage, next(iter(scene.shapes.values())), press.timestep, traced).compile()
     names = [model.geom(index).name for index in range(model.ngeom)]
-    robot = sum(model.body(index).name.startswith("robot_") for index in range(model.nbody))
-    meeting = sum(
-        bool(model.geom_contype[index] or model.geom_conaffinity[index])
-        for index in range(model.ngeom)
-        if model.body(model.geom_bodyid[index]).name.startswith("robot_")
-    )
+    robot = np.array([name.startswith("robot_") for name in names])
+    meeting = np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0))
     return [
         Entry(2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"),
-        Entry(model.njnt, "joint", "the guide slides along x"),
-        Entry(model.nu, "actuator", "the servo that moves the guide"),
+        Entry(1, "slide joint", "the guide's, along x"),
+        Entry(model.njnt - 1, "hinge joints", "of the robot"),
+        Entry(
+            model.nu,
+            "actuators",
+            "servos that move the guide and hold the robot" if model.nu > 1 else "the guide's servo",
+        ),
         Entry(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
-        Entry(meeting, "geoms that can be bumped into", "the robot's, should an object miss the pad"),
+        Entry(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
         Entry(model.nsensor, "sensor", "force vector and contact point in every step"),
         Entry(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
         Entry(
             sum(name.startswith("parked") for name in names),
             "parked objects",
-            "fixed to the world: no joint, no contact",
+            "fixed to the world, no contact",
         ),
-        Entry(robot, "robot bodies", "to be seen and bumped into; they stand still"),
+        Entry(np.count_nonzero(robot), "robot parts", "to be seen and bumped into; they stand still"),
     ]
 
 

@@ -59,7 +59,7 @@ def press_picture(stage: Stage, placement: Placement, depth: float, width: int =
     lookat = np.array([0.0, 0.0, stage.height])
     reach = 4.5 * max(stage.pad.half_width, placement.bounding_radius)
     if stage.robot is not None or stage.loaded:  # show them too
-        lookat, reach = lookat + [0.0, 0.1, 0.0], 0.45
+        lookat, reach = np.array([0.0, 0.1, stage.height]), 0.45
     if stage.robot is not None:
         reach = 1.1
     return draw(rig.model, rig.data, lookat, reach, width, height)
@@ -70,11 +70,7 @@ def draw(
 ) -> Image:
     """A view of a forwarded model from the front right and above, by the best means at hand.
 
-    Args:
-        model, data: what to draw.
-        lookat: point in the middle of the picture [m].
-        distance: of the camera from it [m].
-        width, height: of the picture [pixels].
+    The point ``lookat`` [m] is in its middle, the camera ``distance`` [m] away from it.
     """
     backend = gl_backend()
     direction = np.array([0.55, -0.7, 0.45])

@@ -63,10 +63,9 @@ class Upright:
 
     def rest(self, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
-        heading, direction, tilt = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, self.tilt)
-        lean = np.concatenate(
-            [[np.cos(tilt / 2)], np.sin(tilt / 2) * np.array([np.cos(direction), np.sin(direction), 0])]
-        )
+        heading, towards, tilt = rng.uniform(0.0, (2 * np.pi, 2 * np.pi, self.tilt))
+        sine = np.sin(tilt / 2)
+        lean = np.array([np.cos(tilt / 2), sine * np.cos(towards), sine * np.sin(towards), 0.0])
         return multiply(lean, turn("z", heading))
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:

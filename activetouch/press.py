@@ -2,9 +2,9 @@
 
 ``Quasistatic`` steps no time: the object rests on the pad with exactly the target force. ``Dynamic``
 (:mod:`activetouch.dynamic`) steps MuJoCo and knows motion, contact timing and misses; ``GuardedMove``
-(:mod:`activetouch.guarded_move`) is the paper's own cycle in the same physics. These share one force law for the imprint
-(:func:`activetouch.contact.elastic_contact`). ``Deformable`` (:mod:`activetouch.deformable`) has a soft pad that
-deforms in MuJoCo, slow, and the reference for the others.
+(:mod:`activetouch.guarded_move`) is the paper's own cycle in the same physics. These share one force law for the
+imprint (:func:`activetouch.contact.elastic_contact`). ``Deformable`` (:mod:`activetouch.deformable`) has a soft pad
+that deforms in MuJoCo, slow, and the reference for the others.
 """
 
 from __future__ import annotations

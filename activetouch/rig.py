@@ -2,8 +2,8 @@
 
 On the default stage that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
 pressed object are a contact pair, so what cannot touch is never tested for contact. Parked objects are fixed to the
-world: there is one model for each object that can be active, and to park it is to go on with another's model. A model is
-compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:
+world: there is one model for each object that can be active, and to park it is to go on with another's model. A model
+is compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:
 MuJoCo's bounding volumes then stay conservative, and contacts are those of a freshly compiled model.
 """
 
@@ -72,25 +72,18 @@ def build_spec(stage: Stage, shape: Shape, timestep: float, traced: bool = False
     if stage.finger:
         # Wider than the pad but a pad's thickness behind its face, where no object comes: it needs no contact pair.
         x, z = -2 * pad.half_thickness - _FINGER_TIP[0], stage.height - _FINGER_TIP[2] - _FINGER_BASE[2]
-        world.add_geom(
-            name="finger_base", type=_GEOM_TYPES["box"], size=_FINGER_BASE, pos=[x, 0.0, z], rgba=_GREY, **_NO_CONTACT
-        )
-        tip = [x, 0.0, stage.height]
-        world.add_geom(name="finger_tip", type=_GEOM_TYPES["box"], size=_FINGER_TIP, pos=tip, rgba=_GREY, **_NO_CONTACT)
+        for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, stage.height)):
+            position = [x, 0.0, height]
+            world.add_geom(
+                name=f"finger_{name}", type=_GEOM_TYPES["box"], size=size, pos=position, rgba=_GREY, **_NO_CONTACT
+            )
     guide = world.add_body(name="guide", pos=[0.0, 0.0, stage.height])
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
-    meets_robot = stage.robot is not None and stage.robot.collisions
-    _add_solid(
-        spec, body, "object", shape, _LARGEST_SCALE, mass=_MASS, rgba=_ORANGE, **({} if meets_robot else _NO_CONTACT)
-    )
-    spec.add_pair(
-        name="touch",
-        geomname1="pad",
-        geomname2="object",
-        solref=[pad.contact_time, pad.damping_ratio],
-        solimp=_PAD_SOLIMP,
-    )
+    contact = {} if stage.robot is not None and stage.robot.collisions else _NO_CONTACT
+    _add_solid(spec, body, "object", shape, _LARGEST_SCALE, mass=_MASS, rgba=_ORANGE, **contact)
+    softness = [pad.contact_time, pad.damping_ratio]
+    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
     for place, parked in enumerate(stage.loaded):
@@ -102,8 +95,7 @@ def build_spec(stage: Stage, shape: Shape, timestep: float, traced: bool = False
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
         sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
     if stage.robot is not None:
-        back = -2 * pad.half_thickness - (2 * _FINGER_TIP[0] if stage.finger else 0.0)
-        attach_robot(spec, stage.robot, (back, 0.0, stage.height))
+        attach_robot(spec, stage.robot, (0.0, 0.0, stage.height))
     return spec
 
 
@@ -142,11 +134,11 @@ class Rig:
         self._reaction = self.data.qfrc_constraint[joint.dofadr[0] :]
         self._control = self.data.ctrl[self.model.actuator("guide").id :]
         self._sensors = self.data.sensordata
-        self._largest = [
-            self.model.geom_size[self._geom].copy(),
-            self.model.geom_pos[self._geom].copy(),
-            self._vertices.copy(),
-        ]
+        servos = self.model.actuator_trnid[1:, 0]  # a robot's, one for each of its joints
+        self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
+        size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
+        # The centre of mass too: where a mesh lies in its body's inertial frame, MuJoCo takes its place from there.
+        self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
         self._rows: list[tuple[float, NDArray[np.float64]]] = []
         self._phases: list[Phase] = []
 
@@ -159,13 +151,15 @@ class Rig:
         mujoco.mj_resetData(model, self.data)
         self._rows.clear()
         self._phases.clear()
-        size, centre, vertices = self._largest
+        size, centre, mass_centre, vertices = self._largest
         model.geom_size[self._geom], model.geom_pos[self._geom] = size * factor, centre * factor
+        model.body_ipos[self._body] = mass_centre * factor
         self._vertices[:] = vertices * factor
         model.pair_friction[0, :2] = placement.friction
         model.body_pos[self._body, 1:] = placement.offset
         self.turn(placement.orientation)
         self._position[0] = self._control[0] = position
+        self._control[1:] = self._stance
 
     def turn(self, orientation: Quaternion) -> None:
         """Give the object another orientation."""
@@ -201,8 +195,11 @@ class Rig:
 
     @property
     def force(self) -> float:
-        """Normal force between pad and object [N]: contact is all that constrains the guide."""
-        return float(self._reaction[0])
+        """Normal force between pad and object [N]: contact is all that constrains the guide.
+
+        An object that has slipped past the rim is pushed on, away from the face; on the face itself that is no force.
+        """
+        return max(float(self._reaction[0]), 0.0)
 
     @property
     def num_warnings(self) -> int:
@@ -214,7 +211,7 @@ class Rig:
 def shared_rig(stage: Stage, shape: Shape, timestep: float, traced: bool) -> Rig:
     """The process's rig for a shape on a stage, compiled when first needed.
 
-    Every press sets everything it depends on, so a press does not remember the one before; but a process can run only one
-    at a time.
+    Every press sets everything it depends on, so a press does not remember the one before; but a process can run only
+    one at a time.
     """
     return Rig(stage, shape, timestep, traced)

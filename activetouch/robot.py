@@ -18,17 +18,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from belief.errors import ActiveTouchError
+from activetouch.errors import MissingRobot
 
 if TYPE_CHECKING:
     import mujoco
 
 _PREFIX = "robot_"  # of the names of all that is the robot's
 _CLEARANCE = 0.002  # between the robot and the back of what it holds [m]
-
-
-class MissingRobot(ActiveTouchError, FileNotFoundError):
-    """The robot's model files are not where they were looked for."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,7 @@ class Robot:
         tip: body of the hand that is centred behind the pad.
         collisions: whether an object that misses the pad collides with the robot. The robot never collides with
             itself or the pad: none of them can move.
+        jointed: whether its joints and servos are modelled, for a robot that shall move: 3.5 times the time of a press.
         visuals: whether to load what is there for the looks alone, for a picture: 36 MB instead of under 1.
     """
 
@@ -61,6 +58,7 @@ class Robot:
     mount: tuple[float, float, float] = (0.0, 0.0, 0.095)
     tip: str = "mf_tip"
     collisions: bool = True
+    jointed: bool = False
     visuals: bool = False
 
     def find(self, model: str) -> Path:
@@ -92,9 +90,9 @@ def attach_robot(spec: mujoco.MjSpec, robot: Robot, pad_position: tuple[float, f
     """Stand the robot behind the pad, a fingertip just behind the back of the pad or of what carries it.
 
     The base stays upright and turned as in its model; where it stands follows from the pose, so that nothing of the
-    robot is in front of the pad's back. Its geoms come after those of the world's that are there,
-    named ``robot_<body>_<number>``, and ``robot_hand_<body>_<number>`` in the hand. The options of ``spec`` stay as
-    they are.
+    robot is in front of the pad's back. Its geoms are named ``robot_<body>_<number>``, those of the hand
+    ``robot_hand_<body>_<number>``. The options of ``spec`` stay as they are, and so do the indices of its bodies,
+    joints and actuators, but not those of geoms: objects' come after the world's.
 
     Args:
         spec: the model of a press, not compiled yet, with nothing but boxes along the axes fixed to the world; changed
@@ -111,7 +109,9 @@ def attach_robot(spec: mujoco.MjSpec, robot: Robot, pad_position: tuple[float, f
     arm = mujoco.MjSpec.from_file(str(robot.find(robot.arm)))
     hand = mujoco.MjSpec.from_file(str(robot.find(robot.hand)))
     for part, angles in ((arm, robot.arm_angles), (hand, robot.hand_angles)):
-        _freeze(part, angles)
+        _pose(part, angles)
+        for element in (*part.keys, *part.lights, *([] if robot.jointed else [*part.actuators, *part.joints])):
+            part.delete(element)
         for name in dir(spec.option):
             if not name.startswith("_"):  # MuJoCo keeps the options of ``spec``, but warns of those that differ
                 setattr(part.option, name, getattr(spec.option, name))
@@ -136,14 +136,15 @@ def attach_robot(spec: mujoco.MjSpec, robot: Robot, pad_position: tuple[float, f
     base = np.array([back - _CLEARANCE - front, *(pad_position[1:] - data.body(f"hand_{robot.tip}").xpos[1:])])
     for number, geom in enumerate(arm.geoms):
         geom.name = f"{geom.parent.name}_{number}"
-    for exclusion in arm.excludes:
-        arm.delete(exclusion)  # their mention of bodies would keep those from being fused
-    arm.fuse_static()  # with the world, which costs a step less than even a single body of its own
+    if not robot.jointed:
+        for exclusion in arm.excludes:
+            arm.delete(exclusion)  # their mention of bodies would keep those from being fused
+        arm.fuse_static()  # with the world, which costs a step less than even a single body of its own
     spec.attach(arm, prefix=_PREFIX, frame=spec.worldbody.add_frame(pos=base))
 
 
-def _freeze(spec: mujoco.MjSpec, angles: tuple[float, ...]) -> None:
-    """Turn the bodies by the angles of their joints [rad] and remove everything that could move them."""
+def _pose(spec: mujoco.MjSpec, angles: tuple[float, ...]) -> None:
+    """Make the angles of the joints [rad] the pose that the model is reset to, whether the joints stay or not."""
     import mujoco
 
     if any(body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT for body in spec.bodies):
@@ -156,6 +157,4 @@ def _freeze(spec: mujoco.MjSpec, angles: tuple[float, ...]) -> None:
         body, turn, turned = joint.parent, np.zeros(4), np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, joint.axis, angle)
         mujoco.mju_mulQuat(turned, body.quat / np.linalg.norm(body.quat), turn)
-        body.quat = turned
-    for element in (*spec.keys, *spec.actuators, *spec.joints, *spec.lights):
-        spec.delete(element)
+        body.quat, joint.ref = turned, angle

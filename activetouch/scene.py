@@ -59,11 +59,11 @@ class Variation:
         stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
     """
 
-    size: Distribution = Uniform(0.9, 1.1)
-    offset: Distribution = Uniform(-0.002, 0.002)
-    force: Distribution = Uniform(1.5, 3.0)
-    friction: Distribution = Constant(1.0)
-    stiffness: Distribution = Constant(1.0)
+    size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
+    offset: Distribution = field(default_factory=lambda: Uniform(-0.002, 0.002))
+    force: Distribution = field(default_factory=lambda: Uniform(1.5, 3.0))
+    friction: Distribution = field(default_factory=lambda: Constant(1.0))
+    stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +174,7 @@ class Scene:
         return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
 
     def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
-        """Press an object in a pose: the contact, and the sensor's image of it, ``(num_taxels, num_taxels)`` or with
-        a last axis of three colours.
+        """Press an object in a pose: the contact, and the sensor's image of it, ``(n, n)`` or ``(n, n, 3)``.
 
         Raises:
             UnstablePress: the simulation diverged.

@@ -19,8 +19,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from activetouch.errors import BadMesh
 from activetouch.solids.conical import Cone, Cylinder, Frustum
-from activetouch.solids.mesh import BadMesh, Mesh
+from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Geom, Shape
 from activetouch.solids.straight import Box, ConvexPolyhedron, Prism, Pyramid, Wedge

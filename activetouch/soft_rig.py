@@ -26,11 +26,12 @@ Floats = NDArray[np.float64]
 
 _PAD_MASS = 0.3  # [kg]; more than gel weighs: only rest is read, and a heavier pad conditions the implicit step
 _OBJECT_MASS = 0.05  # [kg]; little, so that the guide is overdamped even against a whole face
+_NEO_HOOKEAN = 1  # of mjsFlex.elastic3d
 _LARGEST_SCALE = 2.0  # compiled size relative to nominal
 _SOLVER_ITERATIONS = 400  # the unloaded pad alone takes 50-200 of the preconditioned solver; the default is 100
 
-# CG and not Newton: a fine 3D mesh fills in the factorised Hessian, and CG is twice as fast here. The contact is four
-# times as stiff as MuJoCo's default, so that the depth is the layer's and not the contact's.
+# CG and not Newton: a fine 3D mesh fills in the factorised Hessian, and CG is four times as fast here. The contact is
+# stiffer than MuJoCo's default, so that the depth is the layer's and not the contact's.
 _PAD = """
 <mujoco>
   <option timestep="{timestep}" gravity="0 0 0" integrator="discrete" solver="CG" cone="elliptic"
@@ -67,6 +68,9 @@ def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
             damping=press.damping,
         )
     )
+    # Neo-Hookean (experimental in MuJoCo 4.0): the default Saint Venant-Kirchhoff solid gets softer the more it is
+    # compressed, folds under a cone's tip and never comes to rest there.
+    spec.flexes[0].elastic3d = _NEO_HOOKEAN
     guide = spec.worldbody.add_body(name="guide")
     guide.add_joint(
         name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], damping=[1 / press.admittance, 0.0, 0.0]
@@ -99,7 +103,7 @@ class SoftRig:
         self._free = self.model.flex_vertbodyid > 0
         self._node_dofs = self.model.body_dofadr[self.model.flex_vertbodyid[self._free]]  # of x; y and z follow
         self._compiled = {
-            name: getattr(self.model, name).copy() for name in ("geom_size", "geom_pos", "mesh_vert", "flex_stiffness")
+            name: getattr(self.model, name).copy() for name in ("geom_size", "geom_pos", "mesh_vert", "body_ipos")
         }
 
     def place(self, position: float, placement: Placement, target_force: float) -> None:
@@ -108,9 +112,8 @@ class SoftRig:
         if not 0.0 < factor <= 1.0:
             raise ValueError(f"scale must be in (0, {_LARGEST_SCALE}], got {placement.scale}")
         mujoco.mj_resetData(self.model, self.data)
-        for name in ("geom_size", "geom_pos", "mesh_vert"):
+        for name in ("geom_size", "geom_pos", "mesh_vert", "body_ipos"):
             getattr(self.model, name)[:] = self._compiled[name] * factor
-        self.model.flex_stiffness[:] = self._compiled["flex_stiffness"] * placement.stiffness
         self.model.flex_friction[:, 0] = placement.friction
         self.model.body_quat[self._body] = placement.orientation
         self.model.body_pos[self._body, 1:] = placement.offset

@@ -1,8 +1,8 @@
 """Train the classifier: AdamW, cosine schedule, symmetry augmentation, a checkpoint after every epoch.
 
 The only augmentations are symmetries of the square pad, and only those that the scene has exactly
-(:class:`activetouch.scene.Symmetry`): where orientation is uniform over SO(3) and the sensor treats all directions alike, a
-turned image is as likely as the original; where every shape is its own mirror image, so is a mirrored one.
+(:class:`activetouch.scene.Symmetry`): where orientation is uniform over SO(3) and the sensor treats all directions
+alike, a turned image is as likely as the original; where every shape is its own mirror image, so is a mirrored one.
 """
 
 from __future__ import annotations

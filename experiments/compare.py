@@ -126,8 +126,8 @@ class Compare:
         """The search and the targets, or an error before anything is started or written."""
         if not self.setting.sensor_folder.is_dir():
             raise BadArgument(
-                f"{self.setting.sensor_folder} holds no sensor; make one for this scene with activetouch collect, train "
-                "and calibrate, and name its folder with --sensor"
+                f"{self.setting.sensor_folder} holds no sensor; make one for this scene with activetouch collect, "
+                "train and calibrate, and name its folder with --sensor"
             )
         try:
             problem = self.setting.problem

@@ -1,51 +1,22 @@
-"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and next richer scene."""
+"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and richer scene."""
 
 from __future__ import annotations
 
-import multiprocessing
-import resource
-import sys
-import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from typing import Annotated
 
-import numpy as np
 import tyro
 from rich import box
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from activetouch.cost import Cost, measure
+from activetouch.errors import MissingRobot
 from activetouch.inventory import Entry, inventory, leaner, richer
-from activetouch.robot import MissingRobot
-from activetouch.scene import Scene
 from activetouch.scenes import NamedScene
 from belief import Composition
 from experiments.scene_choice import SceneChoice
-
-_HEAVY = ("mujoco", "scipy", "trimesh", "matplotlib", "torch", "transformers")
-
-
-@dataclass(frozen=True)
-class Cost:
-    """What presses of a scene cost, in a process of their own.
-
-    Attributes:
-        step: mean time of a step of MuJoCo [s]; 0 where none is made.
-        num_steps: mean number of them in a press.
-        press: median time of a press, its image aside [s].
-        image: median time of rendering and reading out [s].
-        memory: of the process [MB].
-        imports: heavy packages it loaded.
-    """
-
-    step: float
-    num_steps: float
-    press: float
-    image: float
-    memory: float
-    imports: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -98,50 +69,6 @@ def hidden_variables(named: NamedScene) -> list[Entry]:
     ]
 
 
-def measure(scene: Scene, num_presses: int) -> Cost:
-    """Press objects of all shapes in a fresh process and see what it takes."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_measure_here, scene, num_presses).result()
-
-
-def _measure_here(scene: Scene, num_presses: int) -> Cost:
-    from activetouch.rendering import read_out
-
-    rng = np.random.default_rng(0)
-    things = [scene.sample_object(number % len(scene.shapes), rng) for number in range(num_presses)]
-    for thing in things[: len(scene.shapes)]:
-        scene.press(thing, 0, rng)  # compile what is compiled once
-    steps: list[float] = []
-    if "mujoco" in sys.modules:
-        import mujoco
-
-        original = mujoco.mj_step
-
-        def timed(*arguments: object) -> None:
-            started = time.perf_counter()
-            original(*arguments)
-            steps.append(time.perf_counter() - started)
-
-        mujoco.mj_step = timed
-    presses, images = [], []
-    for number, thing in enumerate(things):
-        placement = scene.place(thing, number % len(scene.poses), rng)
-        started = time.perf_counter()
-        contact = scene.press_model.press(scene.stage, placement, scene.variation.force.sample(rng))
-        pressed = time.perf_counter()
-        read_out(scene.renderer(contact), scene.faults, rng)
-        presses.append(pressed - started)
-        images.append(time.perf_counter() - pressed)
-    return Cost(
-        step=float(np.mean(steps)) if steps else 0.0,
-        num_steps=len(steps) / num_presses,
-        press=float(np.median(presses)),
-        image=float(np.median(images)),
-        memory=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        imports=tuple(name for name in _HEAVY if name in sys.modules),
-    )
-
-
 def _what_table(name: str, entries: list[Entry]) -> Table:
     table = Table(title=f"what the scene '{name}' models", box=box.SIMPLE_HEAD)
     for heading, justify in (("number", "right"), ("part", "left"), ("why", "left")):
@@ -153,18 +80,18 @@ def _what_table(name: str, entries: list[Entry]) -> Table:
 
 def _cost_table(rows: list[tuple[str, str, Cost]]) -> Table:
     table = Table(title="what a press costs, on one core", box=box.SIMPLE_HEAD)
-    for heading in ("", "scene", "µs/step", "steps", "ms/press", "ms/image", "MB", "imports"):
-        table.add_column(heading, justify="left" if heading in ("", "scene", "imports") else "right")
+    for heading in ("scene", "µs/step", "steps", "ms/press", "ms/image", "MB"):
+        table.add_column(heading, justify="left" if heading == "scene" else "right")
     for relation, change, cost in rows:
         table.add_row(
-            relation,
-            change,
+            f"{relation}: {change}" if relation else change,
             f"{1e6 * cost.step:.1f}" if cost.num_steps else "–",
             f"{cost.num_steps:.0f}",
             f"{1e3 * cost.press:.2f}",
             f"{1e3 * cost.image:.2f}",
             f"{cost.memory:.0f}",
-            " ".join(cost.imports),
             style="bold" if not relation else "",
         )
+    loaded = [f"{relation or 'this'}: {', '.join(cost.imports) or 'none'}" for relation, _, cost in rows]
+    table.caption = "heavy imports; " + "; ".join(loaded)
     return table

@@ -1,9 +1,9 @@
 """``activetouch fidelity``: how far the cheap ways to press agree with each other, and with a soft pad.
 
-The same placements are pressed with the same target force in every fidelity, and compared by image and by force. A second
-question is what the two numbers a press ends with, force and depth, give away about the shape without any image: for
-the stepped presses it must not be more than for those without physics engine, whose depth follows from geometry
-and force alone.
+The same placements are pressed with the same target force in every fidelity, and compared by image and by force. A
+second question is what the two numbers a press ends with, force and depth, give away about the shape without any image:
+for the stepped presses it must not be more than for those without physics engine, whose depth follows from geometry and
+force alone.
 """
 
 from __future__ import annotations

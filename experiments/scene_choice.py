@@ -54,7 +54,9 @@ class SceneChoice:
     presentation: Literal["tumbled", "upright", "resampled"] | None = None
     """How objects lie; the scene's own by default."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files (STL or OBJ, in metres) of shapes to add; a shape is called what its file is."""
+    """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; a shape is called what its file is."""
+    mesh_scale: float = 1.0
+    """Metres per unit of those files: 0.001 for millimetres."""
     robot: Literal["panda_allegro"] | None = None
     """A robot to stand behind the pad; its models are read from $MENAGERIE_ROOT."""
 
@@ -78,7 +80,7 @@ class SceneChoice:
         if self.robot is not None:
             changes["robot"] = self.robot
         if self.meshes:
-            added = {path.stem: Mesh.from_file(path) for path in self.meshes}
+            added = {path.stem: Mesh.from_file(path, self.mesh_scale) for path in self.meshes}
             if len(added) < len(self.meshes) or added.keys() & named.scene.shapes.keys():
                 raise DuplicateShape(
                     f"the scene {self.scene!r} has the shapes {', '.join(named.scene.shapes)}; the meshes to add must "

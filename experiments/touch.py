@@ -1,5 +1,7 @@
-"""Commands that show single presses: ``touch`` one of them, ``gallery`` all shapes, poses and renderers, ``record`` as
-the paper's CSV files, ``view`` in MuJoCo's window.
+"""Commands that show single presses.
+
+``touch`` draws one of them, ``gallery`` all shapes in all poses, ``record`` writes the paper's CSV files, ``view``
+opens MuJoCo's window.
 """
 
 from __future__ import annotations
@@ -127,8 +129,8 @@ class Gallery:
 class Record:
     """Press an object of each shape again and again and log every step, one CSV file an object (paper §5.4).
 
-    The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause, withdraw,
-    rotate). Only guarded moves rotate, so the scene is the paper's unless another fidelity says otherwise.
+    The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause,
+    withdraw, rotate). Only guarded moves rotate, so the scene is the paper's by default.
 
     For example:
 
@@ -156,7 +158,7 @@ class Record:
 
 @dataclass(frozen=True)
 class View:
-    """Open the scene in MuJoCo's interactive window and press an object in it (needs the extra ``viewer`` and a display).
+    """Open the scene in MuJoCo's window and press an object in it; needs the extra ``viewer`` and a display.
 
     For example:
 

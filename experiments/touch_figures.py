@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from activetouch.contact import Contact
@@ -60,10 +61,9 @@ def _draw_trace(axes: Axes, trace: Trace | None) -> None:
         axes.axvspan(trace.time[start], trace.time[end], color=_PHASE_COLOURS[phase], linewidth=0)
     for component, colour, name in zip(trace.force.T, ("#0072B2", "#D55E00", "#009E73"), "xyz", strict=True):
         axes.plot(trace.time, component, color=colour, linewidth=1.2, label=f"along {name}")
-    handles = [
-        matplotlib.patches.Patch(color=_PHASE_COLOURS[phase], label=phase) for phase in dict.fromkeys(trace.phase)
-    ]
-    axes.legend(handles=[*axes.lines, *handles], frameon=False, ncols=2, loc="upper left")
+    phases_seen = dict.fromkeys(trace.phase)
+    patches = [Patch(facecolor=_PHASE_COLOURS[phase], edgecolor="0.6", label=phase) for phase in phases_seen]
+    axes.legend(handles=[*axes.lines, *patches], frameon=False, ncols=2, loc="upper left")
     axes.set(xlabel="time [s]", ylabel="force of the pad [N]")
     axes.margins(x=0)
 
@@ -84,7 +84,5 @@ def draw_gallery(images: Mapping[tuple[str, str, str], NDArray[np.float64]], pos
 
 
 def _show(axes: Axes, image: NDArray[np.float64]) -> None:
-    axes.imshow(
-        image, cmap="magma", vmin=0, vmax=None if image.ndim == 3 else max(float(image.max()), 0.3), origin="lower"
-    )
+    axes.imshow(image, cmap="magma", vmin=0, vmax=max(float(image.max()), 0.3), origin="lower")
     axes.set(xticks=[], yticks=[])

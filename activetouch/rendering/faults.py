@@ -2,8 +2,8 @@
 
     scene = Scene(faults=(Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(bits=4)))
 
-Every part takes an image in [0, 1], in grey or in colour, and a generator, and gives an image back. What comes out of the
-last one is saturated and converted to 8 bits.
+Every part takes an image in [0, 1], in grey or in colour, and a generator, and gives an image back. What comes out of
+the last one is saturated and converted to 8 bits.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Hysteresis:
     """Backlash: a taxel follows a change only after it has exceeded ``width`` (relative to full scale).
 
     This is the play operator, started from a released pad: every press loads the taxels from zero, so what is loaded
-    reads ``width`` too little and light pressure goes unnoticed (Visintin, *Differential Models of Hysteresis*, §III.2).
+    reads ``width`` too little and light pressure goes unnoticed (Visintin, *Differential Models of Hysteresis*, III.2).
     """
 
     isotropic: ClassVar[bool] = True

@@ -1,8 +1,8 @@
 """What a camera behind an elastic, reflecting membrane sees under three coloured lights (Yuan et al. 2017).
 
 The membrane follows the indented surface but cannot fold as sharply, so the indentation is smoothed. Its slope decides
-how much of each light it sends to the camera (Lambert's law): red, green and blue come from three sides, and an untouched
-pad is evenly grey.
+how much of each light it sends to the camera (Lambert's law): red, green and blue come from three sides, and an
+untouched pad is evenly grey.
 """
 
 from __future__ import annotations

@@ -9,20 +9,19 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
+from activetouch.errors import BadMesh
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from belief.errors import ActiveTouchError
 
 Ints = NDArray[np.intp]
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of what a fingertip-sized pad can feel [m]
 _TYPICAL_RADIUS = 0.005  # from here on a guess at the unit is worth telling [m]
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
-
-
-class BadMesh(ActiveTouchError, ValueError):
-    """A mesh is no solid object of a size that can be felt; the message says why and what to do."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +63,7 @@ class Mesh:
     def from_file(cls, path: Path | str, scale: float = 1.0) -> Mesh:
         """The mesh in an STL, OBJ, PLY or OFF file, moved so that its centre of mass is the origin.
 
-        Corners closer than 10 nm are joined, and triangles that face the wrong way are turned round.
+        Corners that are equal to 10 nm are joined, and triangles that face the wrong way are turned round.
 
         Args:
             path: the file. Nothing in it is executed, and no other file that it names is opened.
@@ -75,7 +74,7 @@ class Mesh:
             BadMesh: the file cannot be read, or what is in it is no solid object.
             ValueError: the scale is not a positive number.
         """
-        from activetouch.solids.mesh_file import read_surface
+        from activetouch.solids.mesh_file import read_surface  # loads trimesh
 
         if not 0.0 < scale < np.inf:
             raise ValueError(f"scale must be positive and finite, got {scale}")
@@ -89,8 +88,6 @@ class Mesh:
     @cached_property
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
-        from scipy.spatial import ConvexHull  # costs as much to import as everything else here
-
         return Geom("mesh", vertices=self.vertices[ConvexHull(self.vertices).vertices])
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
@@ -131,9 +128,6 @@ class Mesh:
         return None
 
     def _num_pieces(self) -> int:
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
         size = len(self.vertices)
         return int(connected_components(coo_array((np.ones(start.size), (start, end)), (size, size)))[0])

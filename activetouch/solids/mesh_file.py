@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from activetouch.solids.mesh import BadMesh, Ints, edges, tetrahedra
+from activetouch.errors import BadMesh
+from activetouch.solids.mesh import Ints, edges, tetrahedra
 from activetouch.solids.solid import Floats
 
 _FORMATS = (".stl", ".obj", ".ply", ".off")
 _SAME_POINT = 1e-8  # [m]; STL repeats a corner in every triangle, to seven digits
 
 
+@np.errstate(over="ignore", invalid="ignore")  # coordinates of 1e300 become such as are refused
 def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
     """Vertices in metres about the centre of mass, ``(v, 3)``, and triangles that face outwards, ``(f, 3)``.
 
@@ -24,7 +26,7 @@ def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        BadMesh: the file is not of a known format.
+        BadMesh: the file cannot be read.
     """
     vertices, faces = _welded(*_read(path), scale)
     if len(faces) == 0 or not np.isfinite(vertices).all():
@@ -53,7 +55,9 @@ def _read(path: Path) -> tuple[Floats, Ints]:
         mesh = trimesh.load_mesh(content, file_type=kind[1:], process=False, skip_materials=True)
         return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.intp)
     except Exception as error:  # a parser fails in as many ways as a file can be broken
-        raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()} ({error})") from error
+        # It looks for a package that guesses encodings once the content is no text it knows.
+        reason = "neither text nor a complete binary file" if isinstance(error, ImportError) else error
+        raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()} ({reason})") from error
 
 
 def _welded(vertices: Floats, faces: Ints, scale: float) -> tuple[Floats, Ints]:

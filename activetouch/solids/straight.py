@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from activetouch.solids.solid import Floats, Geom, ahead, clip, ring
 
@@ -22,8 +23,6 @@ class _FlatFaced(ABC):
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
         """Unit outward normals of the faces, ``(m, 3)``, and their distances from the origin, ``(m,)`` [m]."""
-        from scipy.spatial import ConvexHull  # costs as much to import as everything else here
-
         facets = ConvexHull(self.corners).equations  # triangles, so that most faces come in several
         _, first = np.unique(np.round(facets, 9), axis=0, return_index=True)
         return facets[first, :3], -facets[first, 3]

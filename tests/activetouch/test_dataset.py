@@ -6,6 +6,7 @@ import pytest
 
 from activetouch import Quasistatic, Scene
 from activetouch.dataset import SPLITS, CollectionPlan, read_split, record_shard, shard_path, write_manifest
+from activetouch.distributions import Constant
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.scene import Variation
 
@@ -73,7 +74,7 @@ def test_a_folder_without_a_collection_says_how_to_make_one(tmp_path):
 
 
 def test_an_object_that_misses_the_pad_is_recorded_without_force():
-    scene = Scene(press_model=Quasistatic(), variation=Variation(offset=0.5))
+    scene = Scene(press_model=Quasistatic(), variation=Variation(offset=Constant(0.5)))
     rng = np.random.default_rng(0)
     contact, image = scene.press(scene.sample_object(0, rng), 0, rng)
     assert (contact.force, contact.depth) == (0.0, 0.0)

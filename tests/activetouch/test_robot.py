@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from activetouch.robot import ROBOTS, MissingRobot, Robot, attach_robot
+from activetouch.errors import MissingRobot
+from activetouch.robot import ROBOTS, Robot, attach_robot
 
 pytestmark = pytest.mark.mujoco
 BOX, SPHERE = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE

@@ -1,25 +1,82 @@
 """The analytic height maps against MuJoCo's ray caster and against geometry done by hand."""
 
+import pickle
+
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from activetouch.poses import random_orientation, to_matrix
 from activetouch.rig import build_spec
-from activetouch.shapes import SHAPES, Box, Cone, Cylinder, Sphere
+from activetouch.shapes import (
+    EXTENDED_SHAPES,
+    SHAPES,
+    Box,
+    Capsule,
+    Cone,
+    ConvexPolyhedron,
+    Cylinder,
+    Dome,
+    Ellipsoid,
+    Frustum,
+    Prism,
+    Pyramid,
+    Sphere,
+    Torus,
+    Wedge,
+)
 
-every_shape = pytest.mark.parametrize("name", list(SHAPES))
+every_shape = pytest.mark.parametrize("name", list(EXTENDED_SHAPES))
 
 
-def random_rays(rng, reach, n=400):
+def hexagon(x, y, circumradius):
+    """Signed distance, inside at least, from a hexagon with a corner on the x axis."""
+    angles = np.pi / 6 + np.arange(6) * np.pi / 3
+    return np.max([x * np.cos(a) + y * np.sin(a) for a in angles], axis=0) - circumradius * np.cos(np.pi / 6)
+
+
+# Positive outside, negative inside, zero on the surface; written out so that nothing is shared with the solids.
+LEVEL = {
+    "sphere": lambda x, y, z: np.hypot(np.hypot(x, y), z) - 0.020,
+    "cube": lambda x, y, z: np.max([np.abs(x), np.abs(y), np.abs(z)], axis=0) - 0.016,
+    "cylinder": lambda x, y, z: np.maximum(np.hypot(x, y) - 0.016, np.abs(z) - 0.020),
+    "cone": lambda x, y, z: np.maximum(np.hypot(x, y) - 0.5 * (0.018 - z), -z - 0.018),
+    "cuboid": lambda x, y, z: np.max([np.abs(x) - 0.016, np.abs(y) - 0.016, np.abs(z) - 0.024], axis=0),
+    "wedge": lambda x, y, z: np.max(
+        [-x - 0.032 / 3, -z - 0.032 / 3, np.abs(y) - 0.016, (x + z - 0.032 / 3) / np.sqrt(2)], axis=0
+    ),
+    "frustum": lambda x, y, z: np.maximum(np.hypot(x, y) - (0.013 - 0.5 * z), np.abs(z) - 0.010),
+    "capsule": lambda x, y, z: np.hypot(np.hypot(x, y), z - np.clip(z, -0.012, 0.012)) - 0.016,
+    "half_sphere": lambda x, y, z: np.maximum(np.hypot(np.hypot(x, y), z + 0.010) - 0.020, -z - 0.010),
+    "hexagonal_prism": lambda x, y, z: np.maximum(hexagon(x, y, 0.0185), np.abs(z) - 0.020),
+    "ellipsoid": lambda x, y, z: 0.016 * (np.sqrt((x / 0.016) ** 2 + (y / 0.020) ** 2 + (z / 0.024) ** 2) - 1),
+    "torus": lambda x, y, z: np.hypot(np.hypot(x, y) - 0.016, z) - 0.007,
+}
+
+
+def random_rays(rng, reach=0.06, n=400):
     """Parallel rays from a square outside any object, in a random direction of the object frame."""
     rotation = to_matrix(random_orientation(rng))
     starts = np.stack([np.full(n, -reach), *rng.uniform(-0.03, 0.03, size=(2, n))])
     return rotation.T @ starts, rotation.T[:, 0]
 
 
-def mujoco_distance(shape, origins, direction):
-    """Distances by mj_ray on the shape's own collision geom; inf where the ray misses."""
+def assert_first_contact(name, origins, direction, tolerance):
+    """Every ray that enters ends on the surface, and no ray crosses the solid before its end."""
+    level = LEVEL[name]
+    distance = EXTENDED_SHAPES[name].entry_distance(origins, direction)
+    assert not np.isnan(distance).any()
+    hit = np.isfinite(distance)
+    np.testing.assert_allclose(level(*origins[:, hit] + np.outer(direction, distance[hit])), 0.0, atol=tolerance)
+    for fraction in np.linspace(0.02, 0.999, 60):
+        before = origins + np.outer(direction, fraction * np.where(hit, distance, 0.15))
+        assert level(*before).min() > -tolerance
+
+
+def mujoco_distances(shape, rays):
+    """Distances by mj_ray on the shape's own collision geom, one after the other; inf where a ray misses."""
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body()
     geom = shape.geom
@@ -32,59 +89,121 @@ def mujoco_distance(shape, origins, direction):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     hit = np.zeros(1, np.int32)
-    distances = [mujoco.mj_ray(model, data, o, direction, None, 1, -1, hit, None) for o in origins.T]
-    return np.array([d if d >= 0 else np.inf for d in distances])
+    distances = np.array(
+        [
+            mujoco.mj_ray(model, data, origin, direction, None, 1, -1, hit, None)
+            for origins, direction in rays
+            for origin in origins.T
+        ]
+    )
+    return np.where(distances >= 0.0, distances, np.inf)
 
 
 def errors_against_mujoco(shape, rng, most_missed):
     """Differences on rays both hit; rays only one of them hits may only be grazing ones, at most this share."""
-    errors = []
-    for _ in range(10):
-        origins, direction = random_rays(rng, 0.06)
-        ours, theirs = shape.entry_distance(origins, direction), mujoco_distance(shape, origins, direction)
-        hit = np.isfinite(ours) & np.isfinite(theirs)
-        assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < most_missed
-        errors.append(np.abs(ours[hit] - theirs[hit]))
-    return np.concatenate(errors)
+    rays = [random_rays(rng, n=40) for _ in range(100)]
+    ours = np.concatenate([shape.entry_distance(*ray) for ray in rays])
+    theirs = mujoco_distances(shape, rays)
+    hit = np.isfinite(ours) & np.isfinite(theirs)
+    assert hit.sum() > 300
+    assert (np.isfinite(ours) != np.isfinite(theirs)).mean() < most_missed
+    return np.abs(ours[hit] - theirs[hit])
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("name", ["sphere", "cube", "cylinder"])
-def test_primitives_agree_with_mujocos_rays_to_a_micrometre(name, rng):
-    assert errors_against_mujoco(SHAPES[name], rng, most_missed=0.005).max() < 1e-6
+@pytest.mark.parametrize(
+    "shape",
+    [EXTENDED_SHAPES[name] for name in EXTENDED_SHAPES if name not in ("cone", "frustum", "half_sphere", "torus")]
+    + [Pyramid(4, 0.018, 0.036), Ellipsoid((0.004, 0.010, 0.030))],
+    ids=repr,
+)
+def test_primitives_and_polyhedra_agree_with_mujocos_rays_to_a_micrometre(shape, rng):
+    assert errors_against_mujoco(shape, rng, most_missed=0.005).max() < 1e-6
 
 
 @pytest.mark.mujoco
-def test_the_round_cone_agrees_with_its_polygonal_mesh_up_to_the_facets(rng):
-    errors = errors_against_mujoco(Cone(0.018, 0.036, num_facets=512), rng, most_missed=0.02)
-    assert np.quantile(errors, 0.99) < 2e-5
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Cone(0.018, 0.036, num_facets=512),
+        Frustum(0.018, 0.008, 0.020, num_facets=512),
+        Frustum(0.008, 0.018, 0.020, num_facets=512),
+        Dome(0.020, num_facets=256),
+    ],
+    ids=repr,
+)
+def test_round_solids_agree_with_their_polygonal_meshes_up_to_the_facets(shape, rng):
+    errors = errors_against_mujoco(shape, rng, most_missed=0.02)
+    assert np.quantile(errors, 0.99) < 3e-5
     assert errors.max() < 7e-4  # at the rim
 
 
 @every_shape
-def test_every_ray_that_enters_meets_the_surface(name, rng):
-    shape = SHAPES[name]
-    origins, direction = random_rays(rng, 0.06)
-    distance = shape.entry_distance(origins, direction)
-    points = (origins + distance * direction[:, None])[:, np.isfinite(distance)]
-    radius = np.hypot(points[0], points[1])
-    residual = {
-        "sphere": lambda: np.linalg.norm(points, axis=0) - 0.020,
-        "cube": lambda: np.abs(points).max(axis=0) - 0.016,
-        "cylinder": lambda: np.maximum(radius - 0.016, np.abs(points[2]) - 0.020),
-        "cone": lambda: np.maximum((radius - 0.5 * (0.018 - points[2])), -points[2] - 0.018),
-    }[name]()
-    assert points.shape[1] > 50
-    np.testing.assert_allclose(residual, 0.0, atol=1e-12)
+def test_every_ray_ends_where_it_first_meets_the_surface(name, rng):
+    for _ in range(20):
+        assert_first_contact(name, *random_rays(rng), tolerance=1e-12)
+    distance = EXTENDED_SHAPES[name].entry_distance(*random_rays(rng))
+    assert np.isfinite(distance).sum() > 50
+
+
+@every_shape
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_rays_along_faces_edges_and_axes_are_sound(name, axis, sign):
+    # The grid has points on every face, edge and rim of the shapes.
+    ticks = np.array([0.0, 0.007, 0.008, 0.009, 0.010, 0.016, 0.018, 0.020, 0.023, 0.024, 0.032 / 3, 0.064 / 3])
+    ticks = np.concatenate([-ticks, ticks])
+    direction = np.roll([sign, 0.0, 0.0], axis)
+    across = np.array(np.meshgrid(ticks, ticks)).reshape(2, -1)
+    origins = np.roll(np.stack([np.full(across.shape[1], -0.06 * sign), *across]), axis, axis=0)
+    assert_first_contact(name, origins, direction, tolerance=1e-12)
+
+
+sizes = st.sampled_from([0.0, 1e-300, 1e-17, 1e-13, 1e-9, 1e-6, 1e-3, 0.5, 1.0])
+tilts = st.tuples(*[st.builds(lambda size, sign: size * sign, sizes, st.sampled_from([-1, 1]))] * 3)
+tilts = tilts.filter(lambda tilt: max(map(abs, tilt)) == 1.0)
+
+
+@given(st.sampled_from(list(EXTENDED_SHAPES)), tilts, st.integers(0, 2**32 - 1))
+def test_rays_nearly_along_faces_edges_and_axes_are_sound(name, tilt, seed):
+    rng = np.random.default_rng(seed)
+    direction = np.array(tilt) / np.linalg.norm(tilt)
+    special = [0.0, 0.010, 0.016, 0.020, 1e-12, 0.016 + 1e-12, 0.020 - 1e-12]
+    points = rng.choice(special, size=(3, 200)) * rng.choice([-1.0, 1.0], size=(3, 200))
+    assert_first_contact(name, points - 0.1 * direction[:, None], direction, tolerance=1e-9)
 
 
 @every_shape
 def test_no_point_lies_outside_the_bounding_radius(name, rng):
-    shape = SHAPES[name]
-    origins, direction = random_rays(rng, 0.06)
+    shape = EXTENDED_SHAPES[name]
+    origins, direction = random_rays(rng)
     distance = shape.entry_distance(origins, direction)
     points = (origins + distance * direction[:, None])[:, np.isfinite(distance)]
     assert np.linalg.norm(points, axis=0).max() <= shape.bounding_radius + 1e-12
+    assert 0.019 < shape.bounding_radius < 0.034  # sizes of the tables are alike
+
+
+@every_shape
+def test_a_ray_that_starts_further_back_travels_further_by_as_much(name, rng):
+    origins, direction = random_rays(rng)
+    shape = EXTENDED_SHAPES[name]
+    further = shape.entry_distance(origins - 0.02 * direction[:, None], direction)
+    np.testing.assert_allclose(further, shape.entry_distance(origins, direction) + 0.02, atol=1e-8)
+
+
+@every_shape
+def test_what_lies_behind_a_ray_is_missed(name, rng):
+    origins, direction = random_rays(rng)
+    assert np.isinf(EXTENDED_SHAPES[name].entry_distance(origins, -direction)).all()
+
+
+@every_shape
+def test_a_mirrored_touch_is_the_mirror_image(name, rng):
+    mirror = np.array([1.0, -1.0, 1.0])  # every shape of the table has this plane of symmetry
+    origins, direction = random_rays(rng)
+    shape = EXTENDED_SHAPES[name]
+    mirrored = shape.entry_distance(origins * mirror[:, None], direction * mirror)
+    np.testing.assert_allclose(mirrored, shape.entry_distance(origins, direction), atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -102,6 +221,23 @@ def test_no_point_lies_outside_the_bounding_radius(name, rng):
         (Cone(1.0, 2.0), (0.5, 0, 5), (0, 0, -1), 5.0),
         (Cone(1.0, 2.0), (-5, 0, 0), (1, 0, 0), 4.5),
         (Cone(1.0, 2.0), (-5, 0, 1.1), (1, 0, 0), np.inf),
+        (Frustum(2.0, 1.0, 2.0), (0, 0, 5), (0, 0, -1), 4.0),
+        (Frustum(2.0, 1.0, 2.0), (-5, 0, 0), (1, 0, 0), 3.5),
+        (Frustum(2.0, 1.0, 2.0), (1.5, 0, 5), (0, 0, -1), 5.0),
+        (Capsule(1.0, 2.0), (0, 0, 9), (0, 0, -1), 6.0),
+        (Capsule(1.0, 2.0), (-5, 0, 1.9), (1, 0, 0), 4.0),
+        (Dome(2.0), (0, 0, -5), (0, 0, 1), 4.0),
+        (Dome(2.0), (0, 0, 5), (0, 0, -1), 4.0),
+        (Dome(2.0), (-5, 0, -1.1), (1, 0, 0), np.inf),
+        (Ellipsoid((1.0, 2.0, 3.0)), (0, 0, 5), (0, 0, -1), 2.0),
+        (Wedge(3.0, 3.0, 1.0), (-5, 0, 0), (1, 0, 0), 4.0),
+        (Wedge(3.0, 3.0, 1.0), (0, 0, 5), (0, 0, -1), 4.0),
+        (Prism(4, np.sqrt(2.0), 1.0), (-5, 0.5, 0), (1, 0, 0), 5 - np.sqrt(2.0) + 0.5),
+        (Pyramid(4, 1.0, 2.0), (-5, 0, 0), (1, 0, 0), 4.5),
+        (Torus(2.0, 0.5), (-5, 0, 0), (1, 0, 0), 2.5),
+        (Torus(2.0, 0.5), (0, 0, 5), (0, 0, -1), np.inf),
+        (Torus(2.0, 0.5), (2, 0, 5), (0, 0, -1), 4.5),
+        (Torus(2.0, 0.5), (0, 0, 0), (1, 0, 0), 1.5),
     ],
 )
 def test_distances_by_hand(shape, origin, direction, expected):
@@ -109,10 +245,60 @@ def test_distances_by_hand(shape, origin, direction, expected):
     assert distance[0] == pytest.approx(expected)
 
 
+def test_a_polyhedron_given_by_its_vertices_is_the_solid_with_those_corners(rng):
+    for solid in (EXTENDED_SHAPES["cuboid"], EXTENDED_SHAPES["wedge"], EXTENDED_SHAPES["hexagonal_prism"]):
+        same = ConvexPolyhedron(tuple(map(tuple, solid.corners.tolist())))
+        origins, direction = random_rays(rng)
+        np.testing.assert_allclose(
+            same.entry_distance(origins, direction), solid.entry_distance(origins, direction), atol=1e-12
+        )
+
+
+def test_coplanar_facets_are_one_face():
+    faces = {name: len(EXTENDED_SHAPES[name].planes[0]) for name in ("cube", "wedge", "hexagonal_prism")}
+    assert faces == {"cube": 6, "wedge": 5, "hexagonal_prism": 8}
+
+
+@pytest.mark.parametrize(
+    ("vertices", "problem"),
+    [
+        ((), "at least four"),
+        (((0.0, 0.0, 0.0),) * 3, "at least four"),
+        (((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)), "finite triples"),
+        (((np.nan, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), "finite triples"),
+        (((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0)), "no volume"),
+        (((1.0, 0.0, 0.0), (2.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 0.0, 1.0)), "origin must lie inside"),
+    ],
+)
+def test_vertices_that_are_no_solid_around_the_origin_are_refused(vertices, problem):
+    with pytest.raises(ValueError, match=problem):
+        ConvexPolyhedron(vertices)
+
+
+def test_a_torus_without_a_hole_is_refused():
+    with pytest.raises(ValueError, match="tube_radius"):
+        Torus(0.010, 0.010)
+
+
+@every_shape
+def test_a_shape_is_a_value(name, rng):
+    shape = EXTENDED_SHAPES[name]
+    shape.entry_distance(*random_rays(rng))  # fills whatever is cached
+    twin = eval(repr(shape))  # the repr is complete
+    assert (twin, hash(twin), repr(twin)) == (shape, hash(shape), repr(shape))
+    assert pickle.loads(pickle.dumps(shape)) == shape
+    assert len(repr(shape)) < 100
+
+
+def test_the_default_shapes_come_first_in_the_extended_table():
+    assert list(SHAPES) == ["sphere", "cube", "cylinder", "cone"] == list(EXTENDED_SHAPES)[:4]
+    assert len(set(EXTENDED_SHAPES.values())) == 12
+
+
 @pytest.mark.mujoco
 @every_shape
 def test_every_shape_compiles_into_a_scene_with_one_contact_pair(name):
-    from activetouch.pad import Pad
+    from activetouch.stage import Stage
 
-    model = build_spec(Pad(), SHAPES[name], timestep=0.002).compile()
-    assert (model.ngeom, model.njnt, model.nu) == (2, 1, 1)
+    model = build_spec(Stage(), EXTENDED_SHAPES[name], timestep=0.002).compile()
+    assert (model.ngeom, model.njnt, model.nu, model.npair) == (2, 1, 1, 1)

@@ -1,0 +1,90 @@
+"""What presses of a scene cost: measured, in a process that loads nothing else."""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.rendering import read_out
+from activetouch.scene import Scene
+
+_HEAVY = ("mujoco", "scipy", "trimesh", "matplotlib", "torch", "transformers")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What presses of a scene cost, in a process of their own.
+
+    Attributes:
+        step: mean time of a step of MuJoCo [s]; 0 where none is made.
+        num_steps: mean number of them in a press.
+        press: median time of a press, its image aside [s].
+        image: median time of rendering and reading out [s].
+        memory: of the process [MB].
+        imports: heavy packages it loaded.
+    """
+
+    step: float
+    num_steps: float
+    press: float
+    image: float
+    memory: float
+    imports: tuple[str, ...]
+
+
+def measure(scene: Scene, num_presses: int) -> Cost:
+    """Press objects of all shapes in a fresh process and see what it takes."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(_measure_here, scene, num_presses).result()
+
+
+def _measure_here(scene: Scene, num_presses: int) -> Cost:
+    rng = np.random.default_rng(0)
+    things = [scene.sample_object(number % len(scene.shapes), rng) for number in range(num_presses)]
+    for thing in things[: len(scene.shapes)]:
+        scene.press(thing, 0, rng)  # compile what is compiled once
+    steps: list[float] = []
+    if "mujoco" in sys.modules:
+        import mujoco
+
+        original = mujoco.mj_step
+
+        def timed(*arguments: object) -> None:
+            started = time.perf_counter()
+            original(*arguments)
+            steps.append(time.perf_counter() - started)
+
+        mujoco.mj_step = timed
+    presses, images = [], []
+    for number, thing in enumerate(things):
+        placement = scene.place(thing, number % len(scene.poses), rng)
+        started = time.perf_counter()
+        contact = scene.press_model.press(scene.stage, placement, scene.variation.force.sample(rng))
+        pressed = time.perf_counter()
+        read_out(scene.renderer(contact), scene.faults, rng)
+        presses.append(pressed - started)
+        images.append(time.perf_counter() - pressed)
+    return Cost(
+        step=float(np.mean(steps)) if steps else 0.0,
+        num_steps=len(steps) / num_presses,
+        press=float(np.median(presses)),
+        image=float(np.median(images)),
+        memory=_resident_megabytes(),
+        imports=tuple(name for name in _HEAVY if name in sys.modules),
+    )
+
+
+def _resident_megabytes() -> float:
+    """Memory this process holds [MB]; NaN where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])  # the peak would count the parent's, before exec
+    except OSError:
+        return float("nan")
+    return pages * resource.getpagesize() / 1e6
