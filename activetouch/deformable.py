@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import convolve1d
 
-from activetouch.contact import Contact, surface_gap
+from activetouch.contact import Contact, first_touch
 from activetouch.errors import UnstablePress
 from activetouch.pad import Pad
 from activetouch.placement import Placement
-from activetouch.poses import to_matrix
 from activetouch.stage import Stage
 
 Floats = NDArray[np.float64]
@@ -72,14 +71,14 @@ class Deformable:
         from activetouch.soft_rig import shared_soft_rig  # loads MuJoCo
 
         pad = stage.pad
-        gap = surface_gap(pad, placement)
+        gap, touching = first_touch(pad, placement)
         if not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
             return Contact(pad, gap, 0.0, blank, blank)
         # All elastic stresses are proportional to Young's modulus: a block s times as stiff is the block under F / s.
         stop = target_force / placement.stiffness
         rig = shared_soft_rig(self, pad, placement.shape)
-        rig.place(_touching_position(pad, placement, gap) + _CLEARANCE, placement, stop)
+        rig.place(touching + _CLEARANCE, placement, stop)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = round(self.pause / self.timestep), round(self.patience / self.timestep)
         while num_settled < wanted and num_steps < limit and not rig.num_warnings:
@@ -95,16 +94,6 @@ class Deformable:
             )
         indentation = np.maximum(_on_taxels(pad, rig.indentation), 0.0)
         return Contact(pad, gap, force, indentation, _pressure(pad, rig.node_forces, force))
-
-
-def _touching_position(pad: Pad, placement: Placement, gap: Floats) -> float:
-    """Where the object's centre is when it just touches the undeformed pad [m]."""
-    inwards = to_matrix(placement.orientation)[0]  # the pad's normal in the object's frame
-    centre = np.array([0.0, *placement.offset])
-    taxel = pad.taxel_centres[:, np.argmin(gap)] - centre
-    taxel[0] = -2 * placement.bounding_radius  # a start of the ray that is outside the object
-    origin = to_matrix(placement.orientation).T @ taxel / placement.scale
-    return float(-taxel[0] - placement.shape.entry_distance(origin[:, None], inwards)[0] * placement.scale)
 
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:

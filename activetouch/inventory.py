@@ -62,11 +62,8 @@ def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
         Entry(2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"),
         Entry(1, "slide joint", "the guide's, along x"),
         Entry(model.njnt - 1, "hinge joints", "of the robot"),
-        Entry(
-            model.nu,
-            "actuators",
-            "servos that move the guide and hold the robot" if model.nu > 1 else "the guide's servo",
-        ),
+        Entry(1, "actuator", "the servo that moves the guide"),
+        Entry(model.nu - 1, "servos", "that hold the robot"),
         Entry(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
         Entry(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
         Entry(model.nsensor, "sensor", "force vector and contact point in every step"),

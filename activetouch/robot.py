@@ -118,7 +118,7 @@ def attach_robot(spec: mujoco.MjSpec, robot: Robot, pad_position: tuple[float, f
     palm = hand.worldbody.first_body()
     palm.pos, palm.quat = robot.mount, [1.0, 0.0, 0.0, 0.0]
     arm.attach(hand, prefix="hand_", site=arm.site("attachment_site"))
-    if not robot.visuals:
+    if not (robot.visuals or robot.jointed):  # what moves has its mass from its looks
         for geom in arm.geoms:
             if geom.contype == geom.conaffinity == 0:
                 arm.delete(geom)

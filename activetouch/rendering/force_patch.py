@@ -74,7 +74,7 @@ class ForcePatchRenderer:
         distance = squares[:, 1, :, None] + squares[:, 0, None, :]
         # At least a taxel wide, or a small force on a coarse pad would leave nothing.
         radii = np.maximum(self.radius_per_newton * magnitudes, pad.half_width / pad.num_taxels * np.sqrt(2.0))
-        intensity = magnitudes @ (distance <= radii[:, None, None] ** 2).reshape(len(magnitudes), -1)
+        intensity = magnitudes @ (distance <= radii[:, None, None] ** 2).reshape(len(magnitudes), pad.num_taxels**2)
         image = gaussian_filter(intensity.reshape(pad.num_taxels, -1), self.smoothing * pad.num_taxels)
         brightest = image.max()
         return _colours(self.colormap)[np.rint(255 * (image / brightest if brightest > 0.0 else image)).astype(int)]

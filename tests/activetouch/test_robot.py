@@ -12,8 +12,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from activetouch import SHAPES, Scene
 from activetouch.errors import MissingRobot
+from activetouch.placement import Placement
+from activetouch.rig import Rig
 from activetouch.robot import ROBOTS, Robot, attach_robot
+from activetouch.stage import Stage
+from activetouch.trace import Phase
 
 pytestmark = pytest.mark.mujoco
 BOX, SPHERE = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_SPHERE
@@ -129,6 +134,30 @@ def test_a_press_does_not_notice_the_robot(robot):
     assert beside == alone
     assert max(alone) > 1.0
     assert met == {"pad", "object"}
+
+
+@pytest.mark.parametrize("jointed", [False, True], ids=["statue", "jointed"])
+def test_a_scene_with_a_robot_feels_the_same_to_the_bit(robot, jointed):
+    bare = Scene(finger=True, height=0.07)
+    held = replace(bare, robot=replace(robot, jointed=jointed))
+    for number in range(24):
+        touches = []
+        for scene in (bare, held):
+            rng = np.random.default_rng(number)
+            contact, image = scene.press(scene.sample_object(number % 4, rng), number % 6, rng)
+            touches.append((contact.force, image.tobytes()))
+        assert touches[0] == touches[1]
+
+
+def test_a_jointed_robot_has_its_joints_and_holds_its_pose(robot):
+    placement = Placement(SHAPES["cube"], 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
+    rig = Rig(Stage(robot=replace(robot, jointed=True)), SHAPES["cube"], 0.002)
+    angles = (*robot.arm_angles, *robot.hand_angles)
+    assert rig.model.njnt == 1 + len(angles)
+    rig.place(0.05, placement)
+    for _ in range(200):
+        rig.step(0.05, Phase.PAUSE)
+    np.testing.assert_allclose(rig.data.qpos[1:], angles, atol=1e-3)
 
 
 def test_the_robot_stands_still_whatever_is_pressed(robot):

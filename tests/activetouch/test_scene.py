@@ -1,0 +1,129 @@
+"""Scenes: presentations, distributions, what they promise about images, and the named ones."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch import SCENES, SHAPES, Quasistatic, Scene
+from activetouch.distributions import Constant, LogUniform, Normal, Uniform
+from activetouch.errors import BadMesh
+from activetouch.poses import to_matrix
+from activetouch.presentation import Resampled, Tumbled, Upright
+from activetouch.rendering import DeadTaxels, GelSightRenderer
+from activetouch.scene import Symmetry, Variation
+from activetouch.shapes import Mesh
+from belief.errors import UnknownName
+
+STILL = Scene(press_model=Quasistatic())
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+@pytest.mark.mujoco
+def test_every_named_scene_presses_all_its_shapes_in_all_its_poses(name, rng):
+    scene = SCENES[name].scene
+    for shape in range(len(scene.shapes)):
+        thing = scene.sample_object(shape, rng)
+        for pose in range(len(scene.poses)):
+            contact, image = scene.press(thing, pose, rng)
+            assert contact.force > 0.0
+            assert image.dtype == np.uint8
+            assert SCENES[name].input_size % image.shape[0] == 0 or image.shape[0] % SCENES[name].input_size == 0
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_a_scene_can_be_sent_to_another_process(name):
+    scene = SCENES[name].scene
+    assert repr(pickle.loads(pickle.dumps(scene))) == repr(scene)
+
+
+def test_a_tumbled_object_keeps_its_orientation_and_a_resampled_one_does_not(rng):
+    for presentation, same in ((Tumbled(), True), (Resampled(), False)):
+        scene = replace(STILL, presentation=presentation)
+        thing = scene.sample_object(1, rng)
+        shown = [scene.place(thing, 3, np.random.default_rng(seed)).orientation for seed in range(2)]
+        assert np.allclose(*shown) == same
+
+
+def test_an_upright_object_stands_within_its_tilt(rng):
+    scene = replace(STILL, presentation=Upright(tilt=0.1))
+    axes = np.array([to_matrix(scene.sample_object(2, rng).orientation)[:, 2] for _ in range(300)])
+    tilts = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
+    assert tilts.max() <= 0.1 + 1e-9
+    assert tilts.max() > 0.08
+    assert np.abs(axes[:, :2].mean(axis=0)).max() < 0.02  # leaning in no direction in particular
+
+
+def test_turned_images_are_as_likely_only_where_nothing_has_a_direction():
+    assert STILL.symmetry is Symmetry.ROTATIONS_AND_MIRROR
+    assert replace(STILL, renderer=GelSightRenderer()).symmetry is Symmetry.NONE
+    assert replace(STILL, faults=(DeadTaxels(0.1),)).symmetry is Symmetry.NONE
+    assert replace(STILL, presentation=Upright()).symmetry is Symmetry.NONE
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.02
+    mesh = Mesh("corner", vertices - 0.005, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    assert replace(STILL, shapes={"corner": mesh}).symmetry is Symmetry.ROTATIONS
+
+
+@pytest.mark.parametrize(
+    ("distribution", "low", "high"),
+    [
+        (Constant(2.0), 2.0, 2.0),
+        (Uniform(1.0, 3.0), 1.0, 3.0),
+        (LogUniform(0.5, 2.0), 0.5, 2.0),
+        (Normal(1.0, 0.1), 0.7, 1.3),
+    ],
+)
+def test_a_distribution_stays_within_its_limits_and_repeats_with_its_seed(distribution, low, high):
+    draws = [distribution.sample(np.random.default_rng(seed)) for seed in range(500)]
+    assert low <= min(draws) <= max(draws) <= high
+    assert draws == [distribution.sample(np.random.default_rng(seed)) for seed in range(500)]
+    assert np.ptp(draws) >= 0.8 * (high - low)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Uniform(2.0, 1.0),
+        lambda: Uniform(0.0, np.inf),
+        lambda: Constant(np.nan),
+        lambda: LogUniform(0.0, 1.0),
+        lambda: Normal(0.0, -1.0),
+    ],
+)
+def test_a_distribution_that_is_none_is_refused(wrong):
+    with pytest.raises(ValueError, match="got"):
+        wrong()
+
+
+def test_an_object_keeps_its_friction_and_stiffness_through_the_episode(rng):
+    scene = replace(STILL, variation=Variation(friction=Uniform(0.2, 1.0), stiffness=LogUniform(0.5, 2.0)))
+    thing = scene.sample_object(0, rng)
+    placements = [scene.place(thing, pose, rng) for pose in range(6)]
+    assert {p.friction for p in placements} == {thing.friction}
+    assert {p.stiffness for p in placements} == {thing.stiffness}
+    assert thing.friction != scene.sample_object(0, rng).friction
+
+
+def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
+    path = tmp_path / "wedge.off"
+    path.write_text("OFF\n4 4 0\n0 0 0\n.03 0 0\n0 .03 0\n0 0 .03\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+    scene = replace(STILL, shapes={**SHAPES, "mine": path})
+    assert scene.shape_labels == (*SHAPES, "mine")
+    assert isinstance(scene.shapes["mine"], Mesh)
+    with pytest.raises(FileNotFoundError):
+        Scene(shapes={"mug": Path("no such file.stl")})
+    path.write_text("OFF\n3 1 0\n0 0 0\n.03 0 0\n0 .03 0\n3 0 2 1\n")
+    with pytest.raises(BadMesh, match="not closed: 3 open edges"):
+        Scene(shapes={"mine": path})
+
+
+def test_an_unknown_robot_suggests_the_nearest():
+    with pytest.raises(UnknownName, match="Did you mean 'panda_allegro'"):
+        Scene(robot="panda_alegro")
+
+
+def test_a_scene_without_shapes_is_refused():
+    with pytest.raises(ValueError, match="at least one shape"):
+        Scene(shapes={})
