@@ -34,16 +34,25 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt $(PIP_ARGS) -e ".[dev]"
 	@touch $@
 
-# The shipped sensor from nothing: touches, classifier, observation model (about 40 minutes on two cores).
+# The shipped sensor of a scene from nothing: touches, classifier, observation model; make sensor SCENE=coarse for another
+# (on two cores: gel 40 minutes, hard and many 20, paper and coarse 10).
+SCENE ?= gel
+COLLECT.paper := --plan.train 1500
+COLLECT.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
+COLLECT.many := $(COLLECT.hard)
+TRAIN.paper := --recipe.epochs 6 --recipe.batch-size 128
+TRAIN.coarse := --recipe.epochs 8 --recipe.batch-size 128
+TRAIN.hard := $(TRAIN.coarse)
+TRAIN.many := $(TRAIN.coarse)
 sensor: environment
-	$(BIN)/activetouch collect --out data/gel
-	$(BIN)/activetouch train --data data/gel --out runs/train
-	$(BIN)/activetouch calibrate --data data/gel --classifier runs/train/classifier.safetensors \
-		--out activetouch/models/gel
+	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
+	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
+	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
 
-# The README's figure: one of the default comparison's searches.
+# The README's figure is one of the default comparison's searches.
 figures: search
 	$(BIN)/activetouch replay --target cone --number 121 --out docs/search.png
+	$(BIN)/activetouch gallery --out docs/gallery.png
 
 clean:
 	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info

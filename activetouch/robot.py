@@ -157,4 +157,4 @@ def _pose(spec: mujoco.MjSpec, angles: tuple[float, ...]) -> None:
         body, turn, turned = joint.parent, np.zeros(4), np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, joint.axis, angle)
         mujoco.mju_mulQuat(turned, body.quat / np.linalg.norm(body.quat), turn)
-        body.quat, joint.ref = turned, angle
+        body.quat, joint.ref = turned, np.rad2deg(angle) if spec.compiler.degree else angle
