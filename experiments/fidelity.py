@@ -94,7 +94,7 @@ class Fidelity:
     presses: int = 500
     """Of every shape, quasistatic and dynamic."""
     soft_presses: int = 40
-    """Of every shape, on the soft pad."""
+    """Of every shape, on the soft pad; 0 to leave it out."""
     seed: int = 0
     """Of the placements."""
     out: Path = Path("runs/fidelity.json")
@@ -107,10 +107,12 @@ class Fidelity:
         scene, console = self.choice.named.scene, Console()
         plain = self._press(scene, Quasistatic(), self.presses, "quasistatic")
         stepped = self._press(scene, Dynamic(traced=True), self.presses, "dynamic")
-        soft = self._press(scene, Deformable(), self.soft_presses, "deformable")
+        others = {"dynamic": stepped}
+        if self.soft_presses:
+            others["deformable"] = self._press(scene, Deformable(), self.soft_presses, "deformable")
         agreement = {
-            name: {label: compare(plain[label], other[label]) for label in other}
-            for name, other in (("dynamic", stepped), ("deformable", soft))
+            name: {label: compare(plain[label], pressed) for label, pressed in other.items()}
+            for name, other in others.items()
         }
         leaks = {
             "quasistatic": leak(plain, "depth"),
