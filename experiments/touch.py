@@ -67,14 +67,14 @@ class Touch:
 
     def run(self) -> None:
         """Press once and draw."""
-        from activetouch.picture import GL_HINT, gl_backend, press_picture
+        from activetouch.picture import GL_HINT, press_picture
         from experiments.touch_figures import draw_touch
 
         scene = traced(self.choice.named.scene)
         placement, contact = press_once(scene, self.shape, self.pose, self.seed)
-        if gl_backend() is None:
+        view, by_opengl = press_picture(scene.stage, placement, contact.depth)
+        if not by_opengl:
             print(GL_HINT)
-        view = press_picture(scene.stage, placement, contact.depth)
         title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
             " (bottomed out)" if contact.is_bottomed_out else ""
         )

@@ -117,8 +117,8 @@ def test_an_observation_model_of_other_shapes_is_refused(sensor):
         TactileSensor(sensor.scene, sensor.classifier, random_model(np.random.default_rng(0)))
 
 
-def test_an_input_size_that_does_not_divide_the_image_is_refused():
-    with pytest.raises(ValueError, match="does not divide"):
+def test_an_input_size_that_does_not_fit_the_image_is_refused():
+    with pytest.raises(ValueError, match="one must be a multiple of the other"):
         TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 48)(torch.zeros(1, 128, 128))
 
 
@@ -136,3 +136,13 @@ def test_what_is_no_stack_of_images_is_refused(sensor, images):
 def test_no_images_are_refused(sensor):
     with pytest.raises(ValueError, match="empty"):
         sensor.classifier.read(np.zeros((0, 128, 128), np.uint8))
+
+
+@pytest.mark.parametrize(("shape", "channels"), [((4, 4), 1), ((32, 32), 1), ((128, 128), 1), ((64, 64, 3), 3)])
+def test_coarse_fine_and_coloured_images_are_read(shape, channels):
+    network = TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 32, channels).eval()
+    logits, features = network(torch.zeros((2, *shape), dtype=torch.uint8))
+    assert logits.shape == (2, 2)
+    assert features.shape == (2, 8)
+    with pytest.raises(ValueError, match=f"reads images of {channels} channels"):
+        network(torch.zeros((2, 32, 32, 4 - channels), dtype=torch.uint8))
