@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from activetouch.errors import WrongPress
 from activetouch.guarded_move import GuardedMove
 from activetouch.poses import random_orientation
 from activetouch.scene import Scene, WorldObject
@@ -25,12 +26,12 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
         One trace a cycle, with all five phases in their order; a miss has no ``contact``.
 
     Raises:
-        TypeError: the scene's presses are no guarded moves, which alone rotate.
+        WrongPress: the scene's presses are no guarded moves, which alone rotate.
         UnstablePress: the simulation diverged.
     """
     move = scene.press_model
     if not isinstance(move, GuardedMove):
-        raise TypeError(f"cycles are made of guarded moves, the scene presses with {move}; use the scene 'paper'")
+        raise WrongPress(f"cycles are made of guarded moves, the scene presses with {move}; use the scene 'paper'")
     placement = scene.place(thing, 0, rng)
     cycles = []
     for _ in range(num_cycles):

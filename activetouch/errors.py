@@ -21,6 +21,10 @@ class LabelMismatch(ActiveTouchError, ValueError):
     """A model was made for other shapes or poses than the scene has."""
 
 
+class WrongPress(ActiveTouchError, TypeError):
+    """Something needs another way to press than the scene has: one that moves, or one that rotates."""
+
+
 class MissingPackage(ActiveTouchError, ImportError):
     """Something optional is not installed; the message says what and how to get it."""
 

@@ -20,6 +20,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+SKY = (237, 240, 245)
+"""Colour of what is behind everything."""
 _BACKENDS = ("egl", "osmesa", "glfw")
 
 
@@ -72,12 +74,17 @@ def main(folder: Path) -> None:
     model.vis.global_.fovy = view.field_of_view
     model.vis.global_.offwidth, model.vis.global_.offheight = view.width, view.height
     model.vis.quality.shadowsize, model.vis.quality.offsamples = 0, 4  # shadows cost most of the time in software
+    model.vis.headlight.ambient, model.vis.headlight.diffuse = np.full(3, 0.5), np.full(3, 0.6)
     camera = mujoco.MjvCamera()
     camera.lookat, camera.distance = view.lookat, view.distance
     camera.azimuth, camera.elevation = view.azimuth, view.elevation
     with mujoco.Renderer(model, view.height, view.width) as renderer:
         renderer.update_scene(data, camera)
-        np.save(folder / "image.npy", renderer.render())
+        image = renderer.render().copy()
+        renderer.enable_depth_rendering()
+        depth = renderer.render()
+        image[depth > 0.99 * depth.max()] = SKY  # where there is nothing
+        np.save(folder / "image.npy", image)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.contact import first_touch
-from activetouch.opengl import View, draw_in_child
+from activetouch.opengl import SKY, View, draw_in_child
 from activetouch.placement import Placement
 from activetouch.rig import Rig
 from activetouch.stage import Stage
@@ -22,7 +22,6 @@ GL_HINT = (
     "activetouch[viewer] and, on Debian or Ubuntu, the package libegl1 (with a GPU) or libosmesa6 (without)."
 )
 _LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light; need not be a unit vector
-_SKY = np.array([0.93, 0.94, 0.96])
 _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW = 128.0, -27.0, 35.0  # of the camera [degrees]: from the front right and above
 _OVERSAMPLING = 2
 
@@ -67,6 +66,6 @@ def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Image:
     )
     light = _LIGHT / np.linalg.norm(_LIGHT)
     shade = 0.35 + 0.65 * np.clip(normals @ light, 0.0, 1.0)
-    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], _SKY)
+    colours = np.where((geoms >= 0)[:, None], model.geom_rgba[geoms, :3] * shade[:, None], np.array(SKY) / 255)
     image = colours.reshape(view.height, _OVERSAMPLING, view.width, _OVERSAMPLING, 3).mean(axis=(1, 3))
     return np.rint(255 * np.clip(image, 0.0, 1.0)).astype(np.uint8)

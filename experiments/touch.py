@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import itertools
 import time
+import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -19,7 +21,7 @@ from rich.progress import track
 from activetouch.atomic import atomic_path
 from activetouch.cycles import record_cycles
 from activetouch.dynamic import Dynamic
-from activetouch.errors import MissingPackage
+from activetouch.errors import MissingPackage, WrongPress
 from activetouch.placement import Placement
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
@@ -156,6 +158,22 @@ class Record:
         print(f"wrote {len(scene.shapes)} files to {self.out}")
 
 
+def _require_viewer() -> ModuleType:
+    """MuJoCo's viewer, or an error that says what is missing; without a display it would end the process."""
+    try:
+        import glfw
+        from mujoco import viewer
+    except ImportError as error:
+        raise MissingPackage(
+            f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'"
+        ) from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns, too, that there is no display
+        if not glfw.init():
+            raise MissingPackage("there is no display to open a window on; activetouch touch draws into a file")
+    return viewer
+
+
 @dataclass(frozen=True)
 class View:
     """Open the scene in MuJoCo's window and press an object in it; needs the extra ``viewer`` and a display.
@@ -180,17 +198,11 @@ class View:
 
         from activetouch.rig import Rig
 
-        try:
-            from mujoco import viewer
-        except ImportError as error:
-            raise MissingPackage(
-                f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'. It also "
-                "needs a display; without one, activetouch touch draws the scene into a file."
-            ) from error
         scene = traced(self.choice.named.scene)
         placement, contact = press_once(scene, self.shape, self.pose, self.seed)
         if contact.trace is None:
-            raise MissingPackage("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
+            raise WrongPress("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
+        viewer = _require_viewer()
         rig = Rig(scene.stage, placement.shape, timestep=float(contact.trace.time[0]))
         rig.place(float(contact.trace.position[0, 0]), placement)
         with viewer.launch_passive(rig.model, rig.data) as window:

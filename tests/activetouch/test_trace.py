@@ -6,6 +6,7 @@ import pytest
 
 from activetouch import SCENES, SHAPES, Dynamic
 from activetouch.cycles import record_cycles
+from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
 from activetouch.scene import Scene
@@ -72,7 +73,7 @@ def test_a_miss_has_no_pause_with_force(rng):
 
 def test_only_guarded_moves_rotate(rng):
     scene = Scene()
-    with pytest.raises(TypeError, match="use the scene 'paper'"):
+    with pytest.raises(WrongPress, match="use the scene 'paper'"):
         record_cycles(scene, scene.sample_object(0, rng), 1, rng)
 
 

@@ -5,10 +5,11 @@ import pytest
 from PIL import Image
 
 from activetouch import SHAPES
+from activetouch.errors import MissingPackage, WrongPress
 from activetouch.trace import Phase
 from belief.errors import UnknownName
 from experiments.scene_choice import SceneChoice
-from experiments.touch import Gallery, Record, Touch, press_once
+from experiments.touch import Gallery, Record, Touch, View, press_once
 
 pytestmark = pytest.mark.mujoco
 
@@ -54,3 +55,17 @@ def test_the_same_seed_presses_the_same_object():
 def test_an_unknown_shape_or_pose_suggests_the_nearest(shape, pose, meant):
     with pytest.raises(UnknownName, match=f"Did you mean {meant}"):
         press_once(SceneChoice().named.scene, shape, pose, 0)
+
+
+def test_the_viewer_says_what_it_lacks(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(MissingPackage, match=r"activetouch\[viewer\]|no display"):
+        View().run()
+    with pytest.raises(WrongPress, match="nothing moves"):
+        View(SceneChoice(fidelity="quasistatic")).run()
+
+
+def test_a_log_of_another_press_than_the_papers_is_refused(tmp_path):
+    with pytest.raises(WrongPress, match="use the scene 'paper'"):
+        Record(SceneChoice(), out=tmp_path).run()
