@@ -1,11 +1,14 @@
 """The shipped sensor does its job, and nothing that is not one of our checkpoints is accepted."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
 from safetensors.numpy import save_file
+from scipy.stats import binom
 
-from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.classifier import Backbone, TouchClassifier, TouchNetwork
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
@@ -30,6 +33,26 @@ def test_the_shipped_classifier_reads_fresh_objects(sensor):
         world = TouchWorld.sample(sensor, (number % 4,), rng)
         right += int(world.touch(number % 6, rng).logits.argmax() == number % 4)
     assert right >= 366
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "gel"])
+def test_every_named_scene_has_a_sensor_that_reads_fresh_objects_of_it(name):
+    sensor = TactileSensor.shipped(name)
+    evaluation = json.loads((MODELS / name / "evaluation.json").read_text())
+    num_shapes = len(sensor.scene.shapes)
+    images, poses, truth = [], [], []
+    for number in range(96):
+        rng = np.random.default_rng([2026, number])
+        world = TouchWorld.sample(sensor, (number % num_shapes,), rng)
+        images.append(world.press(number % 6, rng))
+        poses.append(number % 6)
+        truth.append(number % num_shapes)
+    right = sum(
+        int(touch.logits.argmax() == k) for touch, k in zip(sensor.read(np.stack(images), poses), truth, strict=True)
+    )
+    # At the accuracy that was measured on thousands, fewer has probability below 1e-4.
+    assert right >= binom.ppf(1e-4, 96, evaluation["accuracy"])
 
 
 @pytest.mark.mujoco
