@@ -14,6 +14,10 @@ from activetouch.trace import Trace
 
 Floats = NDArray[np.float64]
 
+# Arrays of up to 128 kB are taken from memory at hand; larger ones are asked of the system anew each time, at twice the
+# cost of the rays themselves.
+_RAYS_AT_ONCE = 8192
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:
@@ -66,9 +70,9 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
         stiffness: of layer and object skin together, relative to the pad's.
         trace: of the press.
     """
-    force = force if np.isfinite(gap).any() else 0.0
-    depth = pad.indentation(gap, force / stiffness)
-    indentation = np.maximum(depth - gap, 0.0)
+    force = force if np.isfinite(gap.min()) else 0.0
+    indentation = pad.indentation(gap, force / stiffness) - gap
+    np.maximum(indentation, 0.0, out=indentation)
     return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
 
 
@@ -85,10 +89,16 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and how far the object's centre is in front of the pad then [m]; ``nan`` for a miss."""
     rotation = to_matrix(placement.orientation)
+    to_object = rotation.T / placement.scale  # the object's frame, at nominal size
     clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
-    centre = np.array([[clearance], [placement.offset[0]], [placement.offset[1]]])
-    origins = rotation.T @ (pad.taxel_centres - centre) / placement.scale  # object frame at nominal size, (3, n)
-    distance = placement.shape.entry_distance(origins, rotation[0]) * placement.scale
-    first = distance.min()
+    centre = to_object @ np.array([[clearance], [placement.offset[0]], [placement.offset[1]]])
+    distance = np.empty(pad.num_taxels**2)
+    for first_ray in range(0, len(distance), _RAYS_AT_ONCE):
+        rays = slice(first_ray, first_ray + _RAYS_AT_ONCE)
+        origins = to_object @ pad.taxel_centres[:, rays]
+        origins -= centre
+        distance[rays] = placement.shape.entry_distance(origins, rotation[0])
+    distance *= placement.scale
+    nearest = float(distance.min())
     distance = distance.reshape(pad.num_taxels, pad.num_taxels)
-    return (distance - first, clearance - first) if np.isfinite(first) else (distance, np.nan)
+    return (distance - nearest, clearance - nearest) if np.isfinite(nearest) else (distance, np.nan)

@@ -20,8 +20,15 @@ Quaternion = NDArray[np.float64]
 
 def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
     """The rotation ``right`` followed by ``left`` (Hamilton product, ``wxyz``)."""
-    w1, v1, w2, v2 = left[0], left[1:], right[0], right[1:]
-    return np.concatenate([[w1 * w2 - v1 @ v2], w1 * v2 + w2 * v1 + np.cross(v1, v2)])
+    (w1, x1, y1, z1), (w2, x2, y2, z2) = left, right
+    return np.array(
+        [
+            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        ]
+    )
 
 
 def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:

@@ -125,4 +125,6 @@ def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) ->
     """The sensor's reading of an image: all faults in turn, then saturation and 8 bits."""
     for fault in faults:
         image = fault(image, rng)
-    return np.rint(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
+    image = np.clip(image, 0.0, 1.0)
+    image *= 255.0
+    return np.rint(image, out=image).astype(np.uint8)

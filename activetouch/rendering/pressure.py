@@ -33,5 +33,7 @@ class PressureRenderer:
         pad, edge = contact.pad, self.binning
         if pad.num_taxels % edge:
             raise ValueError(f"binning must divide the pad's {pad.num_taxels} points an edge, got {edge}")
+        if edge == 1:
+            return contact.pressure / (pad.stiffness * pad.max_depth)
         blocks = contact.pressure.reshape(pad.num_taxels // edge, edge, pad.num_taxels // edge, edge)
         return blocks.mean(axis=(1, 3)) / (pad.stiffness * pad.max_depth)
