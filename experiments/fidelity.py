@@ -26,14 +26,20 @@ from activetouch.contact import first_touch
 from activetouch.deformable import Deformable
 from activetouch.dynamic import Dynamic
 from activetouch.errors import UnstablePress
+from activetouch.placement import Placement
+from activetouch.poses import turn
 from activetouch.press import Press, Quasistatic
 from activetouch.scene import Scene
+from activetouch.shapes import SHAPES
+from activetouch.stage import Stage
 from experiments.baseline import neighbour_accuracy
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice
 
 Floats = NDArray[np.float64]
 _PER_TASK = 25
+FORCES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""Of the force-depth curves [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,18 +125,40 @@ class Fidelity:
             "dynamic": leak(stepped, "depth"),
             "dynamic, with the depth of MuJoCo's contact": leak(stepped, "engine_depth"),
         }
+        curves = self._curves() if self.soft_presses else {}
         for name, rows in agreement.items():
             console.print(_table(f"{name} against quasistatic", rows))
         for name, accuracy in leaks.items():
             console.print(f"shape from force and depth alone, {name}: {accuracy:.3f}")
+        for name, depths in curves.items():
+            console.print(_curve_table(name, depths))
         numbers = {
             "seed": self.seed,
             "agreement": {n: {k: asdict(row) for k, row in rows.items()} for n, rows in agreement.items()},
             "shape_from_force_and_depth": leaks,
+            "forces": FORCES,
+            "depths": curves,
         }
         with atomic_path(self.out) as temporary:
             temporary.write_text(json.dumps(numbers, indent=1) + "\n")
         print(f"wrote {self.out}")
+
+    def _curves(self) -> dict[str, dict[str, list[float]]]:
+        """Depth [m] by force of a sphere and an edge, on the foundation and on the soft pad."""
+        placements = {
+            "sphere": Placement(SHAPES["sphere"], 1.0, turn("x", 0.0)),
+            "cube on an edge": Placement(SHAPES["cube"], 1.0, turn("z", np.pi / 4)),
+        }
+        tasks = [
+            partial(_depth, name, kind, press, placement, force)
+            for name, placement in placements.items()
+            for kind, press in (("quasistatic", Quasistatic()), ("deformable", Deformable()))
+            for force in FORCES
+        ]
+        curves: dict[str, dict[str, list[float]]] = {name: {"quasistatic": [], "deformable": []} for name in placements}
+        for name, kind, _, depth in sorted(run_tasks(tasks, self.jobs, "force and depth")):
+            curves[name][kind].append(depth)
+        return curves
 
     def _press(self, scene: Scene, press: Press, number: int, what: str) -> dict[str, Pressed]:
         """``number`` presses of every shape, by label."""
@@ -148,6 +176,10 @@ class Fidelity:
             for label, some in parts.items()
             if some
         }
+
+
+def _depth(name: str, kind: str, press: Press, placement: Placement, force: float) -> tuple[str, str, float, float]:
+    return name, kind, force, press.press(Stage(), placement, force).depth
 
 
 def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[int, int, Pressed]:
@@ -218,4 +250,14 @@ def _table(title: str, rows: dict[str, Agreement]) -> Table:
             f"{row.force_error_high:.1%}",
             f"{row.bottomed_out:.0%}",
         )
+    return table
+
+
+def _curve_table(name: str, depths: dict[str, list[float]]) -> Table:
+    table = Table(title=f"depth of a {name} [mm]", box=box.SIMPLE_HEAD)
+    table.add_column("force [N]")
+    for force in FORCES:
+        table.add_column(f"{force:g}", justify="right")
+    for kind, row in depths.items():
+        table.add_row(kind, *(f"{1e3 * depth:.2f}" for depth in row))
     return table
