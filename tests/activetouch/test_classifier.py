@@ -141,7 +141,7 @@ def test_an_observation_model_of_other_shapes_is_refused(sensor):
 
 
 def test_an_input_size_that_does_not_fit_the_image_is_refused():
-    with pytest.raises(ValueError, match="one must be a multiple of the other"):
+    with pytest.raises(ValueError, match="is no multiple of the images' 128 pixels"):
         TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 48)(torch.zeros(1, 128, 128))
 
 
