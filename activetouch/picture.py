@@ -32,7 +32,7 @@ def press_picture(
     """The stage, the object pressed ``depth`` [m] into the pad, ``(height, width, 3)``; and whether OpenGL drew it."""
     _, touching = first_touch(stage.pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(stage, placement.shape, timestep=0.002)
+    rig = Rig(stage, placement.shape, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
     lookat = np.array([0.0, 0.0, stage.height])

@@ -34,7 +34,8 @@ if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
 _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
 _SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
 _PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
-_LARGEST_SCALE = 2.0  # compiled size relative to nominal
+LARGEST_SCALE = 2.0
+"""Size at which an object is compiled, relative to nominal; it can be pressed at any size up to that."""
 _PARKING = (0.10, 0.25, 0.10)  # x [m] and first y [m] of the parking area, and distance between its places [m]
 _DARK, _GREY, _ORANGE, _BLUE = (0.15, 0.16, 0.2, 1), (0.6, 0.62, 0.66, 1), (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
 _NO_CONTACT = {"contype": 0, "conaffinity": 0}
@@ -53,7 +54,9 @@ _GEOM_TYPES = {
 }
 
 
-def build_spec(stage: Stage, shape: Shape, timestep: float, traced: bool = False) -> mujoco.MjSpec:
+def build_spec(
+    stage: Stage, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
+) -> mujoco.MjSpec:
     """The model of a stage and one object at its largest size, ready to compile."""
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
@@ -81,7 +84,7 @@ def build_spec(stage: Stage, shape: Shape, timestep: float, traced: bool = False
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
     contact = {} if stage.robot is not None and stage.robot.collisions else _NO_CONTACT
-    _add_solid(spec, body, "object", shape, _LARGEST_SCALE, mass=_MASS, rgba=_ORANGE, **contact)
+    _add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -119,10 +122,20 @@ class Rig:
         shape: of the object.
         timestep: of the simulation [s].
         traced: whether force vector and contact point are sensed in every step.
+        largest_scale: size up to which the object can be placed. Rays are cast against the bounding volumes of that
+            size, so a model to be looked at must be compiled at the size that is placed.
     """
 
-    def __init__(self, stage: Stage, shape: Shape, timestep: float, traced: bool = False) -> None:
-        self.model = build_spec(stage, shape, timestep, traced).compile()
+    def __init__(
+        self,
+        stage: Stage,
+        shape: Shape,
+        timestep: float,
+        traced: bool = False,
+        largest_scale: float = LARGEST_SCALE,
+    ) -> None:
+        self.model = build_spec(stage, shape, timestep, traced, largest_scale).compile()
+        self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
         self._height, self._traced = stage.height, traced
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
@@ -144,9 +157,9 @@ class Rig:
 
     def place(self, position: float, placement: Placement) -> None:
         """Put the object at rest, its centre ``position`` [m] in front of the pad."""
-        factor = placement.scale / _LARGEST_SCALE
+        factor = placement.scale / self._largest_scale
         if not 0.0 < factor <= 1.0:
-            raise ValueError(f"scale must be in (0, {_LARGEST_SCALE}], got {placement.scale}")
+            raise ValueError(f"scale must be in (0, {self._largest_scale}], got {placement.scale}")
         model = self.model
         mujoco.mj_resetData(model, self.data)
         self._rows.clear()

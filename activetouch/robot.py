@@ -46,7 +46,7 @@ class Robot:
         tip: body of the hand that is centred behind the pad.
         collisions: whether an object that misses the pad collides with the robot. The robot never collides with
             itself or the pad: none of them can move.
-        jointed: whether its joints and servos are modelled, for a robot that shall move: 3.5 times the time of a press.
+        jointed: whether its joints and servos are modelled, for a robot that shall move; triples the time of a press.
         visuals: whether to load what is there for the looks alone, for a picture: 36 MB instead of under 1.
     """
 

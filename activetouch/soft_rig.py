@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.pad import Pad
 from activetouch.placement import Placement
+from activetouch.rig import LARGEST_SCALE
 from activetouch.shapes import Shape
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ Floats = NDArray[np.float64]
 _PAD_MASS = 0.3  # [kg]; more than gel weighs: only rest is read, and a heavier pad conditions the implicit step
 _OBJECT_MASS = 0.05  # [kg]; little, so that the guide is overdamped even against a whole face
 _NEO_HOOKEAN = 1  # of mjsFlex.elastic3d
-_LARGEST_SCALE = 2.0  # compiled size relative to nominal
 _SOLVER_ITERATIONS = 400  # the unloaded pad alone takes 50-200 of the preconditioned solver; the default is 100
 
 # CG and not Newton: a fine 3D mesh fills in the factorised Hessian, and CG is four times as fast here. The contact is
@@ -79,10 +79,10 @@ def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
     geom = shape.geom
     geom_type = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
     if geom.vertices is not None:
-        spec.add_mesh(name="object", uservert=(geom.vertices * _LARGEST_SCALE).ravel())
+        spec.add_mesh(name="object", uservert=(geom.vertices * LARGEST_SCALE).ravel())
         body.add_geom(name="object", type=geom_type, meshname="object", mass=_OBJECT_MASS)
     else:
-        size = np.asarray(geom.size) * _LARGEST_SCALE
+        size = np.asarray(geom.size) * LARGEST_SCALE
         body.add_geom(name="object", type=geom_type, size=size, mass=_OBJECT_MASS)
     return spec
 
@@ -108,9 +108,9 @@ class SoftRig:
 
     def place(self, position: float, placement: Placement, target_force: float) -> None:
         """Put the object at rest, its centre ``position`` [m] before the pad, pulled by ``target_force`` [N]."""
-        factor = placement.scale / _LARGEST_SCALE
+        factor = placement.scale / LARGEST_SCALE
         if not 0.0 < factor <= 1.0:
-            raise ValueError(f"scale must be in (0, {_LARGEST_SCALE}], got {placement.scale}")
+            raise ValueError(f"scale must be in (0, {LARGEST_SCALE}], got {placement.scale}")
         mujoco.mj_resetData(self.model, self.data)
         for name in ("geom_size", "geom_pos", "mesh_vert", "body_ipos"):
             getattr(self.model, name)[:] = self._compiled[name] * factor

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from activetouch import POSES, SHAPES, Dynamic, Quasistatic, Scene
+from activetouch.contact import first_touch
 from activetouch.errors import UnstablePress
 from activetouch.guarded_move import GuardedMove
 from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.poses import multiply, random_orientation, turn
-from activetouch.rig import shared_rig
+from activetouch.rig import LARGEST_SCALE, Rig, shared_rig
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
 from activetouch.stage import Stage
+from activetouch.trace import Phase
 
 pytestmark = pytest.mark.mujoco
 STAGE = Stage()
@@ -42,24 +44,16 @@ def test_a_press_does_not_remember_the_one_before(rng):
     assert forces([0, 1, 2]) == forces([2, 1, 0]) == forces([0, 1, 2])
 
 
-@pytest.fixture
-def largest_scale(monkeypatch):
-    """Sets the size that models are compiled at; no model of it is kept."""
-
-    def set_scale(scale):
-        shared_rig.cache_clear()
-        monkeypatch.setattr("activetouch.rig._LARGEST_SCALE", scale)
-
-    yield set_scale
-    shared_rig.cache_clear()
-
-
 @pytest.mark.parametrize("name", list(EXTENDED_SHAPES))
-def test_resizing_in_place_gives_the_touch_of_a_model_compiled_at_that_size(name, rng, largest_scale):
-    placement = Placement(EXTENDED_SHAPES[name], 1.1, random_orientation(rng))
-    in_place = Dynamic().press(STAGE, placement, 2.0).force
-    largest_scale(1.1)
-    assert Dynamic().press(STAGE, placement, 2.0).force == pytest.approx(in_place, rel=1e-6)
+def test_resizing_in_place_gives_the_force_of_a_model_compiled_at_that_size(name, rng):
+    placement, forces = Placement(EXTENDED_SHAPES[name], 1.1, random_orientation(rng)), []
+    touching = first_touch(STAGE.pad, placement)[1]
+    for largest_scale in (LARGEST_SCALE, 1.1):
+        rig = Rig(STAGE, placement.shape, 0.002, largest_scale=largest_scale)
+        rig.place(touching + 0.001, placement)
+        forces.append([rig.step(touching + 0.001 - 2e-5 * step, Phase.CONTACT) for step in range(150)])
+    assert max(forces[0]) > 0.3
+    np.testing.assert_allclose(*forces, rtol=1e-5, atol=1e-7)
 
 
 def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_image():
