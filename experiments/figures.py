@@ -105,7 +105,8 @@ def _grouped(axes, comparison: Comparison, value) -> None:
         if intervals[0] is not None:
             low, high = np.array(intervals).T
             axes.errorbar(x, values, [values - low, high - values], fmt="none", ecolor=_INK, elinewidth=1, capsize=2)
-    axes.set_xticks(np.arange(len(groups)), groups)
+    crowded = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"} if len(groups) > 6 else {}
+    axes.set_xticks(np.arange(len(groups)), groups, **crowded)
     axes.legend(frameon=False, ncols=len(comparison.deciders), loc="lower center", bbox_to_anchor=(0.5, 1))
 
 

@@ -42,6 +42,8 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         stories=[_story(setting, name, episode) for name, episode in _choose(comparison)],
         run=RunFolder(folder).read_run(),
         seed=seed,
+        scene=setting.choice.scene,
+        longest_label=max(map(len, comparison.problem.shape_labels)),
     )
     path = folder / "report.html"
     with atomic_path(path) as temporary:
