@@ -124,15 +124,15 @@ class Compare:
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
         """The search and the targets, or an error before anything is started or written."""
+        try:
+            problem = self.setting.problem
+        except ValueError as error:
+            raise BadArgument(str(error)) from error
         if not self.setting.sensor_folder.is_dir():
             raise BadArgument(
                 f"{self.setting.sensor_folder} holds no sensor; make one for this scene with activetouch collect, "
                 "train and calibrate, and name its folder with --sensor"
             )
-        try:
-            problem = self.setting.problem
-        except ValueError as error:
-            raise BadArgument(str(error)) from error
         if self.episodes < 1 or self.jobs < 1 or not self.deciders:
             raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
         for name in self.deciders:

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -13,6 +14,7 @@ from experiments.episodes import Setting
 from experiments.replay import replay
 from experiments.report import write_report
 from experiments.results import RunMismatch
+from experiments.scene_choice import SceneChoice
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 SMALL = {"deciders": ("information_gain", "threshold", "random_confirm"), "targets": ("cone", "sphere"), "seed": 3}
@@ -135,6 +137,8 @@ def test_the_table_fits_an_ordinary_terminal(finished):
         ({"deciders": ()}, "must name one"),
         ({"episodes": 0}, "at least 1"),
         ({"setting": Setting(num_objects=5)}, "5 objects cannot all differ"),
+        ({"setting": Setting(SceneChoice(scene="course"))}, "Did you mean 'coarse'"),
+        ({"setting": Setting(sensor=Path("no/such/folder"))}, "holds no sensor; make one"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_written(options, message, tmp_path):
