@@ -66,7 +66,7 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
     for number, thing in enumerate(things):
         placement = scene.place(thing, number % len(scene.poses), rng)
         started = time.perf_counter()
-        contact = scene.press_model.press(scene.stage, placement, scene.variation.force.sample(rng))
+        contact = scene.contact(placement, rng)
         pressed = time.perf_counter()
         read_out(scene.renderer(contact), scene.faults, rng)
         presses.append(pressed - started)

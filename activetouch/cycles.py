@@ -35,11 +35,10 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
     placement = scene.place(thing, 0, rng)
     cycles = []
     for _ in range(num_cycles):
-        contact = move.press(scene.stage, placement, scene.variation.force.sample(rng))
+        contact = scene.contact(placement, rng)
         orientation = random_orientation(rng)
         rotation = move.rotate(scene.stage, placement, orientation)
         assert contact.trace is not None, "guarded moves are always traced"
         cycles.append(join([contact.trace, rotation]))
-        offset = np.array([scene.variation.offset.sample(rng) for _ in range(2)])
-        placement = replace(placement, orientation=orientation, offset=offset)
+        placement = replace(placement, orientation=orientation, offset=scene.variation.sample_offset(rng))
     return cycles

@@ -24,6 +24,11 @@ def require_steps(timestep: float, speed: float, pause: float) -> None:
         )
 
 
+def start_position(start: float, stage: Stage, placement: Placement) -> float:
+    """Where a press starts: ``start`` [m] in front of the pad, or further for an object that would touch it there."""
+    return max(start, placement.bounding_radius + stage.pad.max_depth)
+
+
 @dataclass(frozen=True)
 class Dynamic:
     """The object moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing force.
@@ -61,7 +66,7 @@ class Dynamic:
         from activetouch.rig import shared_rig  # loads MuJoCo
 
         rig = shared_rig(stage, placement.shape, self.timestep, self.traced)
-        position = withdrawn = max(self.start, placement.bounding_radius + stage.pad.max_depth)
+        position = withdrawn = start_position(self.start, stage, placement)
         rig.place(position, placement)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted = round(self.pause / self.timestep)

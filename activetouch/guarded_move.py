@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.contact import Contact, elastic_contact, surface_gap
-from activetouch.dynamic import require_steps
+from activetouch.dynamic import require_steps, start_position
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
@@ -48,7 +48,7 @@ class GuardedMove:
         from activetouch.rig import shared_rig  # loads MuJoCo
 
         rig = shared_rig(stage, placement.shape, self.timestep, traced=True)
-        position = withdrawn = max(self.start, placement.bounding_radius + stage.pad.max_depth)
+        position = withdrawn = start_position(self.start, stage, placement)
         rig.place(position, placement)
         force = 0.0
         while position > -self.travel and force < target_force:
@@ -71,7 +71,7 @@ class GuardedMove:
         from activetouch.rig import shared_rig  # loads MuJoCo
 
         rig = shared_rig(stage, placement.shape, self.timestep, traced=True)
-        position = max(self.start, placement.bounding_radius + stage.pad.max_depth)
+        position = start_position(self.start, stage, placement)
         rig.place(position, placement)
         start, end = np.asarray(placement.orientation), np.asarray(orientation)
         end = end if start @ end >= 0.0 else -end  # the same rotation, the short way

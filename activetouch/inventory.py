@@ -34,11 +34,7 @@ def inventory(scene: Scene) -> list[Entry]:
     entries = [
         Entry(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
         Entry(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
-        Entry(
-            pad.num_taxels**2,
-            "points of the pad",
-            f"one ray each, {spacing:.2f} mm apart",
-        ),
+        Entry(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
     press = scene.press_model
@@ -68,11 +64,7 @@ def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
         Entry(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
         Entry(model.nsensor, "sensor", "force vector and contact point in every step"),
         Entry(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
-        Entry(
-            sum(name.startswith("parked") for name in names),
-            "parked objects",
-            "fixed to the world, no contact",
-        ),
+        Entry(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
         Entry(np.count_nonzero(robot), "robot parts", "to be seen and bumped into; they stand still"),
     ]
 

@@ -84,7 +84,7 @@ def build_spec(
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
     contact = {} if stage.robot is not None and stage.robot.collisions else _NO_CONTACT
-    _add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
+    add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -92,7 +92,7 @@ def build_spec(
     for place, parked in enumerate(stage.loaded):
         if parked != shape:
             position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], stage.height]
-            _add_solid(spec, world, f"parked{place}", parked, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
+            add_solid(spec, world, f"parked{place}", parked, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
     if traced:
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
@@ -102,7 +102,7 @@ def build_spec(
     return spec
 
 
-def _add_solid(
+def add_solid(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, shape: Shape, scale: float, **properties: object
 ) -> None:
     """Give a body the geom of a shape."""

@@ -65,6 +65,10 @@ class Variation:
     friction: Distribution = field(default_factory=lambda: Constant(1.0))
     stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
 
+    def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Displacement of one press, along y and along z [m], ``(2,)``."""
+        return np.array([self.offset.sample(rng) for _ in range(2)])
+
 
 @dataclass(frozen=True, eq=False)
 class WorldObject:
@@ -168,10 +172,18 @@ class Scene:
 
     def place(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose."""
-        offset = np.array([self.variation.offset.sample(rng) for _ in range(2)])
+        offset = self.variation.sample_offset(rng)
         shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
         shape = self.shapes[self.shape_labels[thing.shape_index]]
         return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
+
+    def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:
+        """Press what is placed, with a random force.
+
+        Raises:
+            UnstablePress: the simulation diverged.
+        """
+        return self.press_model.press(self.stage, placement, self.variation.force.sample(rng))
 
     def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
         """Press an object in a pose: the contact, and the sensor's image of it, ``(n, n)`` or ``(n, n, 3)``.
@@ -179,6 +191,5 @@ class Scene:
         Raises:
             UnstablePress: the simulation diverged.
         """
-        placement = self.place(thing, pose, rng)
-        contact = self.press_model.press(self.stage, placement, self.variation.force.sample(rng))
+        contact = self.contact(self.place(thing, pose, rng), rng)
         return contact, read_out(self.renderer(contact), self.faults, rng)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.pad import Pad
 from activetouch.placement import Placement
-from activetouch.rig import LARGEST_SCALE
+from activetouch.rig import LARGEST_SCALE, add_solid
 from activetouch.shapes import Shape
 
 if TYPE_CHECKING:
@@ -76,14 +76,7 @@ def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
         name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], damping=[1 / press.admittance, 0.0, 0.0]
     )
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
-    geom = shape.geom
-    geom_type = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
-    if geom.vertices is not None:
-        spec.add_mesh(name="object", uservert=(geom.vertices * LARGEST_SCALE).ravel())
-        body.add_geom(name="object", type=geom_type, meshname="object", mass=_OBJECT_MASS)
-    else:
-        size = np.asarray(geom.size) * LARGEST_SCALE
-        body.add_geom(name="object", type=geom_type, size=size, mass=_OBJECT_MASS)
+    add_solid(spec, body, "object", shape, LARGEST_SCALE, mass=_OBJECT_MASS)
     return spec
 
 

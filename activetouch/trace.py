@@ -59,8 +59,7 @@ class Trace:
     @property
     def end_of_pause(self) -> int:
         """Row after the last one of the pause; 0 where nothing was held, as in a miss."""
-        held = [row for row, phase in enumerate(self.phase) if phase is Phase.PAUSE]
-        return held[-1] + 1 if held else 0
+        return next((row for row in range(len(self), 0, -1) if self.phase[row - 1] is Phase.PAUSE), 0)
 
 
 def join(traces: Iterable[Trace]) -> Trace:

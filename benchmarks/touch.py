@@ -8,11 +8,11 @@ machines drift, ratios hold.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
 import torch
+from rounds import time_in_rounds
 
 from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
 from activetouch.contact import surface_gap
@@ -62,19 +62,11 @@ def cases() -> dict[str, Callable[[int], object]]:
 
 
 def main() -> None:
-    functions = cases()
-    milliseconds: dict[str, list[float]] = {name: [] for name in functions}
-    for round_ in range(ROUNDS + 1):
-        for name, function in functions.items():
-            started = time.perf_counter()
-            for i in range(PER_ROUND):
-                function(i)
-            if round_ > 0:  # the first round warms up
-                milliseconds[name].append(1e3 * (time.perf_counter() - started) / PER_ROUND)
-    base = np.array(next(iter(milliseconds.values())))
+    milliseconds = time_in_rounds(cases(), ROUNDS, PER_ROUND)
+    base = next(iter(milliseconds.values()))
     print(f"{'median of ' + str(ROUNDS) + ' rounds':<54}{'ms':>9}{'per s':>9}{'ratio':>8}")
     for name, times in milliseconds.items():
-        median, ratio = np.median(times), np.median(np.array(times) / base)
+        median, ratio = np.median(times), np.median(times / base)
         print(f"{name:<54}{median:9.3f}{1e3 / median:9.0f}{ratio:8.2f}")
 
 

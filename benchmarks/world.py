@@ -18,6 +18,7 @@ import joblib
 import mujoco
 import numpy as np
 from mujoco import rollout
+from rounds import time_in_rounds
 
 from activetouch import SCENES, Quasistatic, Scene
 from activetouch.contact import first_touch
@@ -84,18 +85,11 @@ def rollouts_per_second(number: int = 256) -> float:
 
 
 def table(title: str, cases: Mapping[str, Callable[[int], object]], per_round: int) -> None:
-    milliseconds: dict[str, list[float]] = {name: [] for name in cases}
-    for round_ in range(ROUNDS + 1):
-        for name, function in cases.items():
-            started = time.perf_counter()
-            for index in range(per_round):
-                function(index)
-            if round_:  # the first round warms up
-                milliseconds[name].append(1e3 * (time.perf_counter() - started) / per_round)
-    base = np.array(next(iter(milliseconds.values())))
+    milliseconds = time_in_rounds(cases, ROUNDS, per_round)
+    base = next(iter(milliseconds.values()))
     print(f"\n{title:<58}{'ms':>9}{'ratio':>8}")
     for name, times in milliseconds.items():
-        print(f"{name:<58}{np.median(times):9.3f}{np.median(np.array(times) / base):8.2f}")
+        print(f"{name:<58}{np.median(times):9.3f}{np.median(times / base):8.2f}")
 
 
 def presses(scene: Scene) -> Callable[[int], object]:

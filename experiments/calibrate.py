@@ -24,7 +24,7 @@ from belief.selection import cross_validated_nll, group_by_object, log_posterior
 from belief.statistics import clopper_pearson_interval
 from experiments.baseline import depth_and_force_accuracy
 from experiments.parallel import progress_bar
-from experiments.scene_choice import named_scene
+from experiments.scene_choice import collection_folder, named_scene, training_folder
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -61,9 +61,9 @@ class Calibrate:
         from activetouch.classifier import TouchClassifier  # loads torch
 
         named_scene(self.scene)  # or say which there are
-        data = self.data if self.data is not None else Path("data") / self.scene
+        data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
-        trained = self.classifier if self.classifier is not None else Path(f"runs/train-{self.scene}") / CLASSIFIER_FILE
+        trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
         classifier = TouchClassifier.load(trained)
         labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
         manifest = read_manifest(data)

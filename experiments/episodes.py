@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -48,7 +48,7 @@ class Setting:
         sensor = None if fields["sensor"] is None else Path(fields["sensor"])
         return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
 
-    @cached_property
+    @property
     def scene(self) -> Scene:
         """The scene the episodes play in."""
         return self.choice.named.scene

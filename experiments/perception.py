@@ -14,7 +14,7 @@ from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Symmetry
 from activetouch.world import CLASSIFIER_FILE
 from experiments.parallel import default_jobs, progress_bar, run_tasks
-from experiments.scene_choice import SceneChoice, named_scene
+from experiments.scene_choice import SceneChoice, collection_folder, named_scene, training_folder
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Collect:
     def run(self) -> None:
         """Record all missing shards."""
         scene = self.choice.named.scene
-        folder = self.out if self.out is not None else Path("data") / self.choice.scene
+        folder = self.out if self.out is not None else collection_folder(self.choice.scene)
         write_manifest(folder, scene, self.plan)
         tasks = [
             partial(record_shard, scene, self.plan, split, objects, path)
@@ -88,8 +88,8 @@ class Train:
 
         torch.set_num_threads(self.threads)
         named = named_scene(self.scene)
-        data = self.data if self.data is not None else Path("data") / self.scene
-        out = self.out if self.out is not None else Path(f"runs/train-{self.scene}")
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        out = self.out if self.out is not None else training_folder(self.scene)
         input_size = self.input_size if self.input_size is not None else named.input_size
         manifest = read_manifest(data)
         train, calibration = read_split(data, "train"), read_split(data, "calibration")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -37,6 +38,16 @@ def named_scene(name: str) -> NamedScene:
     return SCENES[name]
 
 
+def collection_folder(scene: str) -> Path:
+    """Where touches of a scene are collected unless told otherwise."""
+    return Path("data") / scene
+
+
+def training_folder(scene: str) -> Path:
+    """Where the classifier of a scene is trained unless told otherwise."""
+    return Path(f"runs/train-{scene}")
+
+
 class DuplicateShape(ActiveTouchError, ValueError):
     """Two shapes of a scene would have the same name."""
 
@@ -60,7 +71,7 @@ class SceneChoice:
     robot: Literal["panda_allegro"] | None = None
     """A robot to stand behind the pad; its models are read from $MENAGERIE_ROOT."""
 
-    @property
+    @cached_property
     def named(self) -> NamedScene:
         """The scene, changed as asked, and its search.
 

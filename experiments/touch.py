@@ -91,7 +91,7 @@ def press_once(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placemen
     shape_index, pose_index = _index("shape", shape, scene.shape_labels), _index("pose", pose, scene.pose_labels)
     thing = scene.sample_object(shape_index, rng)
     placement = scene.place(thing, pose_index, rng)
-    return placement, scene.press_model.press(scene.stage, placement, scene.variation.force.sample(rng))
+    return placement, scene.contact(placement, rng)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,24 @@
+"""Timing in interleaved rounds, so that a machine that drifts is unfair to no case."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def time_in_rounds(
+    cases: Mapping[str, Callable[[int], object]], rounds: int, per_round: int
+) -> dict[str, NDArray[np.float64]]:
+    """Milliseconds a call of every case, by round; each case is called with 0, 1, … in every round."""
+    milliseconds: dict[str, list[float]] = {name: [] for name in cases}
+    for round_ in range(rounds + 1):
+        for name, function in cases.items():
+            started = time.perf_counter()
+            for index in range(per_round):
+                function(index)
+            if round_ > 0:  # the first round warms up
+                milliseconds[name].append(1e3 * (time.perf_counter() - started) / per_round)
+    return {name: np.array(times) for name, times in milliseconds.items()}
