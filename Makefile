@@ -35,15 +35,18 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@touch $@
 
 # The shipped sensor of a scene from nothing: touches, classifier, observation model; make sensor SCENE=coarse for another
-# (on two cores: gel 40 minutes, hard and many 20, paper and coarse 10).
+# (ten to fifteen minutes on two cores).
 SCENE ?= gel
 COLLECT.paper := --plan.train 1500
+COLLECT.coarse := --plan.train 13500
 COLLECT.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
 COLLECT.many := $(COLLECT.hard)
-TRAIN.paper := --recipe.epochs 6 --recipe.batch-size 128
-TRAIN.coarse := --recipe.epochs 8 --recipe.batch-size 128
-TRAIN.hard := $(TRAIN.coarse)
-TRAIN.many := $(TRAIN.coarse)
+CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
+TRAIN.gel := $(CNN)
+TRAIN.coarse := $(CNN) --change.epochs 12
+TRAIN.hard := --recipe large --change.batch-size 128 --change.epochs 8
+TRAIN.many := $(TRAIN.hard)
+TRAIN.paper := --recipe large --change.batch-size 128 --change.epochs 6
 sensor: environment
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))

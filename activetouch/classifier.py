@@ -1,15 +1,19 @@
-"""The network that reads a tactile image: ConvNeXt, its checkpoint format, and batched inference.
+"""The network that reads a tactile image, its checkpoint format, and batched inference.
 
 A checkpoint is one safetensors file: weights in half precision, and in its header everything needed to use them
-honestly: shape and pose labels, what the images were, the MuJoCo version they came from, how training ended.
-Loading runs no code from the file.
+honestly: shape and pose labels, what the images were, the MuJoCo version they came from, how training ended, and a
+SHA-256 of it all. Loading runs no code from the file.
 """
 
 from __future__ import annotations
 
+import copy
+import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,28 +23,10 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.atomic import atomic_path
+from activetouch.backbones import BACKBONES
 from activetouch.errors import CorruptFile, LabelMismatch
 
-_FORMAT = "activetouch-classifier-1"
-# Mean and standard deviation of a touch image in [0, 1]; they only centre the input, so round values do.
-_PIXEL_MEAN, _PIXEL_STD = 0.03, 0.1
-
-
-@dataclass(frozen=True)
-class Backbone:
-    """Stage depths and widths of a ConvNeXt (Liu et al. 2022; Woo et al. 2023 for the sizes below Tiny)."""
-
-    depths: tuple[int, int, int, int]
-    widths: tuple[int, int, int, int]
-
-
-BACKBONES = {
-    "atto": Backbone((2, 2, 6, 2), (40, 80, 160, 320)),
-    "femto": Backbone((2, 2, 6, 2), (48, 96, 192, 384)),
-    "pico": Backbone((2, 2, 6, 2), (64, 128, 256, 512)),
-    "nano": Backbone((2, 2, 8, 2), (80, 160, 320, 640)),
-    "tiny": Backbone((3, 3, 9, 3), (96, 192, 384, 768)),
-}
+_FORMAT = "activetouch-classifier-2"
 
 
 @dataclass(frozen=True)
@@ -52,6 +38,7 @@ class ClassifierCard:
         input_size: edge the image is averaged down, or repeated up, to before the network sees it [pixels].
         shape_labels, pose_labels: of the scene it was trained on.
         channels: of the images: 1, or 3 in colour.
+        pixel_mean, pixel_std: of the images it was trained on, in [0, 1]; they centre and scale the input.
         images: description of the scene the training images came from.
         mujoco_version: MuJoCo that pressed them.
         training: summary of how training went (epochs, images, losses).
@@ -62,32 +49,36 @@ class ClassifierCard:
     shape_labels: tuple[str, ...]
     pose_labels: tuple[str, ...]
     channels: int = 1
+    pixel_mean: float = 0.03
+    pixel_std: float = 0.1
     images: str = ""
     mujoco_version: str = ""
     training: str = ""
 
 
 class TouchNetwork(nn.Module):
-    """ConvNeXt on tactile images, grey or in colour, with a linear head over the shapes."""
+    """A backbone on tactile images, grey or in colour, with a linear head over the shapes.
 
-    def __init__(self, backbone: Backbone, num_shapes: int, input_size: int, channels: int = 1) -> None:
-        from transformers import ConvNextConfig, ConvNextModel  # slow to import, so only here
+    Args:
+        card: which backbone, for which images and shapes.
+        features: the backbone's network; one with random weights by default.
+    """
 
+    def __init__(self, card: ClassifierCard, features: nn.Module | None = None) -> None:
         super().__init__()
-        self.input_size, self.channels = input_size, channels
-        self.backbone = ConvNextModel(
-            ConvNextConfig(num_channels=channels, depths=list(backbone.depths), hidden_sizes=list(backbone.widths))
-        )
-        self.head = nn.Linear(backbone.widths[-1], num_shapes)
+        kind = BACKBONES[card.backbone]
+        self.card = card
+        self.backbone = features if features is not None else kind.build(card.channels)
+        self.head = nn.Linear(kind.num_features, len(card.shape_labels))
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Logits ``(B, K)`` and features ``(B, D)`` of uint8 images ``(B, H, W)`` or ``(B, H, W, channels)``."""
         if images.ndim == 3:
             images = images.unsqueeze(-1)
-        if images.shape[-1] != self.channels:
-            raise ValueError(f"the network reads images of {self.channels} channels, got {images.shape[-1]}")
+        if images.shape[-1] != self.card.channels:
+            raise ValueError(f"the network reads images of {self.card.channels} channels, got {images.shape[-1]}")
         pixels = images.permute(0, 3, 1, 2).float() / 255.0
-        found, wanted = pixels.shape[-1], self.input_size
+        found, wanted = pixels.shape[-1], self.card.input_size
         if found % wanted == 0:
             pixels = nn.functional.avg_pool2d(pixels, found // wanted) if found > wanted else pixels
         elif wanted % found == 0:
@@ -96,9 +87,27 @@ class TouchNetwork(nn.Module):
             raise ValueError(
                 f"input_size {wanted} is no multiple of the images' {found} pixels, nor the other way round"
             )
-        pixels = ((pixels - _PIXEL_MEAN) / _PIXEL_STD).contiguous(memory_format=torch.channels_last)
-        features = self.backbone(pixels).pooler_output
+        pixels = (pixels - self.card.pixel_mean) / self.card.pixel_std
+        pixels = pixels.to(next(self.backbone.parameters()).dtype, memory_format=torch.channels_last)
+        features = self.backbone(pixels).float()
         return self.head(features), features
+
+
+class Reading(NamedTuple):
+    """What the network says of N images, from one pass.
+
+    Attributes:
+        logits: ``(N, K)`` float64.
+        features: the backbone's, before the head, ``(N, D)`` float32; D is 768 for Tiny.
+    """
+
+    logits: NDArray[np.float64]
+    features: NDArray[np.float32]
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Index of the likeliest shape, ``(N,)``."""
+        return self.logits.argmax(axis=1)
 
 
 class TouchClassifier:
@@ -114,51 +123,69 @@ class TouchClassifier:
         self.network = network.eval().to(memory_format=torch.channels_last)
 
     @torch.inference_mode()
-    def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[NDArray, NDArray]:
-        """Logits ``(N, K)`` float64, features ``(N, D)`` float32, of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
+    def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
+        """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
         if images.ndim not in (3, 4) or images.dtype != np.uint8:
             raise ValueError(
                 f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}"
             )
+        if not len(images):
+            raise ValueError("images is empty: there is nothing to read")
         parts = [
             self.network(torch.from_numpy(images[first : first + batch_size]))
             for first in range(0, len(images), batch_size)
         ]
-        if not parts:
-            raise ValueError("images is empty: there is nothing to read")
         logits, features = (torch.cat(column).float().numpy() for column in zip(*parts, strict=True))
-        return logits.astype(np.float64), features
+        return Reading(logits.astype(np.float64), features)
+
+    def to_bfloat16(self) -> TouchClassifier:
+        """The same classifier with a backbone that computes in bfloat16: faster where the processor has it."""
+        network = copy.deepcopy(self.network)
+        network.backbone.to(torch.bfloat16)
+        return TouchClassifier(self.card, network)
 
     def save(self, path: Path) -> None:
-        """Write the checkpoint, atomically."""
+        """Write the checkpoint, atomically.
+
+        Raises:
+            ValueError: a weight is too large for half precision, or not finite.
+        """
         tensors = {name: value.half().contiguous() for name, value in self.network.state_dict().items()}
+        for name, value in tensors.items():
+            if not bool(torch.isfinite(value).all()):
+                raise ValueError(f"the weights {name} are not finite in half precision; did the training diverge?")
+        card = json.dumps(asdict(self.card))
+        # One entry: several would be written in random order, and the same classifier would not be the same file.
+        header = json.dumps({"card": card, "sha256": _digest(card, tensors)})
         with atomic_path(path) as temporary:
-            # One entry: several would be written in random order, and the same classifier would not be the same file.
-            save_file(tensors, temporary, metadata={_FORMAT: json.dumps(asdict(self.card))})
+            save_file(tensors, temporary, metadata={_FORMAT: header})
 
     @classmethod
     def load(cls, path: Path) -> TouchClassifier:
         """Read a checkpoint.
 
         Raises:
-            CorruptFile: the file is truncated, tampered with or not one of ours.
+            CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
         """
         try:
             with safe_open(path, framework="pt") as file:
-                header = file.metadata() or {}
-                tensors = {name: file.get_tensor(name).float() for name in file.keys()}  # noqa: SIM118
+                metadata = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError) as error:
-            raise CorruptFile(f"{path} is no readable safetensors checkpoint: {error}") from error
-        if _FORMAT not in header:
-            raise CorruptFile(f"{path} is no {_FORMAT} checkpoint; its header has {sorted(header) or 'nothing'}")
+            raise CorruptFile(f"{path} is missing, truncated, or no safetensors checkpoint: {error}") from error
+        if _FORMAT not in metadata:
+            raise CorruptFile(f"{path} is no {_FORMAT} checkpoint; its header has {sorted(metadata) or 'nothing'}")
         try:
-            fields = json.loads(header[_FORMAT])
+            header = json.loads(metadata[_FORMAT])
+            if header["sha256"] != _digest(header["card"], tensors):
+                raise CorruptFile(f"{path} was changed after it was written: its weights do not match their SHA-256")
+            fields = json.loads(header["card"])
             for name in ("shape_labels", "pose_labels"):
                 fields[name] = tuple(fields[name])
             card = ClassifierCard(**fields)
-            network = TouchNetwork(BACKBONES[card.backbone], len(card.shape_labels), card.input_size, card.channels)
-            network.load_state_dict(tensors)
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            network = TouchNetwork(card)
+            network.load_state_dict(tensors)  # copies half into single precision
+        except (KeyError, TypeError, json.JSONDecodeError, RuntimeError) as error:
             raise CorruptFile(f"{path} does not describe a classifier: {error}") from error
         return cls(card, network)
 
@@ -177,3 +204,12 @@ class TouchClassifier:
                     f"the classifier knows the {what} {list(mine)}, the scene has {list(wanted)}. Train one for "
                     "this scene (activetouch collect, then activetouch train)."
                 )
+
+
+def _digest(card: str, tensors: Mapping[str, Tensor]) -> str:
+    """SHA-256 of a card and of all weights, by name."""
+    digest = hashlib.sha256(card.encode())
+    for name in sorted(tensors):
+        digest.update(name.encode())
+        digest.update(tensors[name].numpy().tobytes())
+    return digest.hexdigest()

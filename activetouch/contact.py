@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,53 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
     indentation = pad.indentation(gap, force / stiffness) - gap
     np.maximum(indentation, 0.0, out=indentation)
     return Contact(pad, gap, force, indentation, (stiffness * pad.stiffness) * indentation, trace)
+
+
+def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0) -> Contact:
+    """:func:`elastic_contact` the other way round: the contact whose deepest taxel is indented by ``depth``.
+
+    Args:
+        pad: the pad.
+        gap: from :func:`surface_gap`.
+        depth: of the deepest taxel, in ``[0, pad.max_depth]`` [m].
+        stiffness: of layer and object skin together, relative to the pad's.
+
+    Raises:
+        ValueError: the layer is not as deep as that, or the depth is negative or NaN.
+    """
+    if not 0.0 <= depth <= pad.max_depth:
+        raise ValueError(f"depth must be in [0, {pad.max_depth:g}] m, where the layer ends; got {depth:g}")
+    indentation = np.maximum(depth - gap, 0.0)
+    pressure = (stiffness * pad.stiffness) * indentation
+    return Contact(pad, gap, float(pressure.sum()) * pad.taxel_area, indentation, pressure)
+
+
+def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -> Contact:
+    """A contact as it would look with the force and the depth of another: a control, not physics.
+
+    The indentation is as deep as the lender's, and the force in the pause as large, although this surface would need
+    another force for that depth. The forces of a trace are scaled alike, and act where they did.
+
+    Args:
+        lender: gives force and depth.
+        contact: gives the gap, and the points of its trace.
+        stiffness: of layer and object skin together, relative to the pad's, for this contact.
+
+    Raises:
+        ValueError: the lender is deeper than the contact's layer.
+    """
+    shown = contact_at_depth(contact.pad, contact.gap, lender.depth, stiffness)
+    trace, held = contact.trace, _held_force(contact)
+    if trace is not None and held > 0.0:
+        trace = replace(trace, force=trace.force * (_held_force(lender) / held))
+    return replace(shown, force=lender.force, trace=trace)
+
+
+def _held_force(contact: Contact) -> float:
+    """Length of the force vector at the end of the pause [N], friction included where there is a trace."""
+    if contact.trace is None:
+        return contact.force
+    return float(np.linalg.norm(contact.trace.force[contact.trace.end_of_pause - 1])) if contact.force else 0.0
 
 
 def surface_gap(pad: Pad, placement: Placement) -> Floats:

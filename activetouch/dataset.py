@@ -1,50 +1,55 @@
 """Recorded touches of many objects, split by object, in small shards that survive a killed run.
 
 A :class:`CollectionPlan` says how many objects each split has. Every object is touched once in every pose and
-draws from a generator keyed by (seed, split, object), so a shard's bytes depend on the plan alone: not on how
+draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not on how
 many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
+
+A shard is read as arrays of numbers only, never unpickled, and is used only if it holds the touches that the plan puts
+there, byte for byte as they were recorded (:mod:`activetouch.manifest`).
 """
 
 from __future__ import annotations
 
-import json
+import hashlib
+import io
+import math
+import struct
 import zipfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
 from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.scene import Scene
+from belief.errors import UnknownName
 
-SPLITS = ("train", "calibration", "test")
-_OBJECTS_PER_SHARD = 48
+__all__ = [
+    "SPLITS",
+    "CollectionPlan",
+    "TouchSet",
+    "object_rng",
+    "read_manifest",
+    "read_shard",
+    "read_split",
+    "record_shard",
+    "shard_path",
+    "write_manifest",
+]
 
-
-@dataclass(frozen=True)
-class CollectionPlan:
-    """How many objects to touch, each in every pose.
-
-    Attributes:
-        train, calibration, test: objects *per shape* in each split.
-        seed: of the whole collection.
-    """
-
-    train: int = 2700
-    calibration: int = 300
-    test: int = 500
-    seed: int = 0
-
-    def shards(self, num_shapes: int) -> Iterator[tuple[str, int, range]]:
-        """The shards to record: (split, shard number, object numbers)."""
-        for split in SPLITS:
-            total = getattr(self, split) * num_shapes
-            for shard, first in enumerate(range(0, total, _OBJECTS_PER_SHARD)):
-                yield split, shard, range(first, min(first + _OBJECTS_PER_SHARD, total))
+_NUMBERS = {
+    "shapes": np.int64,
+    "object_ids": np.int64,
+    "poses": np.int64,
+    "forces": np.float64,
+    "depths": np.float64,
+}
+_LONGEST_HEADER = 2**16 + 10  # of an npy file of format 1.0: two bytes tell the length
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +72,27 @@ class TouchSet:
     forces: NDArray[np.float64]
     depths: NDArray[np.float64]
 
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.integer]) -> TouchSet:
+        """Some of the touches, by mask or by index."""
+        return TouchSet(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
-def shard_path(folder: Path, split: str, shard: int) -> Path:
-    """Where a shard lives."""
-    return folder / split / f"{shard:05d}.npz"
+    @classmethod
+    def join(cls, parts: Sequence[TouchSet]) -> TouchSet:
+        """The touches of several sets, in turn."""
+        columns = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns})
+
+
+def object_rng(plan: CollectionPlan, split: str, number: int) -> np.random.Generator:
+    """The generator that one object of a collection, and all touches of it, draw from."""
+    return np.random.default_rng([plan.seed, SPLITS.index(split), number])
 
 
 def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
     """Touch each object once in every pose and write the shard, atomically."""
     images, rows = [], []
     for number in objects:
-        rng = np.random.default_rng([plan.seed, SPLITS.index(split), number])
+        rng = object_rng(plan, split, number)
         thing = scene.sample_object(number % len(scene.shapes), rng)
         for pose in range(len(scene.poses)):
             contact, image = scene.press(thing, pose, rng)
@@ -96,72 +111,123 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
         )
 
 
-def write_manifest(folder: Path, scene: Scene, plan: CollectionPlan) -> None:
-    """Record what the folder holds.
+def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
+    """One shard, its arrays read-only, and the SHA-256 of its bytes, for the caller to compare with what was recorded.
 
     Raises:
-        LabelMismatch: the folder already holds touches of another plan or scene.
+        CorruptFile: it is damaged, or holds other touches than the plan puts there.
+        LabelMismatch: it names shapes or poses that the collection does not have.
     """
-    import mujoco
-
-    manifest = {
-        "plan": asdict(plan),
-        "mujoco_version": mujoco.__version__,
-        "shape_labels": list(scene.shape_labels),
-        "pose_labels": list(scene.pose_labels),
-        "symmetry": scene.symmetry,
-        "scene": repr(scene),
-    }
-    path = folder / "manifest.json"
-    if path.exists():
-        found = json.loads(path.read_text())
-        if found != manifest:
-            differing = [key for key in manifest if found.get(key) != manifest[key]]
-            raise LabelMismatch(
-                f"{folder} holds a collection with other {', '.join(differing)}. Choose another folder, "
-                "or delete this one to record it anew."
-            )
-        return
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(manifest, indent=2) + "\n")
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """What a folder of touches holds: plan, labels, scene, MuJoCo version.
-
-    Raises:
-        CorruptFile: there is no readable manifest.
-    """
+    path = shard_path(folder, split, shard)
+    remedy = f"Delete it and record it again with: {manifest.command(folder)}"
     try:
-        return json.loads((folder / "manifest.json").read_text())
-    except (OSError, ValueError) as error:
-        raise CorruptFile(
-            f"{folder} holds no collection ({error}); record one with: activetouch collect --out {folder}"
-        ) from error
+        data = path.read_bytes()
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read ({error}). {remedy}") from error
+    digest = hashlib.sha256(data).hexdigest()
+    touches = _parse(data, digest == manifest.digest(split, shard), path, remedy)
+    _require_planned(touches, manifest, objects, path, remedy)
+    return touches, digest
 
 
 def read_split(folder: Path, split: str) -> TouchSet:
     """All touches of one split.
 
     Raises:
-        CorruptFile: the folder holds no such shards, or one of them is damaged.
+        CorruptFile: the folder holds no such shards, or one of them is damaged, foreign, or was changed after it was
+            recorded.
+        LabelMismatch: a shard names shapes or poses that the collection does not have.
+        UnknownName: there is no such split.
     """
+    if split not in SPLITS:
+        raise UnknownName("split", split, list(SPLITS))
     manifest = read_manifest(folder)
-    plan = CollectionPlan(**manifest["plan"])
-    shards = plan.shards(len(manifest["shape_labels"]))
-    paths = [shard_path(folder, split, shard) for name, shard, _ in shards if name == split]
-    missing = [path for path in paths if not path.exists()]
+    shards = [(shard, objects) for name, shard, objects in manifest.shards() if name == split]
+    if not shards:
+        raise CorruptFile(f"{folder} was planned without any {split} objects; collect into another folder, with some")
+    missing = [shard for shard, _ in shards if not shard_path(folder, split, shard).exists()]
     if missing:
         raise CorruptFile(
-            f"{len(missing)} of {len(paths)} shards are missing in {folder / split}; finish the collection with: "
-            f"activetouch collect --out {folder}"
+            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection with: "
+            f"{manifest.command(folder)}"
         )
-    columns: dict[str, list[NDArray]] = {name: [] for name in TouchSet.__dataclass_fields__}
-    for path in paths:
-        try:
-            with path.open("rb") as file, np.load(file) as shard:  # allow_pickle is off: arrays only
-                for name, parts in columns.items():
-                    parts.append(shard[name])
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise CorruptFile(f"{path} is damaged ({error}); delete it and collect again") from error
-    return TouchSet(**{name: np.concatenate(parts) for name, parts in columns.items()})
+    num_poses = len(manifest.pose_labels)
+    total = shards[-1][1].stop * num_poses
+    columns = {name: np.empty(total, dtype) for name, dtype in _NUMBERS.items()}
+    columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
+    for shard, objects in shards:
+        touches, digest = read_shard(folder, manifest, split, shard, objects)
+        path = shard_path(folder, split, shard)
+        recorded = manifest.digest(split, shard)
+        if digest != (recorded or digest):
+            raise CorruptFile(
+                f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, the manifest says "
+                f"{recorded[:12]}…. Delete it and record it again with: {manifest.command(folder)}"
+            )
+        for name, column in columns.items():
+            column[objects.start * num_poses : objects.stop * num_poses] = getattr(touches, name)
+    return TouchSet(**columns)
+
+
+def _parse(data: bytes, is_recorded: bool, path: Path, remedy: str) -> TouchSet:
+    """The arrays of an npz file; ``is_recorded`` bytes are known by their digest and need no other check."""
+    if not data.startswith(b"PK"):
+        raise CorruptFile(f"{path} is no shard: it does not begin like an npz file. {remedy}")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            columns = TouchSet.__dataclass_fields__
+            return TouchSet(**{name: _array(data, archive.getinfo(f"{name}.npy"), is_recorded) for name in columns})
+    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
+        raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error
+
+
+def _array(data: bytes, info: zipfile.ZipInfo, is_recorded: bool) -> NDArray:
+    """An array of the archive, in place: ``numpy.load`` copies it, which takes longer than the SHA-256."""
+    name_length, extra_length = struct.unpack_from("<HH", data, info.header_offset + 26)  # end of the fixed part
+    start = info.header_offset + 30 + name_length + extra_length
+    content = memoryview(data)[start : start + info.file_size]
+    if info.compress_type != zipfile.ZIP_STORED or not (is_recorded or zlib.crc32(content) == info.CRC):
+        raise ValueError(f"{info.filename} is compressed, or its checksum is wrong")
+    header = io.BytesIO(content[:_LONGEST_HEADER])
+    if np.lib.format.read_magic(header) != (1, 0):
+        raise ValueError(f"{info.filename} has another npy format than 1.0")
+    shape, is_fortran, dtype = np.lib.format.read_array_header_1_0(header)
+    if is_fortran or dtype.hasobject:
+        raise ValueError(f"{info.filename} holds objects, which are not unpickled, or is in Fortran order")
+    return np.frombuffer(content, dtype, math.prod(shape), header.tell()).reshape(shape)
+
+
+def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path: Path, remedy: str) -> None:
+    num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
+    num_touches = len(objects) * num_poses
+    expected = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
+    expected |= {name: ((num_touches,), dtype) for name, dtype in _NUMBERS.items()}
+    for name, (shape, dtype) in expected.items():
+        column = getattr(touches, name)
+        if column.shape != shape or column.dtype != dtype:
+            raise CorruptFile(
+                f"{path} is not of this collection: its {name} are {column.shape} {column.dtype}, the plan and the "
+                f"scene make them {shape} {np.dtype(dtype)}. {remedy}"
+            )
+    for name, labels in (("shapes", manifest.shape_labels), ("poses", manifest.pose_labels)):
+        column = getattr(touches, name)
+        beyond = column[(column < 0) | (column >= len(labels))]
+        if beyond.size:
+            raise LabelMismatch(
+                f"{path} names {name[:-1]} {beyond[0]}, but the collection has {len(labels)}, from 0: "
+                f"{', '.join(labels)}. {remedy}"
+            )
+    if not np.array_equal(touches.object_ids, np.repeat(objects, num_poses)):
+        found = touches.object_ids
+        raise CorruptFile(
+            f"{path} is not the shard of that name: it holds objects {found.min()} to {found.max()}, the plan puts "
+            f"{objects.start} to {objects.stop - 1} there, each in {num_poses} poses. {remedy}"
+        )
+    planned = {"shapes": touches.object_ids % num_shapes, "poses": np.tile(np.arange(num_poses), len(objects))}
+    for name, numbers in planned.items():
+        wrong = np.flatnonzero(getattr(touches, name) != numbers)
+        if wrong.size:
+            raise LabelMismatch(
+                f"{path} has wrong labels: {wrong.size} of {num_touches} {name} are not the planned ones, first that "
+                f"of object {touches.object_ids[wrong[0]]}. {remedy}"
+            )

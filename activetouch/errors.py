@@ -35,3 +35,11 @@ class MissingRobot(ActiveTouchError, FileNotFoundError):
 
 class BadMesh(ActiveTouchError, ValueError):
     """A mesh is no solid object of a size that can be felt; the message says why and what to do."""
+
+
+class MissingWeights(ActiveTouchError, OSError):
+    """Published weights to start from are not where they were looked for, or belong to another network."""
+
+
+class ImpossibleRecipe(ActiveTouchError, ValueError):
+    """A setting of a training is out of its range."""

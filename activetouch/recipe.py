@@ -2,26 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
+
+from activetouch.errors import ImpossibleRecipe
 
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """How to train.
+    """How to train with AdamW; as it comes, the paper's recipe (paper §5.7).
+
+    The paper does not give its batch size, nor how far its "small rotations" went; those two are ours.
 
     Attributes:
-        epochs: passes over the training split.
+        epochs: passes over the training split; the cosine schedule ends with the last.
         batch_size: images a step.
         learning_rate: peak of the cosine schedule, after ``warmup`` epochs of linear rise.
         weight_decay: of AdamW, on matrices and kernels only.
+        warmup: epochs of linear rise.
+        class_weights: whether rare shapes count more in the loss, so that all shapes count alike together.
+        rotation: images are turned by up to so many degrees either way, where the scene's symmetry allows it.
+        patience: stop after so many epochs without a lower loss on the calibration split, and go back to the best
+            one; None to train to the end and keep the last.
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
+
+    Raises:
+        ImpossibleRecipe: a setting is out of its range.
     """
 
-    epochs: int = 10
-    batch_size: int = 64
-    learning_rate: float = 1e-3
-    weight_decay: float = 0.02
-    warmup: float = 0.5
+    epochs: int = 30
+    batch_size: int = 32
+    learning_rate: float = 1e-4
+    weight_decay: float = 1e-4
+    warmup: float = 0.0
+    class_weights: bool = True
+    rotation: float = 10.0
+    patience: int | None = None
     bf16: bool = True
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.epochs, self.batch_size) < 1 or (self.patience is not None and self.patience < 1):
+            raise ImpossibleRecipe(f"epochs, batch_size and patience must be at least 1, got {self}")
+        if not (0.0 < self.learning_rate < float("inf") and 0.0 <= self.weight_decay < float("inf")):
+            raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
+        if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
+            raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
+
+
+RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
+    {
+        "paper": TrainingRecipe(),
+        # For tens of thousands of images from scratch: a higher rate, and no small rotations, which the quarter turns
+        # make needless.
+        "large": TrainingRecipe(
+            epochs=10,
+            batch_size=64,
+            learning_rate=1e-3,
+            weight_decay=0.02,
+            warmup=0.5,
+            class_weights=False,
+            rotation=0.0,
+            patience=3,
+        ),
+    }
+)
+"""Recipes by name."""

@@ -36,12 +36,14 @@ class NamedScene:
         scene: what touches look like.
         num_objects: on the table.
         composition: what is known about which shapes they have.
-        input_size: edge of the images the scene's classifier sees [pixels].
+        backbone: of the scene's classifier, a key of :data:`activetouch.backbones.BACKBONES`.
+        input_size: edge of the images it sees [pixels].
     """
 
     scene: Scene = field(default_factory=Scene)
     num_objects: int = 4
     composition: Composition = Composition.DISTINCT
+    backbone: str = "cnn"
     input_size: int = 64
 
 
@@ -57,6 +59,7 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
                 finger=True,
                 parking=True,
             ),
+            backbone="atto",
             input_size=32,
         ),
         "coarse": NamedScene(
@@ -65,16 +68,17 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
                 renderer=PressureRenderer(binning=8),
                 faults=(Gain(0.10), Noise(0.05), DeadTaxels(2 / 16, seed=1)),
             ),
-            input_size=32,
+            input_size=16,
         ),
         "gel": NamedScene(),
         "hard": NamedScene(
             Scene(shapes=EXTENDED_SHAPES, pad=Pad(half_width=0.0075), variation=Variation(size=Uniform(0.75, 1.25))),
             num_objects=8,
             composition=Composition.INDEPENDENT,
+            backbone="atto",
             input_size=32,
         ),
-        "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12, input_size=32),
+        "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12, backbone="atto", input_size=32),
     }
 )
 """The named scenes."""

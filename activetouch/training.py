@@ -1,9 +1,4 @@
-"""Train the classifier: AdamW, cosine schedule, symmetry augmentation, a checkpoint after every epoch.
-
-The only augmentations are symmetries of the square pad, and only those that the scene has exactly
-(:class:`activetouch.scene.Symmetry`): where orientation is uniform over SO(3) and the sensor treats all directions
-alike, a turned image is as likely as the original; where every shape is its own mirror image, so is a mirrored one.
-"""
+"""Train the classifier: AdamW, cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
 
 from __future__ import annotations
 
@@ -20,6 +15,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.atomic import atomic_path
+from activetouch.augmentation import augment
 from activetouch.classifier import TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
 from activetouch.errors import CorruptFile, LabelMismatch
@@ -37,14 +33,6 @@ class EpochReport:
     calibration_accuracy: float
 
 
-def _augmented(images: Tensor, symmetry: Symmetry, generator: torch.Generator) -> Tensor:
-    """All images of a batch under one of the symmetries, drawn at random."""
-    turns, flip = torch.randint(4, (), generator=generator), torch.rand((), generator=generator) < 0.5
-    if symmetry is not Symmetry.NONE:
-        images = torch.rot90(images, int(turns), dims=(1, 2))
-    return images.flip(2) if flip and symmetry is Symmetry.ROTATIONS_AND_MIRROR else images
-
-
 def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
     """Mean negative log-likelihood [nats] and accuracy of the raw softmax."""
     network.eval()
@@ -59,18 +47,34 @@ def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[floa
 
 
 class Trainer:
-    """Trains a classifier's network epoch by epoch, resuming from its state file where there is one."""
+    """Trains a classifier's network epoch by epoch, resuming from its state file where there is one.
+
+    Args:
+        classifier: whose network to train, in place.
+        recipe: how.
+        train: what to learn from.
+        calibration: touches of other objects, for the reports and for stopping early.
+        state: file of the training's state, written after every epoch.
+        symmetry: of the scene.
+
+    Raises:
+        CorruptFile: the state file is damaged.
+        LabelMismatch: it belongs to another training.
+        ValueError: a shape has no image.
+    """
 
     def __init__(
         self,
         classifier: TouchClassifier,
         recipe: TrainingRecipe,
-        num_images: int,
+        train: TouchSet,
+        calibration: TouchSet,
         state: Path,
         symmetry: Symmetry = Symmetry.NONE,
     ) -> None:
         self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
-        self._task = json.dumps([asdict(recipe), asdict(classifier.card), num_images, symmetry])
+        self.train, self.calibration = train, calibration
+        self._task = json.dumps([asdict(recipe), asdict(classifier.card), len(train.images), symmetry])
         network = classifier.network
         decayed = [p for p in network.parameters() if p.ndim > 1]
         plain = [p for p in network.parameters() if p.ndim <= 1]
@@ -78,10 +82,42 @@ class Trainer:
             [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}],
             lr=recipe.learning_rate,
         )
-        self.steps_per_epoch = -(-num_images // recipe.batch_size)
-        self.epochs_done = 0
+        counts = np.bincount(train.shapes, minlength=len(classifier.card.shape_labels))
+        if (counts == 0).any():
+            absent = [label for label, n in zip(classifier.card.shape_labels, counts, strict=True) if n == 0]
+            raise ValueError(f"there is no image of {', '.join(absent)} to learn from")
+        weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
+        self.class_weights = torch.tensor(weights, dtype=torch.float32)
+        self.steps_per_epoch = -(-len(train.images) // recipe.batch_size)
+        self.reports: list[EpochReport] = []
+        self._best: dict[str, Tensor] = {}
         if state.exists():
             self._resume()
+
+    @property
+    def epochs_done(self) -> int:
+        """Epochs behind this training, those of earlier runs included."""
+        return len(self.reports)
+
+    @property
+    def best_epoch(self) -> int:
+        """Number, from 1, of the epoch after which the loss on the calibration split was lowest."""
+        return min(self.reports, key=lambda report: report.calibration_loss).epoch
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all epochs are done, or patience is at its end."""
+        if self.epochs_done == self.recipe.epochs:
+            return True
+        patience = self.recipe.patience
+        return patience is not None and self.epochs_done > 0 and self.epochs_done - self.best_epoch >= patience
+
+    def finish(self) -> TouchClassifier:
+        """The trained classifier: that of the best epoch where the recipe is patient, else of the last."""
+        if self.recipe.patience is not None:
+            self.classifier.network.load_state_dict(self._best)
+        self.classifier.network.eval()
+        return self.classifier
 
     def learning_rate(self, epoch: float) -> float:
         """Learning rate after a (fractional) number of epochs: linear rise, then a cosine to zero."""
@@ -90,19 +126,20 @@ class Trainer:
             return peak * (epoch + 1 / self.steps_per_epoch) / warmup
         return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
 
-    def run_epoch(self, train: TouchSet, calibration: TouchSet, tick: Callable[[int], None]) -> EpochReport:
+    def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
         """One pass over the training split; ``tick`` is told how many images each step took."""
-        recipe, network = self.recipe, self.classifier.network
+        recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
         order = torch.randperm(len(train.images), generator=generator).numpy()
         network.train()
         total = 0.0
         for first in range(0, len(order), recipe.batch_size):
             index = np.sort(order[first : first + recipe.batch_size])
-            images = _augmented(torch.from_numpy(train.images[index]), self.symmetry, generator)
+            images = augment(torch.from_numpy(train.images[index]), self.symmetry, recipe.rotation, generator)
             with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
                 logits, _ = network(images)
-            loss = nn.functional.cross_entropy(logits.float(), torch.from_numpy(train.shapes[index]))
+            shapes = torch.from_numpy(train.shapes[index])
+            loss = nn.functional.cross_entropy(logits.float(), shapes, weight=self.class_weights)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
             nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -111,10 +148,12 @@ class Trainer:
             self.optimizer.step()
             total += loss.item() * len(index)
             tick(len(index))
-        self.epochs_done += 1
-        report = EpochReport(self.epochs_done, total / len(order), *evaluate(network, calibration, recipe.bf16))
+        measured = evaluate(network, self.calibration, recipe.bf16)
+        self.reports.append(EpochReport(self.epochs_done + 1, total / len(order), *measured))
+        if self.best_epoch == self.epochs_done:
+            self._best = {name: value.clone() for name, value in network.state_dict().items()}
         self._save()
-        return report
+        return self.reports[-1]
 
     def _moments(self) -> dict[str, Tensor]:
         return {
@@ -124,11 +163,9 @@ class Trainer:
         }
 
     def _save(self) -> None:
-        tensors = {f"model.{k}": v for k, v in self.classifier.network.state_dict().items()} | self._moments()
-        header = {
-            "task": self._task,
-            "epochs_done": str(self.epochs_done),
-        }
+        tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
+        tensors |= {f"best.{name}": value for name, value in self._best.items()} | self._moments()
+        header = {"task": self._task, "reports": json.dumps([asdict(report) for report in self.reports])}
         with atomic_path(self.state) as temporary:
             save_file({name: value.contiguous() for name, value in tensors.items()}, temporary, metadata=header)
 
@@ -145,10 +182,9 @@ class Trainer:
                 f"{self._task}. Choose another folder, or delete this file to start anew."
             )
         network = self.classifier.network
-        network.load_state_dict(
-            {name.removeprefix("model."): v for name, v in tensors.items() if name.startswith("model.")}
-        )
-        self.epochs_done = int(header["epochs_done"])
+        network.load_state_dict(_with_prefix(tensors, "model."))
+        self._best = _with_prefix(tensors, "best.")
+        self.reports = [EpochReport(**report) for report in json.loads(header["reports"])]
         steps = torch.tensor(float(self.epochs_done * self.steps_per_epoch))
         for name, parameter in network.named_parameters():
             self.optimizer.state[parameter] = {
@@ -156,3 +192,7 @@ class Trainer:
                 "exp_avg": tensors[f"exp_avg.{name}"],
                 "exp_avg_sq": tensors[f"exp_avg_sq.{name}"],
             }
+
+
+def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

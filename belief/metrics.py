@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -77,6 +78,44 @@ def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:
     matrix = np.zeros((p.shape[1], p.shape[1]), np.int64)
     np.add.at(matrix, (y, p.argmax(axis=1)), 1)
     return matrix
+
+
+@dataclass(frozen=True)
+class ShapeScore:
+    """How well one shape is recognised; a ratio without cases is 0.
+
+    Attributes:
+        precision: share of what was taken for it that was it.
+        recall: share of it that was recognised.
+        f1: harmonic mean of the two.
+        support: how many there were.
+    """
+
+    precision: float
+    recall: float
+    f1: float
+    support: int
+
+
+def shape_scores(confusion: ArrayLike) -> list[ShapeScore]:
+    """Precision, recall and F1 of every shape, from counts of (true shape, predicted shape).
+
+    >>> [round(score.f1, 3) for score in shape_scores([[8, 2], [0, 10]])]
+    [0.889, 0.909]
+    """
+    counts = np.asarray(confusion)
+    if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
+        raise ValueError(f"need counts (K, K) with K ≥ 1, got {counts.shape}")
+    if not (np.isfinite(counts).all() and (counts >= 0).all()):
+        raise ValueError(f"counts must be finite and ≥ 0, got {counts.tolist()}")
+    right, taken, there = np.diag(counts), counts.sum(axis=0), counts.sum(axis=1)
+    scores = []
+    for k in range(len(counts)):
+        precision = right[k] / taken[k] if taken[k] else 0.0
+        recall = right[k] / there[k] if there[k] else 0.0
+        f1 = 2 * right[k] / (taken[k] + there[k]) if taken[k] + there[k] else 0.0
+        scores.append(ShapeScore(float(precision), float(recall), float(f1), int(there[k])))
+    return scores
 
 
 def _check(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:

@@ -48,7 +48,7 @@ def main() -> None:
     for command in (
         f"touch --meshes {cup} --shape cup --seed 2 --out {FOLDER}/touch.png",
         f"collect --meshes {cup} --out {data} {objects}",
-        f"train --data {data} --out {trained} --input-size 32 --recipe.epochs 6",
+        f"train --data {data} --out {trained} --input-size 32 --recipe large --change.epochs 6",
         f"calibrate --data {data} --classifier {trained}/classifier.safetensors --out {sensor}",
         f"compare --meshes {cup} --sensor {sensor} --num-objects 5 --targets cup cone --episodes 50 "
         f"--out {FOLDER}/compare",

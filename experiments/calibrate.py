@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import atomic_path
+from activetouch.atomic import write_text
 from activetouch.dataset import TouchSet, read_manifest, read_split
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief import Touch
 from belief.calibration import TemperatureScaling
-from belief.metrics import accuracy, confusion_matrix, expected_calibration_error, negative_log_likelihood
+from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, group_by_object, log_posteriors
-from belief.statistics import clopper_pearson_interval
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.baseline import depth_and_force_accuracy
 from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
@@ -67,7 +66,7 @@ class Calibrate:
         classifier = TouchClassifier.load(trained)
         labels, num_poses = classifier.card.shape_labels, len(classifier.card.pose_labels)
         manifest = read_manifest(data)
-        classifier.require_labels(tuple(manifest["shape_labels"]), tuple(manifest["pose_labels"]))
+        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
         calibration = read_split(data, "calibration")
         touches = _read(classifier, calibration, "reading calibration touches")
         fit = partial(ConfusionModel.fit, shape_labels=labels, num_poses=num_poses)
@@ -88,10 +87,8 @@ class Calibrate:
             **evaluate(model, test_touches, test, np.random.default_rng(self.seed)),
         }
         classifier.save(out / CLASSIFIER_FILE)
-        with atomic_path(out / OBSERVATION_FILE) as temporary:
-            temporary.write_text(model.to_json() + "\n")
-        with atomic_path(out / "evaluation.json") as temporary:
-            temporary.write_text(json.dumps(evaluation, indent=1) + "\n")
+        write_text(out / OBSERVATION_FILE, model.to_json() + "\n")
+        write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, labels, model.calibration)
         print(f"wrote {out}")
 
@@ -106,19 +103,19 @@ def evaluate(
     logits = np.stack([touch.logits for touch in touches])
     raw = TemperatureScaling().predict_proba(logits)
     calibrated = model.calibration.predict_proba(logits)
-    correct = (logits.argmax(axis=1) == truth.shapes).astype(float)
-    objects, first, inverse = np.unique(truth.object_ids, return_index=True, return_inverse=True)
+    correct = logits.argmax(axis=1) == truth.shapes
+    objects, first = np.unique(truth.object_ids, return_index=True)
     object_shapes = truth.shapes[first]
-    by_object = np.bincount(inverse, correct) / np.bincount(inverse)
+    right, low, high = cluster_bootstrap(correct, truth.object_ids, rng)
     fused = log_posteriors(model, list(group_by_object(touches, truth.object_ids).values()))
     fused_probs, confusion = np.exp(fused), confusion_matrix(raw, truth.shapes)
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
     return {
         "num_touches": len(touches),
         "num_objects": len(objects),
-        "accuracy": accuracy(raw, truth.shapes),
-        "accuracy_interval": _resampled_mean(by_object, rng),
-        "recall_intervals": [_resampled_mean(by_object[object_shapes == k], rng) for k in np.unique(object_shapes)],
+        "accuracy": right,
+        "accuracy_interval": (low, high),
+        "shapes": {k: asdict(v) for k, v in zip(model.shape_labels, shape_scores(confusion), strict=True)},
         "confusion": confusion.tolist(),
         "temperature": model.calibration.temperature,
         "nll_raw": negative_log_likelihood(raw, truth.shapes),
@@ -132,18 +129,12 @@ def evaluate(
     }
 
 
-def _resampled_mean(by_object: NDArray[np.float64], rng: np.random.Generator) -> list[float]:
-    """95 % percentile bootstrap interval of a mean over objects."""
-    means = rng.choice(by_object, size=(2000, len(by_object))).mean(axis=1)
-    return np.quantile(means, [0.025, 0.975]).tolist()
-
-
 def _read(classifier: TouchClassifier, touches: TouchSet, what: str) -> list[Touch]:
     parts = []
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(touches.images))
         for first in range(0, len(touches.images), 256):
-            parts.append(classifier.read(touches.images[first : first + 256])[0])
+            parts.append(classifier.read(touches.images[first : first + 256]).logits)
             progress.advance(bar, len(parts[-1]))
     logits = np.concatenate(parts)
     return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)]
@@ -164,8 +155,10 @@ def _show(evaluation: dict, labels: tuple[str, ...], calibration: TemperatureSca
         f"NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
     )
     table = Table(title="true shape (rows) against predicted shape")
-    for heading in ("", *labels):
+    for heading in ("", *labels, "precision", "recall", "F1"):
         table.add_column(heading, justify="right")
-    for label, row in zip(labels, evaluation["confusion"], strict=True):
-        table.add_row(label, *(str(count) for count in row))
+    for label, row in zip(labels, e["confusion"], strict=True):
+        score = e["shapes"][label]
+        ratios = (f"{score[name]:.3f}" for name in ("precision", "recall", "f1"))
+        table.add_row(label, *map(str, row), *ratios)
     console.print(table)

@@ -7,29 +7,32 @@ For example:
     activetouch replay --target cone --number 3          a picture of one search of that run
     activetouch touch --shape cone                       a picture of one press
     activetouch explain --scene paper                    what a scene models, why, and what that costs
+    activetouch limit --scene coarse                     how well any reader of one touch could do
 """
 
 from __future__ import annotations
 
-import os
 import sys
 
 
-def main() -> None:
-    """Parse the arguments and run the chosen command."""
-    os.environ.setdefault("HF_HUB_OFFLINE", "1")  # never try the hub silently; it would retry for half a minute
-    import tyro
-
-    from belief.errors import ActiveTouchError
+def commands() -> dict[str, type]:
+    """Every command by name."""
     from experiments.calibrate import Calibrate
+    from experiments.collect import Collect
     from experiments.compare import Compare
     from experiments.explain import Explain
     from experiments.fidelity import Fidelity
-    from experiments.perception import Collect, Train
+    from experiments.frontier import Frontier
+    from experiments.leak import Leak
+    from experiments.learning_curve import LearningCurve
+    from experiments.limit import Limit
     from experiments.replay import Replay
+    from experiments.reproduce import Reproduce
+    from experiments.robustness import Robustness
     from experiments.touch import Gallery, Record, Touch, View
+    from experiments.train import Train
 
-    commands = {
+    return {
         "compare": Compare,
         "replay": Replay,
         "explain": Explain,
@@ -41,8 +44,22 @@ def main() -> None:
         "collect": Collect,
         "train": Train,
         "calibrate": Calibrate,
+        "reproduce": Reproduce,
+        "learning-curve": LearningCurve,
+        "frontier": Frontier,
+        "leak": Leak,
+        "limit": Limit,
+        "robustness": Robustness,
     }
-    command = tyro.extras.subcommand_cli_from_dict(commands, description=__doc__)
+
+
+def main() -> None:
+    """Parse the arguments and run the chosen command."""
+    import tyro
+
+    from belief.errors import ActiveTouchError
+
+    command = tyro.extras.subcommand_cli_from_dict(commands(), description=__doc__)
     try:
         command.run()
     except KeyboardInterrupt:

@@ -21,7 +21,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import atomic_path
+from activetouch.atomic import write_text
 from activetouch.contact import first_touch
 from activetouch.deformable import Deformable
 from activetouch.dynamic import Dynamic
@@ -139,8 +139,7 @@ class Fidelity:
             "forces": FORCES,
             "depths": curves,
         }
-        with atomic_path(self.out) as temporary:
-            temporary.write_text(json.dumps(numbers, indent=1) + "\n")
+        write_text(self.out, json.dumps(numbers, indent=1) + "\n")
         print(f"wrote {self.out}")
 
     def _curves(self) -> dict[str, dict[str, list[float]]]:

@@ -14,7 +14,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from activetouch.atomic import atomic_path
+from activetouch.atomic import write_text
 from belief import SearchProblem
 from experiments.episodes import Setting
 from experiments.figures import success_figure, time_figure, touches_figure
@@ -46,8 +46,7 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
     path = folder / "report.html"
-    with atomic_path(path) as temporary:
-        temporary.write_text(html, encoding="utf-8")
+    write_text(path, html)
     return path
 
 

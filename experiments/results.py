@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from activetouch.atomic import atomic_path
+from activetouch.atomic import atomic_path, write_text
 from belief.errors import ActiveTouchError
 from planners import Episode
 
@@ -112,8 +112,7 @@ class RunFolder:
             if earlier["commit"] != commit:
                 warning = f"{self.path} has episodes of commit {earlier['commit']}, this is {commit}; they are kept"
         run = {"identity": wanted, "arguments": arguments, "commit": commit}
-        with atomic_path(file) as temporary:
-            temporary.write_text(json.dumps(run, indent=1) + "\n")
+        write_text(file, json.dumps(run, indent=1) + "\n")
         return warning
 
     def read_run(self) -> dict[str, Any]:
@@ -130,10 +129,8 @@ class RunFolder:
     def write_shard(self, key: ShardKey, episodes: Iterable[Episode], seconds: Seconds) -> None:
         """Write a finished shard; the episodes last, because they mark it complete."""
         lines = "".join(json.dumps({"decider": key.decider, **episode.to_dict()}) + "\n" for episode in episodes)
-        with atomic_path(self._shard(key).with_suffix(".time.json")) as temporary:
-            temporary.write_text(json.dumps(asdict(seconds)) + "\n")
-        with atomic_path(self._shard(key)) as temporary:
-            temporary.write_text(lines)
+        write_text(self._shard(key).with_suffix(".time.json"), json.dumps(asdict(seconds)) + "\n")
+        write_text(self._shard(key), lines)
 
     def has_ceiling(self, target: str, episodes: int) -> bool:
         """Whether the ceiling of a target is there, measured on this many episodes."""
@@ -141,8 +138,7 @@ class RunFolder:
 
     def write_ceiling(self, target: str, successes: int, episodes: int) -> None:
         """Write how many of the first ``episodes`` searches for a target the ceiling solves."""
-        with atomic_path(self._ceiling(target, episodes)) as temporary:
-            temporary.write_text(json.dumps(successes) + "\n")
+        write_text(self._ceiling(target, episodes), json.dumps(successes) + "\n")
 
     def read_ceiling(self, target: str, episodes: int) -> int:
         """How many of the first ``episodes`` searches for a target the ceiling solves."""

@@ -1,21 +1,28 @@
 """The shipped sensor does its job, and nothing that is not one of our checkpoints is accepted."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.numpy import save_file
 from scipy.stats import binom
 
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
-from activetouch.classifier import Backbone, TouchClassifier, TouchNetwork
+from activetouch.backbones import BACKBONES
+from activetouch.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.errors import CorruptFile, LabelMismatch
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
 from belief.errors import UnknownName
 
 pytestmark = pytest.mark.torch
 SHIPPED = MODELS / "gel" / CLASSIFIER_FILE
+
+
+def card(backbone="cnn", input_size=32, channels=1):
+    return ClassifierCard(backbone, input_size, ("bar", "disc"), ("p",), channels)
 
 
 @pytest.fixture(scope="module")
@@ -101,24 +108,66 @@ def test_the_same_classifier_is_the_same_file(sensor, tmp_path):
 def test_a_truncated_checkpoint_is_a_clear_error(tmp_path):
     path = tmp_path / "half.safetensors"
     path.write_bytes(SHIPPED.read_bytes()[:100_000])
-    with pytest.raises(CorruptFile, match="no readable safetensors"):
+    with pytest.raises(CorruptFile, match="truncated"):
         TouchClassifier.load(path)
 
 
 def test_a_foreign_checkpoint_is_a_clear_error(tmp_path):
     save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "foreign.safetensors")
-    with pytest.raises(CorruptFile, match="is no activetouch-classifier-1 checkpoint"):
+    with pytest.raises(CorruptFile, match="is no activetouch-classifier-2 checkpoint"):
         TouchClassifier.load(tmp_path / "foreign.safetensors")
 
 
-def test_a_checkpoint_whose_tensors_do_not_fit_its_card_is_a_clear_error(tmp_path):
-    from safetensors import safe_open
-
+def rewritten(path, change):
+    """A copy of the shipped checkpoint with a change to its card and tensors, but not to its checksum."""
     with safe_open(SHIPPED, framework="np") as file:
-        header = file.metadata()
-    save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "tampered.safetensors", metadata=header)
+        ((name, header),) = file.metadata().items()
+        tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    header = json.loads(header)
+    fields = json.loads(header["card"])
+    change(fields, tensors)
+    save_file(tensors, path, metadata={name: json.dumps({**header, "card": json.dumps(fields)})})
+    return path
+
+
+def swap_two_labels(fields, tensors):
+    fields["shape_labels"][:2] = fields["shape_labels"][1::-1]
+
+
+def touch_one_weight(fields, tensors):
+    tensors["head.bias"][0] += 1.0
+
+
+@pytest.mark.parametrize("change", [swap_two_labels, touch_one_weight])
+def test_a_checkpoint_that_was_tampered_with_is_a_clear_error(change, tmp_path):
+    with pytest.raises(CorruptFile, match="changed after it was written"):
+        TouchClassifier.load(rewritten(tmp_path / "tampered.safetensors", change))
+
+
+def test_a_checkpoint_whose_tensors_do_not_fit_its_card_is_a_clear_error(tmp_path):
+    wide = TouchClassifier(card(), TouchNetwork(card()))
+    wide.card = replace(wide.card, backbone="atto")
+    wide.save(tmp_path / "misfit.safetensors")
     with pytest.raises(CorruptFile, match="does not describe a classifier"):
-        TouchClassifier.load(tmp_path / "tampered.safetensors")
+        TouchClassifier.load(tmp_path / "misfit.safetensors")
+
+
+def test_weights_that_diverged_are_not_written(tmp_path):
+    network = TouchNetwork(card())
+    torch.nn.init.constant_(network.head.bias, 1e6)
+    with pytest.raises(ValueError, match=r"head\.bias are not finite in half precision"):
+        TouchClassifier(card(), network).save(tmp_path / "diverged.safetensors")
+    assert not list(tmp_path.iterdir())
+
+
+def test_loading_a_checkpoint_unpickles_nothing(monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("something was unpickled")
+
+    monkeypatch.setattr("pickle.load", refuse)
+    monkeypatch.setattr("pickle.loads", refuse)
+    monkeypatch.setattr("torch.load", refuse)
+    TouchClassifier.load(SHIPPED)
 
 
 def test_a_scene_with_other_shapes_names_both_lists():
@@ -142,7 +191,7 @@ def test_an_observation_model_of_other_shapes_is_refused(sensor):
 
 def test_an_input_size_that_does_not_fit_the_image_is_refused():
     with pytest.raises(ValueError, match="is no multiple of the images' 128 pixels"):
-        TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 48)(torch.zeros(1, 128, 128))
+        TouchNetwork(card(input_size=48))(torch.zeros(1, 128, 128))
 
 
 def test_an_unknown_sensor_suggests_the_nearest():
@@ -163,9 +212,34 @@ def test_no_images_are_refused(sensor):
 
 @pytest.mark.parametrize(("shape", "channels"), [((4, 4), 1), ((32, 32), 1), ((128, 128), 1), ((64, 64, 3), 3)])
 def test_coarse_fine_and_coloured_images_are_read(shape, channels):
-    network = TouchNetwork(Backbone((1, 1, 1, 1), (8, 8, 8, 8)), 2, 32, channels).eval()
+    network = TouchNetwork(card(channels=channels)).eval()
     logits, features = network(torch.zeros((2, *shape), dtype=torch.uint8))
     assert logits.shape == (2, 2)
-    assert features.shape == (2, 8)
+    assert features.shape == (2, BACKBONES["cnn"].num_features)
     with pytest.raises(ValueError, match=f"reads images of {channels} channels"):
         network(torch.zeros((2, 32, 32, 4 - channels), dtype=torch.uint8))
+
+
+@pytest.mark.parametrize("name", BACKBONES)
+def test_every_backbone_gives_logits_features_and_labels_in_one_pass(name):
+    images = np.random.default_rng(0).integers(0, 255, (3, 64, 64)).astype(np.uint8)
+    reading = TouchClassifier(card(name), TouchNetwork(card(name))).read(images)
+    assert reading.logits.shape == (3, 2)
+    assert reading.features.shape == (3, BACKBONES[name].num_features)
+    assert reading.labels.tolist() == reading.logits.argmax(axis=1).tolist()
+    assert np.isfinite(reading.logits).all()
+
+
+def test_tiny_has_the_papers_768_features():
+    assert BACKBONES["tiny"].num_features == 768
+
+
+def test_bfloat16_reads_nearly_the_same_and_leaves_the_original_alone(sensor):
+    images = np.stack([sensor.scene.press(sensor.scene.sample_object(k, rng), 0, rng)[1] for k, rng in
+                       enumerate(np.random.default_rng(3).spawn(4))])  # fmt: skip
+    before = sensor.classifier.read(images)
+    half = sensor.classifier.to_bfloat16().read(images)
+    # bfloat16 has 8 bits of mantissa: a relative 2^-8 per operation, some tens of operations deep.
+    np.testing.assert_allclose(half.logits, before.logits, atol=0.1 * np.abs(before.logits).max())
+    assert half.labels.tolist() == before.labels.tolist() == [0, 1, 2, 3]
+    np.testing.assert_array_equal(sensor.classifier.read(images).logits, before.logits)

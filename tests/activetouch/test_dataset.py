@@ -1,76 +1,110 @@
+"""Recorded touches come back as they were recorded, or not at all."""
+
+import json
+import pickle
 import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from activetouch import Quasistatic, Scene
-from activetouch.dataset import SPLITS, CollectionPlan, read_split, record_shard, shard_path, write_manifest
+from activetouch import Dynamic, Quasistatic, Scene
+from activetouch.dataset import (
+    SPLITS,
+    CollectionPlan,
+    object_rng,
+    read_manifest,
+    read_shard,
+    read_split,
+    record_shard,
+    shard_path,
+    write_manifest,
+)
+from activetouch.deformable import Deformable
 from activetouch.distributions import Constant
 from activetouch.errors import CorruptFile, LabelMismatch
-from activetouch.scene import Variation
+from activetouch.manifest import seal
+from activetouch.pad import Pad
+from activetouch.scene import Symmetry, Variation
+from belief.errors import UnknownName
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
-SCENE = Scene(press_model=Quasistatic())
+SCENE = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic())
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    path = tmp_path_factory.mktemp("touches")
-    write_manifest(path, SCENE, PLAN)
-    for split, shard, objects in PLAN.shards(len(SCENE.shapes)):
-        record_shard(SCENE, PLAN, split, objects, shard_path(path, split, shard))
-    return path
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("touches")
+    manifest = write_manifest(folder, SCENE, PLAN)
+    sha256 = {}
+    for split, shard, objects in manifest.shards():
+        path = shard_path(folder, split, shard)
+        record_shard(SCENE, PLAN, split, objects, path)
+        sha256[path.relative_to(folder).as_posix()] = read_shard(folder, manifest, split, shard, objects)[1]
+    seal(folder, manifest, sha256)
+    return folder
 
 
-def test_every_object_is_touched_once_in_every_pose(folder):
-    touches = read_split(folder, "train")
+@pytest.fixture
+def folder(original, tmp_path):
+    return Path(shutil.copytree(original, tmp_path / "copy"))
+
+
+def without_digests(folder):
+    replace(read_manifest(folder), sha256=None).write(folder)
+
+
+def change_manifest(folder, **changes):
+    """Write other values into the manifest; None removes one."""
+    path = folder / "manifest.json"
+    kept = {key: value for key, value in json.loads(path.read_text()).items() if key not in changes}
+    path.write_text(json.dumps(kept | {key: value for key, value in changes.items() if value is not None}))
+
+
+def change_shard(folder, split, shard, **changes):
+    path = shard_path(folder, split, shard)
+    with np.load(path) as file:
+        columns = {**file, **changes}
+    np.savez(path, **columns)
+
+
+def test_every_object_is_touched_once_in_every_pose(original):
+    touches = read_split(original, "train")
     assert len(touches.images) == 13 * 4 * 6
     pairs = set(zip(touches.object_ids.tolist(), touches.poses.tolist(), strict=True))
     assert len(pairs) == len(touches.images)
     assert np.bincount(touches.shapes).tolist() == [13 * 6] * 4
 
 
-def test_splits_share_no_image(folder):
-    digests = [{image.tobytes() for image in read_split(folder, split).images} for split in SPLITS]
+def test_splits_share_no_image(original):
+    digests = [{image.tobytes() for image in read_split(original, split).images} for split in SPLITS]
     assert not digests[0] & digests[1]
     assert not digests[0] & digests[2]
     assert not digests[1] & digests[2]
 
 
-def test_a_shard_recorded_again_has_the_same_bytes(folder, tmp_path):
+KEYS = st.tuples(st.integers(0, 2**32 - 1), st.sampled_from(SPLITS), st.integers(0, 2**20))
+
+
+@given(KEYS, KEYS)
+def test_two_objects_never_draw_from_one_generator(one, other):
+    states = [object_rng(CollectionPlan(seed=key[0]), *key[1:]).bit_generator.state for key in (one, other)]
+    assert (states[0] == states[1]) == (one == other)
+
+
+@pytest.mark.parametrize("wrong", [{"train": -1}, {"seed": 2**32}, {"test": 1.5}])
+def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
+    with pytest.raises(ValueError, match="whole and in"):
+        CollectionPlan(**wrong)
+
+
+def test_a_shard_recorded_again_has_the_same_bytes(original, tmp_path):
     split, shard, objects = list(PLAN.shards(4))[1]
     record_shard(SCENE, PLAN, split, objects, tmp_path / "again.npz")
-    assert (tmp_path / "again.npz").read_bytes() == shard_path(folder, split, shard).read_bytes()
-
-
-def test_another_plan_does_not_mix_into_the_folder(folder):
-    write_manifest(folder, SCENE, PLAN)
-    with pytest.raises(LabelMismatch, match="other plan"):
-        write_manifest(folder, SCENE, CollectionPlan(train=13, calibration=1, test=1, seed=1))
-
-
-@pytest.fixture
-def damaged(folder, tmp_path):
-    return Path(shutil.copytree(folder, tmp_path / "copy"))
-
-
-def test_a_truncated_shard_is_a_clear_error(damaged):
-    path = shard_path(damaged, "test", 0)
-    path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(CorruptFile, match=r"00000.npz is damaged"):
-        read_split(damaged, "test")
-
-
-def test_an_unfinished_collection_is_not_used_in_silence(damaged):
-    shard_path(damaged, "train", 1).unlink()
-    with pytest.raises(CorruptFile, match="1 of 2 shards are missing"):
-        read_split(damaged, "train")
-
-
-def test_a_folder_without_a_collection_says_how_to_make_one(tmp_path):
-    with pytest.raises(CorruptFile, match="activetouch collect"):
-        read_split(tmp_path, "train")
+    assert (tmp_path / "again.npz").read_bytes() == shard_path(original, split, shard).read_bytes()
 
 
 def test_an_object_that_misses_the_pad_is_recorded_without_force():
@@ -79,3 +113,291 @@ def test_an_object_that_misses_the_pad_is_recorded_without_force():
     contact, image = scene.press(scene.sample_object(0, rng), 0, rng)
     assert (contact.force, contact.depth) == (0.0, 0.0)
     assert image.max() < 0.15 * 255  # noise only
+
+
+# What a folder says about itself
+
+
+def test_a_manifest_comes_back_as_it_was_written(original):
+    manifest = read_manifest(original)
+    assert (manifest.plan, manifest.scene, manifest.choice) == (PLAN, repr(SCENE), None)
+    assert manifest.shape_labels == SCENE.shape_labels
+    assert manifest.pose_labels == SCENE.pose_labels
+    assert manifest.symmetry is Symmetry.ROTATIONS_AND_MIRROR
+    assert manifest.image_shape == (16, 16)
+    assert manifest.versions.keys() == {"activetouch", "mujoco", "numpy", "python"}
+    assert read_manifest(original / "manifest.json") == manifest
+
+
+def test_a_press_without_engine_has_no_contact_model(original):
+    assert read_manifest(original).contact_model == {}
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("press", "integrator", "solver", "contact_time"),
+    [
+        (Dynamic(timestep=0.001), "mjINT_IMPLICITFAST", "mjSOL_NEWTON", 0.03),
+        (Deformable(nodes=3, layers=2, timestep=0.001), "mjINT_DISCRETE", "mjSOL_CG", 0.002),
+    ],
+)
+def test_the_contact_model_is_that_of_the_compiled_pad(tmp_path, press, integrator, solver, contact_time):
+    scene = Scene(pad=Pad(num_taxels=16, contact_time=0.03), press_model=press)
+    model = write_manifest(tmp_path, scene, PLAN).contact_model
+    assert (model["integrator"], model["solver"], model["timestep"]) == (integrator, solver, 0.001)
+    assert model["pad solref"] == [contact_time, 1.0]
+    assert read_manifest(tmp_path).contact_model == model
+
+
+def test_another_plan_or_scene_does_not_mix_into_the_folder(folder):
+    write_manifest(folder, SCENE, PLAN)
+    with pytest.raises(LabelMismatch, match=r"other plan \(plan: .*'seed': 0.* there, .*'seed': 1.* here"):
+        write_manifest(folder, SCENE, replace(PLAN, seed=1))
+    softer = replace(SCENE, pad=Pad(num_taxels=16, stiffness=1e7))
+    with pytest.raises(LabelMismatch, match=r"other scene .*stiffness=14500000.0.* there, .*stiffness=10000000.0"):
+        write_manifest(folder, softer, PLAN)
+
+
+def test_other_physics_does_not_mix_into_the_folder(folder):
+    versions = read_manifest(folder).versions
+    change_manifest(folder, versions={**versions, "mujoco": "3.9.0"})
+    with pytest.raises(LabelMismatch, match=r"other MuJoCo .*3\.9\.0"):
+        write_manifest(folder, SCENE, PLAN)
+    change_manifest(folder, versions=versions, contact_model={"impratio": 10.0})
+    with pytest.raises(LabelMismatch, match=r"other contact_model .*impratio"):
+        write_manifest(folder, SCENE, PLAN)
+
+
+def test_a_collection_may_be_continued_with_another_numpy_and_stays_what_was_recorded_first(folder):
+    versions = {"activetouch": "0.0.1", "mujoco": read_manifest(folder).mujoco_version, "numpy": "2.1.0", "python": "3"}
+    change_manifest(folder, versions=versions)
+    before = (folder / "manifest.json").read_bytes()
+    assert write_manifest(folder, SCENE, PLAN).versions == versions
+    assert (folder / "manifest.json").read_bytes() == before
+
+
+def first_format(folder):
+    """Write the manifest that was written before there were digests."""
+    manifest = read_manifest(folder)
+    old = {key: asdict(manifest)[key] for key in ("plan", "shape_labels", "pose_labels", "symmetry", "scene")}
+    (folder / "manifest.json").write_text(json.dumps({**old, "mujoco_version": manifest.mujoco_version}))
+
+
+def test_a_manifest_of_the_first_format_is_refused_with_the_way_to_keep_its_touches(folder):
+    first_format(folder)
+    with pytest.raises(CorruptFile, match=r"activetouch collect --out .*copy.*--plan.train 13 .*touches are kept"):
+        read_split(folder, "train")
+
+
+def test_a_manifest_of_the_first_format_is_brought_to_this_one_only_for_its_own_scene(folder):
+    first_format(folder)
+    before = (folder / "manifest.json").read_bytes()
+    with pytest.raises(LabelMismatch, match="other plan"):
+        write_manifest(folder, SCENE, replace(PLAN, seed=1))
+    assert (folder / "manifest.json").read_bytes() == before
+    manifest = write_manifest(folder, SCENE, PLAN)
+    assert manifest.versions.keys() == {"mujoco"}  # no other was told
+    assert (manifest.sha256, read_manifest(folder)) == (None, manifest)
+
+
+DAMAGE = {
+    "no JSON": "{",
+    "a list": "[]",
+    "nothing": "{}",
+    "no plan": {"plan": None},
+    "a plan of text": {"plan": "all"},
+    "a plan of other words": {"plan": {"trains": 1}},
+    "a negative plan": {"plan": {"train": -1}},
+    "a label that is a number": {"shape_labels": [1, 2, 3, 4]},
+    "an unknown symmetry": {"symmetry": "all"},
+    "versions of text": {"versions": "4.0.1"},
+    "versions without MuJoCo": {"versions": {"numpy": "2.1.0"}},
+    "too few digests": {"sha256": {"train/00000.npz": "0" * 64}},
+    "format of text": {"format": "two"},
+}
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_a_damaged_manifest_is_a_clear_error(folder, what):
+    if isinstance(DAMAGE[what], str):
+        (folder / "manifest.json").write_text(DAMAGE[what])
+    else:
+        change_manifest(folder, **DAMAGE[what])
+    with pytest.raises(CorruptFile, match=r"manifest\.json is damaged .*Restore it"):
+        read_split(folder, "train")
+
+
+def test_a_digest_that_is_none_is_a_damaged_manifest(folder):
+    change_manifest(folder, sha256=dict.fromkeys(read_manifest(folder).sha256, "ab"))
+    with pytest.raises(CorruptFile, match="is damaged"):
+        read_manifest(folder)
+
+
+def test_a_manifest_of_a_later_format_asks_for_a_later_version(folder):
+    change_manifest(folder, format=99)
+    with pytest.raises(CorruptFile, match="format 99, this version reads 2; a newer"):
+        read_manifest(folder)
+
+
+def test_shards_without_a_manifest_are_not_adopted(folder):
+    (folder / "manifest.json").unlink()
+    with pytest.raises(CorruptFile, match=r"4 shards without a manifest\.json"):
+        write_manifest(folder, SCENE, PLAN)
+
+
+def test_a_folder_without_a_collection_says_how_to_make_one(tmp_path):
+    with pytest.raises(CorruptFile, match="activetouch collect"):
+        read_split(tmp_path, "train")
+
+
+# What is wrong with a shard
+
+
+def test_an_unfinished_collection_is_not_used_in_silence(folder):
+    shard_path(folder, "train", 1).unlink()
+    with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*activetouch collect --plan.train 13"):
+        read_split(folder, "train")
+
+
+def test_a_split_that_was_not_planned_is_a_clear_error(tmp_path):
+    write_manifest(tmp_path, SCENE, replace(PLAN, test=0))
+    with pytest.raises(CorruptFile, match="without any test objects"):
+        read_split(tmp_path, "test")
+    with pytest.raises(UnknownName, match="Did you mean 'train'"):
+        read_split(tmp_path, "trian")
+
+
+@pytest.mark.parametrize("digests", [True, False])
+def test_a_shard_truncated_anywhere_is_a_clear_error(folder, rng, digests):
+    if not digests:
+        without_digests(folder)
+    path = shard_path(folder, "test", 0)
+    whole = path.read_bytes()
+    for length in [0, 1, 2, len(whole) - 1, *rng.integers(len(whole), size=40)]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(CorruptFile, match=r"00000.npz is (truncated or damaged|no shard).*Delete it and record"):
+            read_split(folder, "test")
+
+
+def test_a_flipped_bit_anywhere_is_noticed(folder, rng):
+    path = shard_path(folder, "test", 0)
+    whole = path.read_bytes()
+    for place in rng.integers(len(whole), size=200):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << rng.integers(8)
+        path.write_bytes(changed)
+        with pytest.raises((CorruptFile, LabelMismatch), match=r"00000\.npz"):
+            read_split(folder, "test")
+
+
+def test_a_flipped_bit_in_a_column_is_noticed_even_without_digests(folder, rng):
+    without_digests(folder)
+    path, touches = shard_path(folder, "test", 0), read_split(folder, "test")
+    whole = path.read_bytes()
+    for column in (touches.images, touches.forces):
+        content = column.tobytes()
+        changed = bytearray(whole)
+        changed[whole.index(content) + rng.integers(len(content))] ^= 1
+        path.write_bytes(changed)
+        with pytest.raises(CorruptFile, match=r"truncated or damaged .*checksum is wrong"):
+            read_split(folder, "test")
+
+
+def test_an_image_that_was_changed_is_noticed(folder):
+    images = read_split(folder, "test").images
+    images[3, 5, 5] ^= 1
+    change_shard(folder, "test", 0, images=images)
+    with pytest.raises(CorruptFile, match=r"was changed after it was recorded: its SHA-256 is"):
+        read_split(folder, "test")
+
+
+def test_splits_that_changed_places_are_noticed(folder):
+    paths = [shard_path(folder, split, 0) for split in ("calibration", "test")]
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, reversed(contents), strict=True):
+        path.write_bytes(content)
+    with pytest.raises(CorruptFile, match="was changed after it was recorded"):
+        read_split(folder, "calibration")
+
+
+@pytest.mark.parametrize("digests", [True, False])
+def test_a_shard_of_other_objects_is_foreign_even_without_digests(folder, digests):
+    if not digests:
+        without_digests(folder)
+    touches = read_split(folder, "test")
+    change_shard(folder, "test", 0, object_ids=touches.object_ids + 4)
+    with pytest.raises(CorruptFile, match=r"not the shard of that name: it holds objects 4 to 7, the plan puts 0 to 3"):
+        read_split(folder, "test")
+    shutil.copy(shard_path(folder, "train", 1), shard_path(folder, "train", 0))
+    with pytest.raises(CorruptFile, match=r"not of this collection: its images are \(24, 16, 16\)"):
+        read_split(folder, "train")
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "told"),
+    [
+        ("images", lambda images: images[:, ::2], r"images are \(24, 8, 16\) uint8.* make them \(24, 16, 16\) uint8"),
+        ("images", lambda images: images.astype(float), r"images are .* float64"),
+        ("images", lambda images: np.stack([images] * 3, axis=-1), r"images are \(24, 16, 16, 3\)"),
+        ("poses", lambda poses: poses.astype(np.int32), r"poses are \(24,\) int32"),
+        ("forces", lambda forces: forces[:-1], r"forces are \(23,\) float64"),
+    ],
+)
+def test_columns_of_another_size_or_type_are_foreign(folder, column, change, told):
+    without_digests(folder)
+    change_shard(folder, "test", 0, **{column: change(getattr(read_split(folder, "test"), column))})
+    with pytest.raises(CorruptFile, match=f"not of this collection: its {told}"):
+        read_split(folder, "test")
+
+
+@pytest.mark.parametrize(
+    ("column", "number", "told"),
+    [
+        ("shapes", 4, "names shape 4, but the collection has 4, from 0: sphere, cube, cylinder, cone"),
+        ("poses", -1, "names pose -1, but the collection has 6, from 0: front"),
+        ("shapes", 3, "wrong labels: 1 of 24 shapes are not the planned ones, first that of object 2"),
+        ("poses", 0, "wrong labels: 1 of 24 poses are not the planned ones, first that of object 2"),
+    ],
+)
+def test_wrong_labels_are_told_even_without_digests(folder, column, number, told):
+    without_digests(folder)
+    numbers = getattr(read_split(folder, "test"), column)
+    numbers[13] = number  # of object 2, in pose 1
+    change_shard(folder, "test", 0, **{column: numbers})
+    with pytest.raises(LabelMismatch, match=told):
+        read_split(folder, "test")
+
+
+class Trap:
+    """Leaves a file behind where it is unpickled."""
+
+    def __init__(self, bait):
+        self.bait = bait
+
+    def __reduce__(self):
+        return Path.touch, (self.bait,)
+
+
+@pytest.mark.parametrize("wrapped", [True, False])
+def test_nothing_is_unpickled(folder, tmp_path, wrapped):
+    without_digests(folder)
+    bait = tmp_path / "unpickled"
+    payload = pickle.dumps(Trap(bait))
+    pickle.loads(payload)
+    assert bait.exists()  # the trap works
+    bait.unlink()
+    if wrapped:
+        change_shard(folder, "test", 0, depths=np.array([Trap(bait)] * 24, dtype=object))
+    else:
+        shard_path(folder, "test", 0).write_bytes(payload)
+    with pytest.raises(CorruptFile, match="truncated or damaged" if wrapped else "does not begin like an npz file"):
+        read_split(folder, "test")
+    assert not bait.exists()
+
+
+def test_a_column_that_is_not_there_is_a_clear_error(folder):
+    path = shard_path(folder, "test", 0)
+    with np.load(path) as file:
+        np.savez(path, **{name: column for name, column in file.items() if name != "poses"})
+    with pytest.raises(CorruptFile, match=r"truncated or damaged \(.*poses"):
+        read_split(folder, "test")

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from belief import metrics
+from belief.metrics import shape_scores
 
 
 def test_a_perfect_prediction_scores_zero_everywhere():
@@ -57,3 +61,22 @@ def test_confusion_counts_true_shapes_in_rows():
 def test_bad_input_raises_and_says_where(metric, probs, labels, message):
     with pytest.raises(ValueError, match=message):
         metric(probs, np.array(labels))
+
+
+@given(arrays(np.int64, (4, 4), elements=st.integers(0, 50)))
+def test_shape_scores_are_those_of_counting(confusion):
+    pairs = [(t, r) for (t, r), n in np.ndenumerate(confusion) for _ in range(n)]
+    for k, score in enumerate(shape_scores(confusion)):
+        true, read = [p for p in pairs if p[0] == k], [p for p in pairs if p[1] == k]
+        both = len([p for p in true if p[1] == k])
+        assert score.support == len(true)
+        assert score.recall == pytest.approx(both / len(true) if true else 0.0)
+        assert score.precision == pytest.approx(both / len(read) if read else 0.0)
+        mean = 2 / (1 / score.precision + 1 / score.recall) if both else 0.0
+        assert score.f1 == pytest.approx(mean)
+
+
+@pytest.mark.parametrize("counts", [np.zeros((0, 0)), np.zeros((2, 3)), [[-1, 0], [0, 1]], [[np.nan, 0], [0, 1]]])
+def test_shape_scores_refuse_what_is_no_confusion_matrix(counts):
+    with pytest.raises(ValueError, match="counts"):
+        shape_scores(counts)

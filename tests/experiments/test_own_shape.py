@@ -6,15 +6,15 @@ from pathlib import Path
 import pytest
 
 from activetouch.dataset import CollectionPlan, read_manifest
-from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Symmetry
 from activetouch.shapes import Mesh
 from activetouch.world import CLASSIFIER_FILE
 from experiments.calibrate import Calibrate
+from experiments.collect import Collect
 from experiments.compare import Compare
 from experiments.episodes import Setting
-from experiments.perception import Collect, Train
 from experiments.scene_choice import SceneChoice
+from experiments.train import Changes, Train
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "04_a_mesh_of_your_own.py"
@@ -27,8 +27,8 @@ def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
     choice = SceneChoice(meshes=(cup,), fidelity="quasistatic")
     data, trained, sensor = tmp_path / "touches", tmp_path / "trained", tmp_path / "sensor"
     Collect(choice, out=data, plan=CollectionPlan(train=12, calibration=6, test=4), jobs=2).run()
-    assert read_manifest(data)["symmetry"] == Symmetry.ROTATIONS
-    Train(data=data, out=trained, input_size=32, recipe=TrainingRecipe(epochs=1, bf16=False), threads=1).run()
+    assert read_manifest(data).symmetry == Symmetry.ROTATIONS
+    Train(data=data, out=trained, input_size=32, recipe="large", change=Changes(epochs=1), threads=1).run()
     Calibrate(classifier=trained / CLASSIFIER_FILE, data=data, out=sensor).run()
     comparison = Compare(
         deciders=("information_gain", "random_confirm"),

@@ -1,0 +1,51 @@
+"""Changes of training images that do not change what they are images of.
+
+Each is allowed by a symmetry of the scene (:class:`activetouch.scene.Symmetry`), and left out where the scene lacks it:
+
+* *quarter turns*: where orientation is uniform over SO(3) and the sensor treats all directions alike, a turned image is
+  exactly as likely as the original, and taxels fall on taxels;
+* *mirror image*: where moreover every shape is its own mirror image, so is the image of its touch;
+* *small rotations* (paper §5.7): allowed for the same reason as quarter turns, but taxels fall between taxels, and what
+  a corner shows after the turn was never felt; it is filled with the nearest edge. Hence only small ones.
+
+Scaling, shifting, or changing brightness would not do: size, force and offset mean something.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn.functional import affine_grid, grid_sample
+
+from activetouch.scene import Symmetry
+
+
+def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torch.Generator) -> Tensor:
+    """Images under symmetries drawn at random: one quarter turn and mirroring a batch, one small rotation an image.
+
+    Args:
+        images: uint8 ``(B, H, W)`` or ``(B, H, W, channels)``.
+        symmetry: what the scene allows.
+        rotation: largest small rotation, either way [degrees]; 0 for none.
+        generator: source of chance; what is drawn does not depend on ``symmetry``.
+
+    Returns:
+        uint8, of the same shape.
+    """
+    turns, flip = int(torch.randint(4, (), generator=generator)), bool(torch.rand((), generator=generator) < 0.5)
+    if symmetry is Symmetry.NONE:
+        return images
+    if rotation:
+        images = _rotated(images, torch.deg2rad((2 * torch.rand(len(images), generator=generator) - 1) * rotation))
+    images = torch.rot90(images, turns, dims=(1, 2))
+    return images.flip(2) if flip and symmetry is Symmetry.ROTATIONS_AND_MIRROR else images
+
+
+def _rotated(images: Tensor, angles: Tensor) -> Tensor:
+    """Every image turned by its own angle [rad] about the centre, interpolated linearly."""
+    pixels = (images.unsqueeze(-1) if images.ndim == 3 else images).permute(0, 3, 1, 2).float()
+    cosine, sine, zero = torch.cos(angles), torch.sin(angles), torch.zeros_like(angles)
+    turn = torch.stack([torch.stack([cosine, -sine, zero], 1), torch.stack([sine, cosine, zero], 1)], 1)  # (B, 2, 3)
+    grid = affine_grid(turn, list(pixels.shape), align_corners=False)
+    turned = grid_sample(pixels, grid, padding_mode="border", align_corners=False)
+    return turned.round().to(torch.uint8).permute(0, 2, 3, 1).reshape(images.shape)

@@ -1,0 +1,245 @@
+r"""Does a touch look like anything the sensor was trained on? Scores that are higher the more novel it is.
+
+A classifier has to name one of the shapes it knows, whatever it touches. Two scores tell whether it should be trusted:
+
+* the free energy of its logits, -T log Σ exp(z/T): small where some logit is large (Liu et al. 2020);
+* the squared Mahalanobis distance of its features to the nearest class mean, under one covariance shared by all classes
+  (Lee et al. 2018). It sees also what the last layer throws away.
+
+How well a score separates known from novel is its AUROC: the probability that something novel scores higher than
+something known, ties counting half. One half is worthless, one is perfect.
+
+    >>> rng = np.random.default_rng(0)
+    >>> labels = np.arange(200) % 2
+    >>> score = MahalanobisScore.fit(rng.normal(size=(200, 3)) + 6.0 * labels[:, None], labels)
+    >>> known, novel = rng.normal(size=(50, 3)), rng.normal(size=(50, 3)) - 6.0
+    >>> auroc(score.score(known), score.score(novel))
+    1.0
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+from scipy.linalg import cholesky, solve_triangular
+from scipy.spatial.distance import cdist
+from scipy.special import expit
+
+from belief.problem import Floats
+
+_LARGEST_FEATURE = 1e150  # squares of larger ones overflow
+_LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
+
+
+def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
+    """Free energy of logits, -T log Σ_k exp(z_k / T), in units of the logits; higher is more novel.
+
+    Args:
+        logits: ``(..., K)``, any float type, finite.
+        temperature: T > 0; towards zero the score becomes minus the largest logit.
+
+    Returns:
+        ``(...)``, float64.
+
+    Raises:
+        ValueError: empty or not finite logits, no axis of shapes, or a temperature that is not positive and finite.
+
+    >>> energy_score([[0.0, 0.0], [9.0, 0.0]]).round(4).tolist()
+    [-0.6931, -9.0001]
+    """
+    z = np.asarray(logits, np.float64)
+    if z.ndim == 0 or z.size == 0:
+        raise ValueError(f"need logits (..., K), none of the axes empty, got shape {z.shape}")
+    _require_finite("logits", z)
+    if not 0.0 < temperature < np.inf:
+        raise ValueError(f"temperature must be positive and finite, got {temperature}")
+    top = z.max(axis=-1)
+    with np.errstate(over="ignore"):
+        # Halves, because the difference of ±1e308 is no float; what overflows after that has no weight in the sum.
+        below = 2.0 * ((z / 2 - top[..., None] / 2) / temperature)
+        energy = -(top + temperature * np.log(np.exp(below).sum(axis=-1)))
+    return np.maximum(energy, -np.finfo(np.float64).max)
+
+
+@dataclass(frozen=True, eq=False)
+class MahalanobisScore:
+    """Squared distance to the nearest class mean, in units of the spread within classes.
+
+    The shared covariance is shrunk towards a multiple of the identity, (1 - ρ) S + ρ (tr S / D) I, so that it can be
+    inverted with fewer samples than dimensions. Ledoit and Wolf (2004) give the ρ that minimises the expected squared
+    error of the estimate. Shrunk distances depend on the scale of single features; unshrunk ones on no linear map.
+
+    Attributes:
+        means: of the C classes that were seen, ``(C, D)``.
+        whitening: maps deviations from a mean to independent unit ones, from the right, ``(D, D)``.
+        shrinkage: ρ in [0, 1].
+    """
+
+    means: Floats
+    whitening: Floats
+    shrinkage: float
+
+    @classmethod
+    def fit(cls, features: ArrayLike, labels: ArrayLike, shrinkage: float | None = None) -> MahalanobisScore:
+        """Class means and the shared covariance (with divisor n) of known things.
+
+        Args:
+            features: ``(n, D)``, any float type.
+            labels: class of each, integers, ``(n,)``; a class that does not occur has no mean.
+            shrinkage: ρ in [0, 1]; Ledoit and Wolf's by default, at least 1e-6. Where nothing varies at all within
+                the classes the covariance is the identity.
+
+        Raises:
+            ValueError: empty, not finite, or beyond ±1e150; labels that are no integers or do not fit; a covariance
+                that is singular without shrinkage.
+        """
+        x, y = _features(features), np.asarray(labels)
+        if y.shape != (len(x),) or not np.issubdtype(y.dtype, np.integer):
+            raise ValueError(f"need an integer label for each of {len(x)} features, got {y.dtype} {y.shape}")
+        if shrinkage is not None and not 0.0 <= shrinkage <= 1.0:
+            raise ValueError(f"shrinkage must be in [0, 1], got {shrinkage}")
+        _, inverse = np.unique(y, return_inverse=True)
+        members = np.eye(inverse.max() + 1)[inverse]  # (n, C)
+        means = (members / members.sum(axis=0)).T @ x
+        residuals = x - means[inverse]
+        scale = float(np.abs(residuals).max())
+        # Means round: what is constant within its class leaves residuals of some units in the last place.
+        if scale <= 16 * np.finfo(np.float64).eps * float(np.abs(x).max()):
+            return cls(means, np.eye(x.shape[1]), 1.0)
+        residuals /= scale
+        covariance = residuals.T @ residuals / len(x)
+        chosen = max(_ledoit_wolf(residuals, covariance), _LEAST_SHRINKAGE) if shrinkage is None else shrinkage
+        spread = np.trace(covariance) / x.shape[1]
+        shrunk = (1.0 - chosen) * covariance + chosen * spread * np.eye(x.shape[1])
+        try:
+            root = cholesky(shrunk, lower=True)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                f"the covariance of {len(x)} features in {x.shape[1]} dimensions is singular with shrinkage {chosen}; "
+                "leave the shrinkage to the data, or choose more"
+            ) from error
+        return cls(means, solve_triangular(root, np.eye(x.shape[1]), lower=True).T / scale, float(chosen))
+
+    def score(self, features: ArrayLike) -> Floats:
+        """Squared Mahalanobis distance of each row to the nearest class mean, ``(n,)``, ≥ 0.
+
+        Args:
+            features: ``(n, D)``.
+
+        Raises:
+            ValueError: empty, not finite, beyond ±1e150, or of another dimension than was fitted.
+        """
+        x = _features(features)
+        if x.shape[1] != self.means.shape[1]:
+            raise ValueError(f"fitted to features of {self.means.shape[1]} dimensions, got {x.shape[1]}")
+        centre = self.means.mean(axis=0)  # near the data, so that a common offset costs no digits
+        with np.errstate(over="ignore", invalid="ignore"):
+            whitened, means = (x - centre) @ self.whitening, (self.means - centre) @ self.whitening
+            distances = cdist(whitened, means, "sqeuclidean").min(axis=1)
+        return np.where(np.isnan(distances), np.inf, distances)  # further away than a float can tell
+
+
+def auroc(known_scores: ArrayLike, novel_scores: ArrayLike) -> float:
+    """P(a novel score exceeds a known one) + half P(they are equal), over all pairs; in [0, 1].
+
+    Args:
+        known_scores: of any shape; infinite ones are allowed.
+        novel_scores: of any shape.
+
+    Raises:
+        ValueError: one of them is empty or has NaN.
+
+    >>> auroc([1.0, 2.0], [2.0, 3.0])      # of four pairs three are in order, one is tied
+    0.875
+    """
+    known, novel = _scores(known_scores, novel_scores)
+    ranks = stats.rankdata(np.concatenate([known.ravel(), novel.ravel()]))
+    excess = ranks[known.size :].sum() - novel.size * (novel.size + 1) / 2
+    return float(excess / (known.size * novel.size))
+
+
+def auroc_interval(
+    known_scores: ArrayLike, novel_scores: ArrayLike, confidence: float = 0.95
+) -> tuple[float, float, float]:
+    """AUROC with an interval that holds if rows are independent, whatever the dependence within a row.
+
+    DeLong's variance (DeLong et al. 1988) of the share of the other group that each row exceeds, averaged over the row
+    first (Obuchowski 1997), on the logit scale. Where every pair is in order that variance is zero; the bound is then
+    the exact binomial one for as many disjoint pairs of rows as there are.
+
+    Args:
+        known_scores: one score a row, ``(n,)``, or several, ``(n, T)``, as of the touches of one object; n ≥ 2.
+        novel_scores: ``(m,)`` or ``(m, T')``, m ≥ 2.
+        confidence: of the interval, in (0, 1).
+
+    Returns:
+        (AUROC, lower bound, upper bound).
+
+    Raises:
+        ValueError: as :func:`auroc`; fewer than two rows; a confidence outside (0, 1).
+
+    >>> [round(x, 3) for x in auroc_interval(np.arange(50), np.arange(50) + 20.0)]
+    [0.82, 0.728, 0.886]
+    """
+    known, novel = _scores(known_scores, novel_scores)
+    if min(len(known), len(novel)) < 2:
+        raise ValueError(f"an interval needs two rows of each at least, got {len(known)} known and {len(novel)} novel")
+    if not 0.0 < confidence < 1.0:
+        raise ValueError(f"confidence must be in (0, 1), got {confidence}")
+    value, tail = auroc(known, novel), (1.0 - confidence) / 2
+    variance = _row_means(novel, known).var(ddof=1) / len(novel) + _row_means(known, novel).var(ddof=1) / len(known)
+    if value in (0.0, 1.0):
+        bound = tail ** (1.0 / min(len(known), len(novel)))
+        return (value, bound, 1.0) if value else (value, 0.0, 1.0 - bound)
+    centre = np.log(value) - np.log1p(-value)
+    reach = stats.norm.ppf(1.0 - tail) * np.sqrt(variance) / (value * (1.0 - value))
+    return value, float(expit(centre - reach)), float(expit(centre + reach))
+
+
+def _ledoit_wolf(residuals: Floats, covariance: Floats) -> float:
+    """Optimal shrinkage towards the scaled identity (Ledoit and Wolf 2004, section 3.3), the mean being known."""
+    n, dimensions = residuals.shape
+    spread = np.trace(covariance) / dimensions
+    distance = np.square(covariance - spread * np.eye(dimensions)).sum()
+    if distance == 0.0:
+        return 1.0
+    # Σ_i |x_i x_iᵀ - S|² = Σ_i |x_i|⁴ - n |S|²
+    error = (np.square(np.square(residuals).sum(axis=1)).sum() / n - np.square(covariance).sum()) / n
+    return float(np.clip(error / distance, 0.0, 1.0))
+
+
+def _row_means(rows: Floats, others: Floats) -> Floats:
+    """Share of ``others`` that a row's scores exceed, ties half, averaged over the row, ``(len(rows),)``."""
+    pooled = stats.rankdata(np.concatenate([rows.ravel(), others.ravel()]))[: rows.size]
+    exceeded = (pooled - stats.rankdata(rows.ravel())) / others.size
+    return np.asarray(exceeded.reshape(len(rows), -1).mean(axis=1))
+
+
+def _features(features: ArrayLike) -> Floats:
+    x = np.asarray(features, np.float64)
+    if x.ndim != 2 or x.size == 0:
+        raise ValueError(f"need features (n, D) with n ≥ 1 and D ≥ 1, got shape {x.shape}")
+    _require_finite("features", x)
+    if np.abs(x).max() > _LARGEST_FEATURE:
+        raise ValueError(f"features must not exceed {_LARGEST_FEATURE:g} in size, got {np.abs(x).max():g}")
+    return x
+
+
+def _scores(known_scores: ArrayLike, novel_scores: ArrayLike) -> tuple[Floats, Floats]:
+    known, novel = np.asarray(known_scores, np.float64), np.asarray(novel_scores, np.float64)
+    for name, scores in (("known", known), ("novel", novel)):
+        if scores.ndim == 0 or scores.size == 0:
+            raise ValueError(f"{name}_scores must hold at least one score, got shape {scores.shape}")
+        if np.isnan(scores).any():
+            raise ValueError(f"{name}_scores hold NaN, the first at {np.argwhere(np.isnan(scores))[0].tolist()}")
+    return known, novel
+
+
+def _require_finite(name: str, values: Floats) -> None:
+    bad = ~np.isfinite(values)
+    if bad.any():
+        place = tuple(np.argwhere(bad)[0].tolist())
+        raise ValueError(f"{name} must be finite, got {values[place]} at {list(place)}")

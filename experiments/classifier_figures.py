@@ -1,0 +1,90 @@
+"""Figures about classifiers: confusion matrices, the frontier of cost and error, learning curves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from activetouch.atomic import atomic_path
+
+if TYPE_CHECKING:
+    from experiments.frontier import Entry
+    from experiments.learning_curve import Point
+    from experiments.scores import Scores
+    from experiments.table1 import Result
+
+_BLUE = "#0072B2"
+
+
+def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ...], path: Path) -> None:
+    """One matrix for every split (row) and set of images read (column), as SVG (paper Figure 3a)."""
+    rows, columns = list(results), list(next(iter(results.values())))
+    with _figure((3.6 * len(columns), 3.5 * len(rows)), path) as figure:
+        grid = figure.subplots(len(rows), len(columns), squeeze=False)
+        for name, line in zip(rows, grid, strict=True):
+            for what, axes in zip(columns, line, strict=True):
+                result = results[name][what]
+                counts = np.array(result.confusion)
+                axes.imshow(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1)
+                for (true, read), count in np.ndenumerate(counts):
+                    dark = count > 0.5 * counts[true].sum()
+                    axes.text(read, true, str(count), ha="center", va="center", color="white" if dark else "black")
+                axes.set(title=f"split {name}, {what}: {result.accuracy:.3f}", xlabel="read as")
+                axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+                axes.set_yticks(range(len(labels)), labels)
+            line[0].set_ylabel("true shape")
+
+
+def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
+    """Error with its interval against the time of a single touch, as SVG; what nothing beats in both is joined."""
+    with _figure((7.0, 4.2), path) as figure:
+        batch = min(entries[0].milliseconds)
+        time = np.array([entry.milliseconds[batch] for entry in entries])
+        axes = figure.subplots()
+        error = _errors(axes, time, [entry.scores for entry in entries])
+        order = np.argsort(time)
+        best = order[error[order] <= np.minimum.accumulate(error[order])]
+        axes.plot(time[best], error[best], color=_BLUE, linewidth=1, zorder=0)
+        for entry, x, y in zip(entries, time, error, strict=True):
+            axes.annotate(entry.name, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8)
+        axes.set(xlabel=f"milliseconds a touch, {batch} at once", title=f"scene {scene}")
+        axes.margins(x=0.15)
+
+
+def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None:
+    """Error with its interval against images of each shape, as SVG."""
+    with _figure((5.5, 3.6), path) as figure:
+        images = np.array([point.images for point in points])
+        axes = figure.subplots()
+        error = _errors(axes, images, [point.scores for point in points])
+        axes.plot(images, error, color=_BLUE, linewidth=1)
+        axes.set(xlabel="images of each shape", title=title)
+
+
+def _errors(axes: Axes, x: NDArray, scores: Sequence[Scores]) -> NDArray[np.float64]:
+    """Dots with intervals on logarithmic axes; returns the errors."""
+    error = np.array([1.0 - score.accuracy for score in scores])
+    low, high = (np.array([1.0 - score.interval[side] for score in scores]) for side in (1, 0))
+    axes.errorbar(x, error, [error - low, high - error], fmt="o", color=_BLUE, ecolor="#9cc3de", capsize=2)
+    axes.set(xscale="log", yscale="log", ylabel="share of single touches misread")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25, which="both")
+    return error
+
+
+@contextmanager
+def _figure(size: tuple[float, float], path: Path) -> Iterator[Figure]:
+    """A figure that is written to ``path``, the same bytes for the same content."""
+    with matplotlib.rc_context({"font.size": 9.0, "svg.fonttype": "none", "svg.hashsalt": "activetouch"}):
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        with atomic_path(path) as temporary:
+            figure.savefig(temporary, format="svg", metadata={"Date": None})

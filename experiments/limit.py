@@ -1,0 +1,89 @@
+"""``activetouch limit``: how well could any reader of a single touch do, and how near is the classifier?
+
+Which estimator answers depends on what the scene's images are. Few taxels: the best reader itself, by simulated Bayes.
+Force patches: readers of the few numbers an image is drawn from. Fine images: twins, which prove touches ambiguous one
+by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+
+from activetouch.rendering import ForcePatchRenderer, PressureRenderer
+from activetouch.scene import Scene
+from activetouch.world import MODELS, TactileSensor
+from belief.errors import ActiveTouchError
+from experiments.limit_bayes import SimulatedBayes
+from experiments.limit_numbers import FewNumbers
+from experiments.limit_twins import TwinSearch
+from experiments.parallel import default_jobs
+from experiments.scene_choice import SceneChoice
+from experiments.study import Estimator, Study
+
+FEW_TAXELS = 64
+"""Of an image, at most, for a bank of ideal images to hold one like each."""
+
+
+class TooFewTouches(ActiveTouchError, ValueError):
+    """Not every shape would be touched."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Estimate how well any reader of a single touch could do, and compare the classifier with it.
+
+    For example:
+
+        activetouch limit --scene coarse
+        activetouch limit --scene hard --twins.pairs 200 --sensor runs/sensor-hard
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice("coarse"))
+    """The world."""
+    sensor: Path | None = None
+    """Folder of the classifier and its calibration; the shipped one of the scene by default."""
+    touches: int = 6_000
+    """Fresh touches to measure on, each of another object."""
+    bayes: SimulatedBayes = field(default_factory=SimulatedBayes)
+    """For images of few taxels."""
+    numbers: FewNumbers = field(default_factory=FewNumbers)
+    """For force-patch images."""
+    twins: TwinSearch = field(default_factory=TwinSearch)
+    """For fine images."""
+    seed: int = 0
+    """Of touches, banks and intervals."""
+    out: Path | None = None
+    """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default."""
+    jobs: int = field(default_factory=default_jobs)
+    """Processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Measure, print and write."""
+        scene = self.choice.named.scene
+        if self.touches < len(scene.shapes):
+            raise TooFewTouches(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
+        folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
+        sensor = TactileSensor.load(self.sensor if self.sensor is not None else MODELS / self.choice.scene, scene)
+        findings = self.estimator(scene).measure(Study(sensor, self.touches, self.seed, self.jobs, folder))
+        console = Console()
+        for sentence in findings.sentences:
+            console.print(sentence)
+        for grid in findings.grids:
+            console.print(grid.rich())
+        findings.write(folder, {"scene": self.choice.scene, "seed": self.seed, "num_touches": self.touches})
+        print(f"wrote {folder}")
+
+    def estimator(self, scene: Scene) -> Estimator:
+        """The one that suits the scene's images."""
+        match scene.renderer:
+            case ForcePatchRenderer():
+                return self.numbers
+            case PressureRenderer(binning=binning) if (scene.pad.num_taxels // binning) ** 2 <= FEW_TAXELS:
+                return self.bayes
+            case _:
+                return self.twins

@@ -1,0 +1,43 @@
+"""How good a classifier is on touches of objects it never saw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from activetouch.dataset import TouchSet
+from belief.calibration import TemperatureScaling
+from belief.metrics import negative_log_likelihood
+from belief.statistics import cluster_bootstrap
+
+if TYPE_CHECKING:
+    from activetouch.classifier import TouchClassifier
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of single touches.
+
+    Attributes:
+        accuracy: share of the test touches read correctly.
+        interval: of the accuracy, 95 %, resampling objects.
+        nll: of the test touches, after temperature scaling on the calibration split [nats].
+    """
+
+    accuracy: float
+    interval: tuple[float, float]
+    nll: float
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.accuracy:.4f} [{low:.4f}, {high:.4f}]"
+
+
+def scores(classifier: TouchClassifier, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:
+    """Scores on a test split, with a temperature from the calibration split; ``rng`` is that of the interval."""
+    known, read = classifier.read(calibration.images, 256), classifier.read(test.images, 256)
+    scaling = TemperatureScaling().fit(known.logits, calibration.shapes)
+    accuracy, low, high = cluster_bootstrap(read.labels == test.shapes, test.object_ids, rng)
+    return Scores(accuracy, (low, high), negative_log_likelihood(scaling.predict_proba(read.logits), test.shapes))

@@ -1,0 +1,95 @@
+"""The paper's data set: images of a window that slides over the force log of a press (paper §5.3 to §5.6).
+
+Every press turns the object anew, and gives several images that share most of their readings. So an image has near
+copies among the images of its own press, and how a data set is split decides what a classifier's score means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.dataset import TouchSet
+from activetouch.presentation import Resampled
+from activetouch.rendering import ForcePatchRenderer, read_out
+from activetouch.scene import Scene
+from experiments.parallel import run_tasks
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """How many images there are; as it comes, about the paper's 700 of each shape.
+
+    Attributes:
+        objects: of each shape, of different sizes.
+        presses: of each object, each in a new random orientation.
+        images: of each press, evenly spread over the time of contact.
+        seed: of everything.
+    """
+
+    objects: int = 35
+    presses: int = 2
+    images: int = 10
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.objects, self.presses, self.images) < 1:
+            raise ValueError(f"objects, presses and images must be at least 1, got {self}")
+
+
+def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
+    """Press the objects of a plan and render the windows.
+
+    Args:
+        scene: of guarded moves and force patches.
+        plan: how many.
+        stream: number of an independent data set under the same plan.
+        jobs: processes; the images do not depend on it.
+
+    Returns:
+        The images of all shapes in turn; ``poses`` counts the presses of an object, an object that misses has none.
+    """
+    scene = replace(scene, presentation=Resampled())
+    tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
+    parts = sorted(run_tasks(tasks, jobs, "sliding windows over presses"), key=lambda part: part.object_ids[0])
+    return TouchSet.join(parts)
+
+
+def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
+    renderer = scene.renderer
+    assert isinstance(renderer, ForcePatchRenderer), "windows are drawn from a log of forces"
+    rng = np.random.default_rng([plan.seed, stream, number])
+    thing = scene.sample_object(number % len(scene.shapes), rng)
+    images: list[NDArray[np.uint8]] = []
+    rows: list[Sequence[float]] = []
+    for press in range(plan.presses):
+        contact = scene.contact(scene.place(thing, 0, rng), rng)
+        assert contact.trace is not None, "guarded moves are always traced"
+        in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
+        windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
+        for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
+            images.append(read_out(windows[index], scene.faults, rng))
+            rows.append((thing.shape_index, number, press, contact.force, contact.depth))
+    shapes, object_ids, presses, forces, depths = np.array(rows).T
+    return TouchSet(np.stack(images), shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
+
+
+def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """A random ``share`` of the images, and the others: near copies land on both sides."""
+    order = rng.permutation(len(touches.images))
+    cut = round(share * len(order))
+    return touches.select(np.sort(order[:cut])), touches.select(np.sort(order[cut:]))
+
+
+def split_by_object(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """The images of a random ``share`` of each shape's objects, and those of the others."""
+    first: list[NDArray[np.int64]] = []
+    for shape in np.unique(touches.shapes):
+        objects = rng.permutation(np.unique(touches.object_ids[touches.shapes == shape]))
+        first.append(objects[: round(share * len(objects))])
+    chosen = np.isin(touches.object_ids, np.concatenate(first))
+    return touches.select(chosen), touches.select(~chosen)

@@ -1,0 +1,149 @@
+"""What an estimate of the ambiguity limit is made from, and what it comes to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from activetouch.atomic import atomic_path
+from activetouch.scene import Scene
+from activetouch.world import TactileSensor
+from belief.statistics import paired_bootstrap, wilson_interval
+from experiments.fresh import Stream, fresh_readings
+from experiments.parallel import progress_bar, run_tasks
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A sensor in its scene, and how much to measure.
+
+    Attributes:
+        sensor: the classifier that is compared with the limit.
+        touches: fresh ones, each of another object.
+        seed: of everything.
+        jobs: processes; the results do not depend on it.
+        folder: for figures.
+    """
+
+    sensor: TactileSensor
+    touches: int
+    seed: int
+    jobs: int
+    folder: Path
+
+    @property
+    def scene(self) -> Scene:
+        """Where touches come from."""
+        return self.sensor.scene
+
+    @property
+    def shapes(self) -> NDArray[np.int64]:
+        """Of the test touches, in turn, ``(N,)``."""
+        return np.arange(self.touches) % len(self.scene.shapes)
+
+    def read(self) -> NDArray[np.uint8]:
+        """Readings of the test touches, ``(N, H, W)`` or ``(N, H, W, 3)``."""
+        tasks = [
+            partial(fresh_readings, self.scene, self.seed, Stream.TEST, numbers) for numbers in chunks(self.touches, 50)
+        ]
+        parts = sorted(run_tasks(tasks, self.jobs, "touching fresh objects"), key=lambda part: part[0])
+        return np.concatenate([readings for _, readings in parts])
+
+    def classify(self, readings: NDArray[np.uint8]) -> Floats:
+        """Calibrated log probabilities of the classifier, ``(N, K)``."""
+        logits = []
+        with progress_bar() as progress:
+            bar = progress.add_task("reading by the classifier", total=len(readings))
+            for first in range(0, len(readings), 256):
+                logits.append(self.sensor.classifier.read(readings[first : first + 256])[0])
+                progress.advance(bar, len(logits[-1]))
+        return self.sensor.model.calibration.predict_log_proba(np.concatenate(logits))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of words: first column to the left, the others to the right."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+    def rich(self) -> Table:
+        """For a terminal."""
+        table = Table(title=self.title, box=box.SIMPLE_HEAD, title_justify="left")
+        for number, heading in enumerate(self.headings):
+            table.add_column(heading, justify="right" if number else "left")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+    def markdown(self) -> str:
+        """For a file."""
+        rule = ("---", *("---:" for _ in self.headings[1:]))
+        lines = [f"| {' | '.join(row)} |" for row in (self.headings, rule, *self.rows)]
+        return "\n".join([f"**{self.title}**", "", *lines])
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What an estimate came to.
+
+    Attributes:
+        title: one line.
+        sentences: what was done, why so, and what it means.
+        grids: tables.
+        numbers: all of it, for machines.
+    """
+
+    title: str
+    sentences: Sequence[str]
+    grids: Sequence[Grid]
+    numbers: dict[str, Any]
+
+    def write(self, folder: Path, identity: dict[str, Any]) -> None:
+        """Write ``limit.json`` and ``limit.md``."""
+        with atomic_path(folder / "limit.json") as temporary:
+            temporary.write_text(json.dumps({**identity, **self.numbers}, indent=1) + "\n")
+        text = "\n\n".join([f"# {self.title}", *self.sentences, *(grid.markdown() for grid in self.grids)])
+        with atomic_path(folder / "limit.md") as temporary:
+            temporary.write_text(text + "\n")
+
+
+class Estimator(Protocol):
+    """A way to find out how well any reader of single touches could do."""
+
+    def measure(self, study: Study) -> Findings:
+        """Measure, and draw figures into the study's folder."""
+
+
+def chunks(count: int, size: int) -> list[range]:
+    """The numbers below ``count`` in order, ``size`` at a time."""
+    return [range(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def share(right: NDArray[np.bool_]) -> dict[str, Any]:
+    """A proportion of independent touches, with its 95 % Wilson interval."""
+    return {"value": float(right.mean()), "interval": wilson_interval(int(right.sum()), len(right))}
+
+
+def paired_difference(first: NDArray, second: NDArray, seed: int) -> dict[str, Any]:
+    """Mean of ``first - second`` over the same touches, with its 95 % bootstrap interval."""
+    mean, low, high = paired_bootstrap(first.astype(float), second.astype(float), np.random.default_rng(seed))
+    return {"value": mean, "interval": (low, high)}
+
+
+def words(entry: dict[str, Any], sign: str = "") -> str:
+    """A number with its interval."""
+    low, high = entry["interval"]
+    return f"{entry['value']:{sign}.4f} [{low:{sign}.4f}, {high:{sign}.4f}]"

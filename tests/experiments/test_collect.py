@@ -1,0 +1,200 @@
+"""A collection is recorded once, whatever happens meanwhile, and can be made again byte for byte."""
+
+import json
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from activetouch.dataset import CollectionPlan, read_manifest, read_split
+from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.manifest import Manifest
+from experiments.collect import Collect, NotReproduced, collect
+from experiments.scene_choice import SceneChoice
+
+pytestmark = pytest.mark.mujoco
+PLAN = CollectionPlan(train=13, calibration=1, test=1)
+COARSE = SceneChoice("coarse")
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("original")
+    Collect(COARSE, out=folder, plan=PLAN, jobs=1).run()
+    return folder
+
+
+@pytest.fixture
+def folder(original, tmp_path):
+    return Path(shutil.copytree(original, tmp_path / "copy"))
+
+
+def contents(folder):
+    """Bytes of every file, by its path in the folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def change_manifest(folder, **changes):
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def test_a_complete_collection_has_a_digest_of_every_shard(original):
+    manifest = read_manifest(original)
+    assert manifest.sha256.keys() == contents(original).keys() - {"manifest.json"}
+    assert len(manifest.sha256) == 4
+    assert manifest.choice == COARSE.to_dict()
+    assert manifest.contact_model["cone"] == "mjCONE_ELLIPTIC"
+    assert manifest.versions["numpy"] == np.__version__
+
+
+def test_a_collection_made_again_from_its_manifest_has_the_same_bytes(original, tmp_path, capsys):
+    Collect(from_manifest=original / "manifest.json", out=tmp_path / "again", jobs=1).run()
+    assert contents(tmp_path / "again") == contents(original)
+    assert "4 shards identical" in capsys.readouterr().out
+
+
+def test_what_came_out_different_is_named_and_why_it_may(folder, tmp_path):
+    sha256, versions = dict(read_manifest(folder).sha256), dict(read_manifest(folder).versions)
+    change_manifest(folder, sha256={**sha256, "train/00001.npz": "0" * 64}, versions={**versions, "numpy": "2.0.9"})
+    with pytest.raises(NotReproduced, match=rf"1 of 4 .*train/00001\.npz\. Numpy 2\.0\.9 there, {np.__version__} here"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+    change_manifest(folder, versions=versions)
+    with pytest.raises(NotReproduced, match=r"versions are the same\. Another kind of processor"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+
+
+def test_a_scene_that_has_changed_since_is_not_recorded_in_its_name(folder, tmp_path):
+    scene = read_manifest(folder).scene.replace("Noise(std=0.05)", "Noise(std=0.07)")
+    change_manifest(folder, scene=scene)
+    with pytest.raises(NotReproduced, match=r"another one now: .*Noise\(std=0\.07.* there, .*Noise\(std=0\.05.* here"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+    assert not (tmp_path / "again").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "changes", "told"),
+    [
+        ({"out": None}, {}, "needs an --out other than"),
+        ({"choice": COARSE}, {}, "leave out --scene"),
+        ({"plan": PLAN}, {}, "leave out --scene, --plan"),
+        ({}, {"sha256": None}, "is not complete.*finish it with: activetouch collect --scene coarse"),
+        ({}, {"choice": None}, "recorded by a program"),
+        ({}, {"choice": {"scene": "gel"}}, r"does not know \('meshes'\)"),
+        ({}, {"choice": {**COARSE.to_dict(), "weather": "rain"}}, "does not know .*weather"),
+    ],
+)
+def test_what_cannot_be_made_again_says_why(folder, tmp_path, command, changes, told):
+    change_manifest(folder, **changes)
+    with pytest.raises(NotReproduced, match=told):
+        replace(Collect(from_manifest=folder, out=tmp_path / "again", jobs=1), **command).run()
+
+
+def test_a_collection_is_not_compared_with_itself(folder):
+    with pytest.raises(NotReproduced, match="needs an --out other than"):
+        Collect(from_manifest=folder / "manifest.json", out=folder / "train" / "..", jobs=1).run()
+
+
+KILLED = """
+from pathlib import Path
+from experiments.collect import Collect, CollectionPlan, SceneChoice
+if __name__ == "__main__":
+    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), CollectionPlan(96, 1, 1), jobs=2).run()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="kills a group of processes, which only POSIX has")
+def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
+    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(96, 1, 1)
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    program = [sys.executable, "-c", KILLED.format(out=str(killed))]
+    with subprocess.Popen(program, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+        while not list(killed.glob("train/0*.npz")):
+            assert process.poll() is None, "the run ended before it could be killed"
+            time.sleep(0.002)
+        os.killpg(process.pid, signal.SIGKILL)
+    for left in Path("/dev/shm").glob(f"*[-_]{process.pid}[-_]*"):  # of joblib, whose own cleaner was killed, too
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    assert process.returncode == -signal.SIGKILL
+    finished = {path: path.stat().st_mtime_ns for path in killed.glob("*/0*.npz")}
+    assert 0 < len(finished) < 10
+    assert read_manifest(killed).sha256 is None
+    Collect(choice, killed, plan, jobs=1).run()
+    Collect(choice, whole, plan, jobs=1).run()
+    assert contents(killed) == contents(whole)
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished  # not recorded a second time
+
+
+def test_a_half_written_shard_of_a_killed_run_does_not_count_and_goes(original, tmp_path):
+    folder = Path(shutil.copytree(original, tmp_path / "killed"))
+    change_manifest(folder, sha256=None)
+    shard = folder / "train" / "00001.npz"
+    shard.rename(folder / "train" / ".00001.npz.k1ll3d00.npz")
+    with pytest.raises(CorruptFile, match="1 of 2 shards are missing"):
+        read_split(folder, "train")
+    collect(COARSE, PLAN, folder, jobs=1)
+    assert contents(folder) == contents(original)
+
+
+def test_a_lost_shard_is_recorded_again_as_it_was(folder, original):
+    (folder / "calibration" / "00000.npz").unlink()
+    collect(COARSE, PLAN, folder, jobs=1)
+    assert contents(folder) == contents(original)
+
+
+def test_a_lost_shard_that_comes_out_different_is_told(folder):
+    sha256 = {**read_manifest(folder).sha256, "test/00000.npz": "0" * 64}
+    change_manifest(folder, sha256=sha256)
+    (folder / "test" / "00000.npz").unlink()
+    with pytest.raises(NotReproduced, match=r"1 lost shards .* other bytes than they had: test/00000\.npz"):
+        collect(COARSE, PLAN, folder, jobs=1)
+
+
+def test_a_changed_shard_is_found_when_the_command_is_run_again(folder):
+    path = folder / "test" / "00000.npz"
+    with np.load(path) as file:
+        np.savez(path, **{**file, "depths": file["depths"] + 1e-9})
+    with pytest.raises(CorruptFile, match=r"1 shards in .* were changed after they were recorded: test/00000\.npz"):
+        collect(COARSE, PLAN, folder, jobs=1)
+
+
+def test_a_damaged_shard_never_gets_a_digest(folder):
+    change_manifest(folder, sha256=None)
+    path = folder / "test" / "00000.npz"
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(CorruptFile, match="truncated or damaged"):
+        collect(COARSE, PLAN, folder, jobs=1)
+    assert read_manifest(folder).sha256 is None
+
+
+def test_touches_of_the_first_format_are_kept_and_get_digests(folder, original):
+    new = json.loads((folder / "manifest.json").read_text())
+    old = {key: new[key] for key in ("plan", "shape_labels", "pose_labels", "symmetry", "scene")}
+    (folder / "manifest.json").write_text(json.dumps({**old, "mujoco_version": new["versions"]["mujoco"]}))
+    times = {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")}
+    with pytest.raises(LabelMismatch, match=r"other .*scene"):
+        collect(SceneChoice("coarse", presentation="upright"), PLAN, folder, jobs=1)
+    manifest = collect(COARSE, PLAN, folder, jobs=1)
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.npz")} == times
+    assert manifest == replace(read_manifest(original), versions={"mujoco": manifest.mujoco_version})
+    assert len(read_split(folder, "train").images) == 13 * 4 * 6
+
+
+def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
+    choice = SceneChoice("hard", fidelity="quasistatic", meshes=(Path("a b.stl"), Path("c.stl")), mesh_scale=0.001)
+    folder = tmp_path / "some where"
+    manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
+    program, name, *arguments = shlex.split(manifest.command(folder))
+    assert (program, name) == ("activetouch", "collect")
+    named = tyro.cli(Collect, args=arguments)
+    assert (named.choice, named.plan, named.out) == (choice, PLAN, folder)
