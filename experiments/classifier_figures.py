@@ -14,14 +14,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
+from experiments.figures import PALETTE
 
 if TYPE_CHECKING:
     from experiments.frontier import Entry
     from experiments.learning_curve import Point
     from experiments.scores import Scores
     from experiments.table1 import Result
-
-_BLUE = "#0072B2"
 
 
 def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ...], path: Path) -> None:
@@ -44,19 +43,22 @@ def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ..
 
 
 def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
-    """Error with its interval against the time of a single touch, as SVG; what nothing beats in both is joined."""
+    """Error with its interval against the time of a single touch, as SVG; a colour for each precision."""
     with _figure((7.0, 4.2), path) as figure:
         batch = min(entries[0].milliseconds)
-        time = np.array([entry.milliseconds[batch] for entry in entries])
         axes = figure.subplots()
-        error = _errors(axes, time, [entry.scores for entry in entries])
-        order = np.argsort(time)
-        best = order[error[order] <= np.minimum.accumulate(error[order])]
-        axes.plot(time[best], error[best], color=_BLUE, linewidth=1, zorder=0)
-        for entry, x, y in zip(entries, time, error, strict=True):
-            axes.annotate(entry.name, (x, y), xytext=(5, 5), textcoords="offset points", fontsize=8)
+        for precision, colour in zip(dict.fromkeys(entry.precision for entry in entries), PALETTE, strict=False):
+            some = [entry for entry in entries if entry.precision == precision]
+            time = np.array([entry.milliseconds[batch] for entry in some])
+            _errors(axes, time, [entry.scores for entry in some], colour, precision)
+        for network in dict.fromkeys(entry.network for entry in entries):
+            some = [entry for entry in entries if entry.network == network]
+            left = min(entry.milliseconds[batch] for entry in some)
+            top = max(1.0 - entry.scores.interval[0] for entry in some)
+            axes.annotate(network, (left, top), xytext=(0, 5), textcoords="offset points")
         axes.set(xlabel=f"milliseconds a touch, {batch} at once", title=f"scene {scene}")
-        axes.margins(x=0.15)
+        axes.legend(frameon=False)
+        axes.margins(x=0.15, y=0.12)
 
 
 def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None:
@@ -64,16 +66,17 @@ def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None
     with _figure((5.5, 3.6), path) as figure:
         images = np.array([point.images for point in points])
         axes = figure.subplots()
-        error = _errors(axes, images, [point.scores for point in points])
-        axes.plot(images, error, color=_BLUE, linewidth=1)
+        error = _errors(axes, images, [point.scores for point in points], PALETTE[0])
+        axes.plot(images, error, color=PALETTE[0], linewidth=1)
         axes.set(xlabel="images of each shape", title=title)
 
 
-def _errors(axes: Axes, x: NDArray, scores: Sequence[Scores]) -> NDArray[np.float64]:
+def _errors(axes: Axes, x: NDArray, scores: Sequence[Scores], colour: str, label: str = "") -> NDArray[np.float64]:
     """Dots with intervals on logarithmic axes; returns the errors."""
     error = np.array([1.0 - score.accuracy for score in scores])
     low, high = (np.array([1.0 - score.interval[side] for score in scores]) for side in (1, 0))
-    axes.errorbar(x, error, [error - low, high - error], fmt="o", color=_BLUE, ecolor="#9cc3de", capsize=2)
+    reach = [error - low, high - error]
+    axes.errorbar(x, error, reach, fmt="o", color=colour, elinewidth=1, capsize=2, alpha=0.8, label=label)
     axes.set(xscale="log", yscale="log", ylabel="share of single touches misread")
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, which="both")

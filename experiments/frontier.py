@@ -35,7 +35,8 @@ class Entry:
     """One classifier in one precision.
 
     Attributes:
-        name: backbone, input size and precision.
+        network: backbone and input size.
+        precision: of its arithmetic.
         scores: on the test split.
         megabytes: of the checkpoint.
         parameters: of the network.
@@ -43,7 +44,8 @@ class Entry:
         ratio: of that time to the reference's, by batch size.
     """
 
-    name: str
+    network: str
+    precision: str
     scores: Scores
     megabytes: float
     parameters: int
@@ -93,27 +95,22 @@ class Frontier:
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
             test = test.select(slice(self.touches))
-        variants: dict[str, tuple[Path, TouchClassifier]] = {}
+        variants: list[tuple[Path, str, TouchClassifier]] = []
         for path in self.checkpoints:
-            classifier = TouchClassifier.load(path)
-            name = f"{classifier.card.backbone} {classifier.card.input_size} px"
-            for precision, variant in {
-                "fp32": classifier,
-                "bf16": classifier.to_bfloat16(),
-                "int8": _to_int8(classifier),
-            }.items():
-                variants[f"{name}, {precision}"] = (path, variant)
-        times = {batch: self._time([v for _, v in variants.values()], test.images, batch) for batch in self.batches}
+            single = TouchClassifier.load(path)
+            variants += [(path, "fp32", single), (path, "bf16", single.to_bfloat16()), (path, "int8", _to_int8(single))]
+        times = {b: self._time([classifier for *_, classifier in variants], test.images, b) for b in self.batches}
         entries = []
         with progress_bar() as progress:
             bar = progress.add_task("reading the test split", total=len(variants))
-            for index, (name, (path, classifier)) in enumerate(variants.items()):
+            for index, (path, precision, classifier) in enumerate(variants):
                 result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
                 parameters = sum(parameter.numel() for parameter in TouchNetwork(classifier.card).parameters())
                 by_batch = {b: t[:, index] for b, t in times.items()}
                 entries.append(
                     Entry(
-                        name,
+                        f"{classifier.card.backbone} {classifier.card.input_size} px",
+                        precision,
                         result,
                         path.stat().st_size / 1e6,
                         parameters,
@@ -175,7 +172,7 @@ def _rows(entries: list[Entry]) -> tuple[list[str], list[list[str]]]:
     headings = ["classifier", "accuracy [95 %]", "NLL", *times, "MB", "parameters"]
     rows = [
         [
-            e.name,
+            f"{e.network}, {e.precision}",
             str(e.scores),
             f"{e.scores.nll:.4f}",
             *(f"{e.milliseconds[b]:.2f} ({e.ratio[b]:.2f})" for b in batches),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -72,7 +72,11 @@ class TwinSearch:
         wanted = self._choose(study, right, ranked)
         starts = self._starts(study, wanted)
         tasks = [partial(_search, scene, search, starts[search]) for search in wanted]
-        found = dict(run_tasks(tasks, study.jobs, "searching twins"))
+        found = {
+            # Heights follow the number of the library's threads in their last bit; a millionth is more than enough.
+            search: replace(twin, distance=round(twin.distance, 6))
+            for search, twin in run_tasks(tasks, study.jobs, "searching twins")
+        }
         groups = {
             group: tally([found[search].distance for search in wanted if search.group == group]) for group in GROUPS
         }

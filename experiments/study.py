@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from activetouch.atomic import atomic_path
+from activetouch.atomic import write_text
 from activetouch.scene import Scene
 from activetouch.world import TactileSensor
 from belief.statistics import paired_bootstrap, wilson_interval
@@ -113,11 +113,9 @@ class Findings:
 
     def write(self, folder: Path, identity: dict[str, Any]) -> None:
         """Write ``limit.json`` and ``limit.md``."""
-        with atomic_path(folder / "limit.json") as temporary:
-            temporary.write_text(json.dumps({**identity, **self.numbers}, indent=1) + "\n")
+        write_text(folder / "limit.json", json.dumps({**identity, **self.numbers}, indent=1) + "\n")
         text = "\n\n".join([f"# {self.title}", *self.sentences, *(grid.markdown() for grid in self.grids)])
-        with atomic_path(folder / "limit.md") as temporary:
-            temporary.write_text(text + "\n")
+        write_text(folder / "limit.md", text + "\n")
 
 
 class Estimator(Protocol):

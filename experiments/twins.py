@@ -132,7 +132,7 @@ class Sensing:
         return float(np.clip(np.vdot(image, ideal) / square if square else 1.0, 1.0 - self.gain, 1.0 + self.gain))
 
     def distance(self, image: Floats, ideal: Floats) -> float:
-        """D between an amplified image and an ideal one, gain fitted."""
+        """How many noise units an amplified image is from an ideal one, gain fitted."""
         return float(np.linalg.norm(image - self.fit_gain(image, ideal) * ideal) / self.std)
 
 

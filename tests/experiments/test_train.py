@@ -130,7 +130,9 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
 def test_the_frontier_compares_precisions_with_the_first_as_reference(data, tmp_path):
     Frontier((SHIPPED,), "coarse", data, touches=60, batches=(1, 8), rounds=3, out=tmp_path).run()
     numbers = json.loads((tmp_path / "frontier.json").read_text())
-    assert [entry["name"].split()[-1] for entry in numbers["entries"]] == ["fp32", "bf16", "int8"]
+    assert [(entry["network"], entry["precision"]) for entry in numbers["entries"]] == [
+        ("cnn 16 px", precision) for precision in ("fp32", "bf16", "int8")
+    ]
     single, *others = numbers["entries"]
     assert single["ratio"] == {"1": 1.0, "8": 1.0}
     for other in others:
