@@ -1,6 +1,6 @@
 """Teach the sensor a shape from a mesh file, a cup, and search for it among the four it knows.
 
-Run: python examples/04_a_mesh_of_your_own.py          (three minutes on two cores; everything goes to runs/cup)
+Run: python examples/04_a_mesh_of_your_own.py          (two minutes on two cores; everything goes to runs/cup)
 
 A new shape needs new touches, a classifier trained on them, and an observation model fitted to both. This example
 keeps all of it small; with the default numbers of objects and epochs the sensor becomes as good as the shipped one.
@@ -48,7 +48,7 @@ def main() -> None:
     for command in (
         f"touch --meshes {cup} --shape cup --seed 2 --out {FOLDER}/touch.png",
         f"collect --meshes {cup} --out {data} {objects}",
-        f"train --data {data} --out {trained} --input-size 32 --recipe large --change.epochs 6",
+        f"train --data {data} --out {trained} --recipe large --change.epochs 20",
         f"calibrate --data {data} --classifier {trained}/classifier.safetensors --out {sensor}",
         f"compare --meshes {cup} --sensor {sensor} --num-objects 5 --targets cup cone --episodes 50 "
         f"--out {FOLDER}/compare",
