@@ -18,10 +18,8 @@ from typing import Any
 import numpy as np
 
 from activetouch.atomic import write_text
-from activetouch.contact import Contact
 from activetouch.contact_model import contact_model
 from activetouch.errors import CorruptFile, LabelMismatch
-from activetouch.rendering import read_out
 from activetouch.scene import Scene, Symmetry
 
 SPLITS = ("train", "calibration", "test")
@@ -93,9 +91,6 @@ class Manifest:
     @classmethod
     def of(cls, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None) -> Manifest:
         """The manifest of a collection that this machine would begin now."""
-        nothing = np.zeros((scene.pad.num_taxels, scene.pad.num_taxels))
-        missed = Contact(scene.pad, np.full_like(nothing, np.inf), 0.0, nothing, nothing)
-        image = read_out(scene.renderer(missed), scene.faults, np.random.default_rng(0))
         return cls(
             plan,
             repr(scene),
@@ -103,7 +98,7 @@ class Manifest:
             scene.shape_labels,
             scene.pose_labels,
             scene.symmetry,
-            image.shape,
+            scene.image_shape,
             _versions(),
             contact_model(scene),
         )

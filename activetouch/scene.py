@@ -150,6 +150,12 @@ class Scene:
         return tuple(self.poses)
 
     @property
+    def image_shape(self) -> tuple[int, ...]:
+        """Of one image, ``(H, W)`` or ``(H, W, 3)``: that of an object which misses the pad."""
+        nothing = np.zeros((self.pad.num_taxels, self.pad.num_taxels))
+        return self.renderer(Contact(self.pad, np.full_like(nothing, np.inf), 0.0, nothing, nothing)).shape
+
+    @property
     def symmetry(self) -> Symmetry:
         """How its images may be turned by quarters and mirrored without becoming less likely.
 

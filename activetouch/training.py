@@ -150,7 +150,7 @@ class Trainer:
             tick(len(index))
         measured = evaluate(network, self.calibration, recipe.bf16)
         self.reports.append(EpochReport(self.epochs_done + 1, total / len(order), *measured))
-        if self.best_epoch == self.epochs_done:
+        if recipe.patience is not None and self.best_epoch == self.epochs_done:
             self._best = {name: value.clone() for name, value in network.state_dict().items()}
         self._save()
         return self.reports[-1]

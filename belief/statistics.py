@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
+from belief.problem import Floats
+
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
     """Wilson score interval of a proportion: to show (close to nominal coverage).
@@ -59,9 +61,7 @@ def paired_bootstrap(
     if a.size == 1 or np.ptp(difference) == 0.0:
         return mean, mean, mean
     means = rng.choice(difference, size=(num_resamples, a.size)).mean(axis=1)
-    tail = (1.0 - confidence) / 2
-    low, high = np.quantile(means, [tail, 1.0 - tail])
-    return mean, float(low), float(high)
+    return mean, *_percentiles(means, confidence)
 
 
 def cluster_bootstrap(
@@ -97,9 +97,14 @@ def cluster_bootstrap(
     sums, sizes = np.bincount(index, x), np.bincount(index)
     drawn = rng.integers(len(sizes), size=(num_resamples, len(sizes)))
     means = sums[drawn].sum(axis=1) / sizes[drawn].sum(axis=1)
+    return float(x.mean()), *_percentiles(means, confidence)
+
+
+def _percentiles(means: Floats, confidence: float) -> tuple[float, float]:
+    """The bounds between which the middle of the resampled means lies."""
     tail = (1.0 - confidence) / 2
     low, high = np.quantile(means, [tail, 1.0 - tail])
-    return float(x.mean()), float(low), float(high)
+    return float(low), float(high)
 
 
 def _interval(

@@ -22,8 +22,8 @@ from belief.observation_model import ConfusionModel
 from belief.selection import cross_validated_nll, group_by_object, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.baseline import depth_and_force_accuracy
-from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
+from experiments.scores import read_logits
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -130,13 +130,7 @@ def evaluate(
 
 
 def _read(classifier: TouchClassifier, touches: TouchSet, what: str) -> list[Touch]:
-    parts = []
-    with progress_bar() as progress:
-        bar = progress.add_task(what, total=len(touches.images))
-        for first in range(0, len(touches.images), 256):
-            parts.append(classifier.read(touches.images[first : first + 256]).logits)
-            progress.advance(bar, len(parts[-1]))
-    logits = np.concatenate(parts)
+    logits = read_logits(classifier, touches.images, what)
     return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)]
 
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from activetouch.contact import Contact
 from activetouch.placement import Placement
-from activetouch.press import Quasistatic
 from activetouch.rendering import Fault, Noise, read_out
 from activetouch.scene import Scene
 
@@ -79,12 +78,6 @@ def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[F
     """The faults before the first :class:`~activetouch.rendering.Noise`, and the others; all of them without any."""
     first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
     return faults[:first], faults[first:]
-
-
-def image_edge(scene: Scene) -> int:
-    """Taxels along an edge of the scene's images."""
-    untouched = Placement(next(iter(scene.shapes.values())), 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
-    return scene.renderer(Quasistatic().press(scene.stage, untouched, 0.0)).shape[0]
 
 
 def fresh_readings(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, NDArray[np.uint8]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from rich import box
@@ -13,12 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from activetouch.atomic import write_text
-from activetouch.dataset import read_manifest, read_split
+from activetouch.dataset import SPLITS, TouchSet, read_manifest, read_split
+from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES
 from experiments.parallel import default_jobs
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.scores import Scores, scores
-from experiments.train import STATE_FILE, Changes, card_for, new_classifier, run_to_the_end
+from experiments.train import STATE_FILE, BackboneName, Changes, card_for, new_classifier, run_to_the_end
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class LearningCurve:
     """Folder of the collection; data/SCENE by default."""
     shares: tuple[float, ...] = (1 / 64, 1 / 16, 1 / 4, 1.0)
     """Of the training split's objects, to learn from."""
-    backbone: Literal["cnn", "atto", "femto", "pico", "nano", "tiny"] = "cnn"
+    backbone: BackboneName = "cnn"
     """The network."""
     input_size: int | None = None
     """Edge the images are brought to [pixels]; the scene's by default."""
@@ -74,7 +74,9 @@ class LearningCurve:
 
         torch.set_num_threads(self.threads)
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
-        points = [self._point(share, out) for share in sorted(self.shares)]
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        splits = {split: read_split(data, split) for split in SPLITS}
+        points = [self._point(share, read_manifest(data), splits, out) for share in sorted(self.shares)]
         arguments = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
         numbers = {"arguments": arguments, "points": [asdict(point) for point in points]}
         write_text(out / "learning_curve.json", json.dumps(numbers, indent=1) + "\n")
@@ -87,12 +89,10 @@ class LearningCurve:
         Console().print(table)
         print(f"wrote {out}/learning_curve.json and .svg")
 
-    def _point(self, share: float, out: Path) -> Point:
+    def _point(self, share: float, manifest: Manifest, splits: dict[str, TouchSet], out: Path) -> Point:
         from activetouch.training import Trainer
 
-        data = self.data if self.data is not None else collection_folder(self.scene)
-        manifest = read_manifest(data)
-        train, calibration, test = (read_split(data, split) for split in ("train", "calibration", "test"))
+        train, calibration, test = (splits[split] for split in SPLITS)
         objects = np.unique(train.object_ids)
         chosen = objects[: max(len(manifest.shape_labels), round(share * len(objects)))]  # shapes take turns in these
         part = train.select(np.isin(train.object_ids, chosen))

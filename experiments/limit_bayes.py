@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from activetouch.press import Press, Quasistatic
 from experiments.bank import IMAGES_PER_SLICE, SensorNoise, ideal_symmetry, log_evidence_of_slice, log_posterior, pool
-from experiments.fresh import image_edge
 from experiments.parallel import run_tasks
 from experiments.study import Findings, Grid, Study, paired_difference, share, words
 
@@ -33,7 +32,7 @@ class SimulatedBayes:
         from experiments.limit_figures import draw_convergence  # loads matplotlib
 
         scene, shapes = study.scene, study.shapes
-        noise = SensorNoise.of(scene.faults, image_edge(scene))  # or say what it lacks, before anything is pressed
+        noise = SensorNoise.of(scene.faults, scene.image_shape[0])  # or say what it lacks, before anything is pressed
         readings = study.read()
         classifier = study.classify(readings)
         evidence = self._evidence(study, noise, readings, Quasistatic(), self.bank)  # (S, N, K)

@@ -15,7 +15,7 @@ from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
 from experiments.parallel import default_jobs
 from experiments.sliding_windows import WindowPlan, record_windows
-from experiments.train import Changes
+from experiments.train import BackboneName, Changes
 
 DEVIATIONS = (
     "The paper gives no numbers for its force patches, its windows, its batch size or its rotations; ours are in "
@@ -40,7 +40,7 @@ class Reproduce:
 
     table: Literal[1] = 1
     """Which table."""
-    backbone: Literal["cnn", "atto", "femto", "pico", "nano", "tiny"] = "tiny"
+    backbone: BackboneName = "tiny"
     """The network; the paper's is tiny."""
     input_size: int = 128
     """Edge the images are averaged down to before the network [pixels]; the paper's is 128."""

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.dataset import TouchSet
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from belief.statistics import cluster_bootstrap
+from experiments.parallel import progress_bar
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -33,6 +35,17 @@ class Scores:
     def __str__(self) -> str:
         low, high = self.interval
         return f"{self.accuracy:.4f} [{low:.4f}, {high:.4f}]"
+
+
+def read_logits(classifier: TouchClassifier, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
+    """Logits ``(N, K)`` of many images, with a progress bar."""
+    parts = []
+    with progress_bar() as progress:
+        bar = progress.add_task(what, total=len(images))
+        for first in range(0, len(images), 256):
+            parts.append(classifier.read(images[first : first + 256]).logits)
+            progress.advance(bar, len(parts[-1]))
+    return np.concatenate(parts)
 
 
 def scores(classifier: TouchClassifier, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:

@@ -19,7 +19,8 @@ from activetouch.scene import Scene
 from activetouch.world import TactileSensor
 from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.fresh import Stream, fresh_readings
-from experiments.parallel import progress_bar, run_tasks
+from experiments.parallel import run_tasks
+from experiments.scores import read_logits
 
 Floats = NDArray[np.float64]
 
@@ -62,13 +63,8 @@ class Study:
 
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
-        logits = []
-        with progress_bar() as progress:
-            bar = progress.add_task("reading by the classifier", total=len(readings))
-            for first in range(0, len(readings), 256):
-                logits.append(self.sensor.classifier.read(readings[first : first + 256])[0])
-                progress.advance(bar, len(logits[-1]))
-        return self.sensor.model.calibration.predict_log_proba(np.concatenate(logits))
+        logits = read_logits(self.sensor.classifier, readings, "reading by the classifier")
+        return self.sensor.model.calibration.predict_log_proba(logits)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from activetouch.backbones import BACKBONES, ConvNeXt
 from activetouch.dataset import TouchSet, read_manifest, read_split
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from activetouch.training import Trainer
 
 STATE_FILE = "state.safetensors"
+BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Train:
     """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
     input_size: int | None = None
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
-    backbone: Literal["cnn", "atto", "femto", "pico", "nano", "tiny"] | None = None
+    backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
     weights: str | None = None
     """Where the backbone starts from: a checkpoint of ours (a file), a published ConvNeXt such as ImageNet's in a local

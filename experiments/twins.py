@@ -34,7 +34,7 @@ from activetouch.press import Quasistatic
 from activetouch.rendering import Gain, Noise
 from activetouch.scene import Scene, Symmetry, Variation
 from experiments.bank import UnknownLikelihood, symmetric_views
-from experiments.fresh import Stream, image_edge, split_at_noise
+from experiments.fresh import Stream, split_at_noise
 
 Floats = NDArray[np.float64]
 
@@ -138,10 +138,10 @@ class Sensing:
 
 def sketched(scene: Scene, edge: int) -> Scene:
     """The scene with a pad whose image has ``edge`` taxels along an edge, and noise that tells as much of the whole."""
-    finer = scene.pad.num_taxels // image_edge(scene)
+    found = scene.image_shape[0]
+    finer = scene.pad.num_taxels // found
     faults = tuple(
-        replace(fault, std=fault.std * edge / image_edge(scene)) if isinstance(fault, Noise) else fault
-        for fault in scene.faults
+        replace(fault, std=fault.std * edge / found) if isinstance(fault, Noise) else fault for fault in scene.faults
     )
     return replace(scene, pad=replace(scene.pad, num_taxels=edge * finer), faults=faults)
 
