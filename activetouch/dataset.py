@@ -1,8 +1,8 @@
 """Recorded touches of many objects, split by object, in small shards that survive a killed run.
 
-A :class:`CollectionPlan` says how many objects each split has. Every object is touched once in every pose and
-draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not on how
-many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
+A :class:`CollectionPlan` says how many objects each split has. Every object is touched in every pose, round after
+round, and draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not
+on how many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
 
 A shard is read as arrays of numbers only, never unpickled, and is used only if it holds the touches that the plan puts
 there, byte for byte as they were recorded (:mod:`activetouch.manifest`).
@@ -89,12 +89,12 @@ def object_rng(plan: CollectionPlan, split: str, number: int) -> np.random.Gener
 
 
 def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
-    """Touch each object once in every pose and write the shard, atomically."""
+    """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically."""
     images, rows = [], []
     for number in objects:
         rng = object_rng(plan, split, number)
         thing = scene.sample_object(number % len(scene.shapes), rng)
-        for pose in range(len(scene.poses)):
+        for pose in list(range(len(scene.poses))) * plan.repeats:
             contact, image = scene.press(thing, pose, rng)
             images.append(image)
             rows.append((thing.shape_index, number, pose, contact.force, contact.depth))
@@ -151,8 +151,8 @@ def read_split(folder: Path, split: str) -> TouchSet:
             f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection with: "
             f"{manifest.command(folder)}"
         )
-    num_poses = len(manifest.pose_labels)
-    total = shards[-1][1].stop * num_poses
+    per_object = manifest.touches_per_object
+    total = shards[-1][1].stop * per_object
     columns = {name: np.empty(total, dtype) for name, dtype in _NUMBERS.items()}
     columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
     for shard, objects in shards:
@@ -165,7 +165,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
                 f"{recorded[:12]}…. Delete it and record it again with: {manifest.command(folder)}"
             )
         for name, column in columns.items():
-            column[objects.start * num_poses : objects.stop * num_poses] = getattr(touches, name)
+            column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
     return TouchSet(**columns)
 
 
@@ -199,7 +199,8 @@ def _array(data: bytes, info: zipfile.ZipInfo, is_recorded: bool) -> NDArray:
 
 def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path: Path, remedy: str) -> None:
     num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
-    num_touches = len(objects) * num_poses
+    per_object = manifest.touches_per_object
+    num_touches = len(objects) * per_object
     expected = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
     expected |= {name: ((num_touches,), dtype) for name, dtype in _NUMBERS.items()}
     for name, (shape, dtype) in expected.items():
@@ -217,13 +218,14 @@ def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path
                 f"{path} names {name[:-1]} {beyond[0]}, but the collection has {len(labels)}, from 0: "
                 f"{', '.join(labels)}. {remedy}"
             )
-    if not np.array_equal(touches.object_ids, np.repeat(objects, num_poses)):
+    if not np.array_equal(touches.object_ids, np.repeat(objects, per_object)):
         found = touches.object_ids
         raise CorruptFile(
             f"{path} is not the shard of that name: it holds objects {found.min()} to {found.max()}, the plan puts "
-            f"{objects.start} to {objects.stop - 1} there, each in {num_poses} poses. {remedy}"
+            f"{objects.start} to {objects.stop - 1} there, {per_object} touches of each. {remedy}"
         )
-    planned = {"shapes": touches.object_ids % num_shapes, "poses": np.tile(np.arange(num_poses), len(objects))}
+    poses = np.tile(np.arange(num_poses), len(objects) * manifest.plan.repeats)
+    planned = {"shapes": touches.object_ids % num_shapes, "poses": poses}
     for name, numbers in planned.items():
         wrong = np.flatnonzero(getattr(touches, name) != numbers)
         if wrong.size:

@@ -35,17 +35,23 @@ class CollectionPlan:
     Attributes:
         train, calibration, test: objects *per shape* in each split.
         seed: of the whole collection, in ``[0, 2³²)``.
+        repeats: rounds of all poses that every object is touched in. One teaches a classifier most for the time; how
+            far touches of one object in one pose repeat each other shows in several only. The first round does not
+            depend on how many follow.
     """
 
     train: int = 2700
     calibration: int = 300
     test: int = 500
     seed: int = 0
+    repeats: int = 1
 
     def __post_init__(self) -> None:
         # A number of two words would make the key of one object that of another object under another seed.
         if not all(isinstance(number, int) and 0 <= number < 2**32 for number in asdict(self).values()):
             raise ValueError(f"a plan's numbers of objects and its seed must be whole and in [0, 2³²), got {self}")
+        if self.repeats < 1:
+            raise ValueError(f"a plan needs at least one round of touches, got repeats = {self.repeats}")
 
     def shards(self, num_shapes: int) -> Iterator[tuple[str, int, range]]:
         """The shards to record: (split, shard number, object numbers)."""
@@ -111,6 +117,11 @@ class Manifest:
     def shards(self) -> Iterator[tuple[str, int, range]]:
         """The shards it consists of: (split, shard number, object numbers)."""
         return self.plan.shards(len(self.shape_labels))
+
+    @property
+    def touches_per_object(self) -> int:
+        """Poses times rounds."""
+        return len(self.pose_labels) * self.plan.repeats
 
     def digest(self, split: str, shard: int) -> str | None:
         """SHA-256 recorded for a shard; None until all are there."""

@@ -41,7 +41,7 @@ class Collect:
     out: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     plan: CollectionPlan = field(default_factory=CollectionPlan)
-    """Objects per shape and split; each is touched once in every pose."""
+    """Objects per shape and split, and rounds of poses that each is touched in."""
     from_manifest: Path | None = None
     """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
     jobs: int = field(default_factory=default_jobs)

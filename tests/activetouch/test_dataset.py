@@ -95,6 +95,22 @@ def test_two_objects_never_draw_from_one_generator(one, other):
     assert (states[0] == states[1]) == (one == other)
 
 
+def test_the_first_round_of_touches_does_not_depend_on_how_many_follow(original, tmp_path):
+    plan = CollectionPlan(train=0, calibration=1, test=0, repeats=3)
+    manifest = write_manifest(tmp_path, SCENE, plan)
+    (split, shard, objects), num_poses = next(iter(manifest.shards())), len(manifest.pose_labels)
+    record_shard(SCENE, plan, split, objects, shard_path(tmp_path, split, shard))
+    rounds = read_split(tmp_path, "calibration").images.reshape(len(objects), 3, num_poses, -1)
+    once = read_split(original, "calibration").images.reshape(len(objects), num_poses, -1)
+    np.testing.assert_array_equal(rounds[:, 0], once)
+    assert not (rounds[:, 0] == rounds[:, 1]).all(axis=-1).any()
+
+
+def test_a_plan_without_a_round_is_refused():
+    with pytest.raises(ValueError, match="at least one round"):
+        CollectionPlan(repeats=0)
+
+
 @pytest.mark.parametrize("wrong", [{"train": -1}, {"seed": 2**32}, {"test": 1.5}])
 def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
     with pytest.raises(ValueError, match="whole and in"):
