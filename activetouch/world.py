@@ -24,7 +24,7 @@ from activetouch.scene import Scene, WorldObject
 from activetouch.scenes import SCENES
 from belief import Touch
 from belief.errors import UnknownName
-from belief.observation_model import ConfusionModel
+from belief.observation_model import ArrayModel, read_observation_model
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -73,16 +73,16 @@ class TactileSensor:
 
     scene: Scene
     classifier: TouchClassifier
-    model: ConfusionModel
+    model: ArrayModel
     time: TouchTime = field(default_factory=TouchTime)
 
     def __post_init__(self) -> None:
         shapes, poses = self.scene.shape_labels, self.scene.pose_labels
         self.classifier.require_labels(shapes, poses)
-        if self.model.shape_labels != shapes or self.model.outcome_table().num_poses != len(poses):
+        if self.model.shape_labels != shapes or self.model.num_poses != len(poses):
             raise LabelMismatch(
                 f"the observation model is about the shapes {list(self.model.shape_labels)} in "
-                f"{self.model.outcome_table().num_poses} poses, the scene has {list(shapes)} in {len(poses)}. Fit one "
+                f"{self.model.num_poses} poses, the scene has {list(shapes)} in {len(poses)}. Fit one "
                 "for this scene: activetouch calibrate"
             )
 
@@ -98,7 +98,7 @@ class TactileSensor:
 
         path = folder / OBSERVATION_FILE
         try:
-            model = ConfusionModel.from_json(path.read_text())
+            model = read_observation_model(path.read_text())
         except (OSError, ValueError) as error:
             raise CorruptFile(f"{path} is no observation model: {error}") from error
         return cls(scene, TouchClassifier.load(folder / CLASSIFIER_FILE), model)

@@ -6,7 +6,7 @@ from scipy import stats
 
 from belief import Touch
 from belief.calibration import TemperatureScaling
-from belief.observation_model import ConfusionModel, OutcomeTable
+from belief.observation_model import ConfusionModel, OutcomeTable, read_observation_model
 from belief.synthetic import random_model
 
 # Every observation model the package has; the laws below run on each.
@@ -63,7 +63,7 @@ def test_likelihoods_of_the_true_shape_win_in_the_long_run(model, rng):
 
 @every_model
 def test_json_keeps_every_bit(model):
-    copy = ConfusionModel.from_json(model.to_json())
+    copy = read_observation_model(model.to_json())
     np.testing.assert_array_equal(copy.probs, model.probs)
     assert (copy.shape_labels, copy.calibration, copy.confidence_edges) == (
         model.shape_labels,
@@ -106,7 +106,7 @@ def test_a_shape_without_touches_gets_a_uniform_row():
     [
         ([], [], {}, "at least one touch"),
         ([Touch(0, np.zeros(2))], [2], {}, r"\[0, 2\)"),
-        ([Touch(0, np.zeros(2))], [0, 1], {}, "one shape for each"),
+        ([Touch(0, np.zeros(2))], [0, 1], {}, "one shape and object for each"),
         ([Touch(0, np.array([np.nan, 0.0]))], [0], {}, "finite logits"),
         ([Touch(0, np.zeros(2))], [0], {"smoothing": 0.0}, "smoothing must be > 0"),
     ],
@@ -135,8 +135,8 @@ def test_what_is_no_table_is_refused(probs, message):
     [
         (Touch(-1, np.zeros(4)), "pose -1"),
         (Touch(3, np.zeros(4)), "pose 3"),
-        (Touch(0, np.zeros(5)), "4 finite logits"),
-        (Touch(0, np.array([0.0, np.nan, 0.0, 0.0])), "4 finite logits"),
+        (Touch(0, np.zeros(5)), "row of logits"),
+        (Touch(0, np.array([0.0, np.nan, 0.0, 0.0])), "finite logits"),
     ],
 )
 def test_a_touch_that_does_not_fit_the_model_is_refused(touch, message):
@@ -155,4 +155,4 @@ def test_confidence_edges_that_do_not_rise_are_refused(edges):
 @pytest.mark.parametrize("text", ["", "{}", '{"model": "plda"}', '{"model": "confusion"}'])
 def test_text_that_is_no_model_is_refused(text):
     with pytest.raises(ValueError, match=r"model|Expecting"):
-        ConfusionModel.from_json(text)
+        read_observation_model(text)

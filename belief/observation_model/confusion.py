@@ -1,0 +1,186 @@
+"""The auditable observation model: how often each outcome came from each shape.
+
+A touch is discretised into (predicted shape × confidence bin); an outcome's probability is its share, per pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.batch import TouchBatch
+from belief.calibration import TemperatureScaling
+from belief.observation_model.model import ArrayModel, calibration_arrays, labels_or_default
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Floats, Touch
+
+
+@dataclass(frozen=True, eq=False)
+class ConfusionModel(ArrayModel):
+    """Per-pose confusion matrices over (predicted shape × confidence bin).
+
+    Attributes:
+        shape_labels: names of the K shapes.
+        probs: p(outcome | pose, shape), ``(P, K, M)`` with M = K · number of bins; never zero when fitted.
+        calibration: turns logits into the confidences that are binned.
+        confidence_edges: rising inner edges of the confidence bins; empty for the plain confusion matrix.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> logits = rng.normal(size=(400, 2)) + 3.0 * np.eye(2)[np.arange(400) % 2]
+        >>> touches = [Touch(pose=0, logits=row) for row in logits]
+        >>> model = ConfusionModel.fit(touches, np.arange(400) % 2, shape_labels=("cube", "cone"))
+        >>> model.outcome_table().probs.round(2).tolist()         # outcomes: "cube", "cone"
+        [[[0.98, 0.02], [0.02, 0.98]]]
+    """
+
+    name: ClassVar[str] = "confusion"
+
+    shape_labels: tuple[str, ...]
+    probs: Floats
+    calibration: TemperatureScaling
+    confidence_edges: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        probs = OutcomeTable(self.probs).probs
+        expected = len(self.shape_labels) * (len(self.confidence_edges) + 1)
+        if probs.shape[1:] != (len(self.shape_labels), expected):
+            raise ValueError(
+                f"{len(self.shape_labels)} shapes and {len(self.confidence_edges)} confidence edges need probs of "
+                f"shape (P, {len(self.shape_labels)}, {expected}), got {probs.shape}"
+            )
+        edges = np.array([1.0 / len(self.shape_labels), *self.confidence_edges, 1.0])
+        if not (np.diff(edges) > 0.0).all():
+            raise ValueError(f"confidence_edges must rise strictly within (1/K, 1), got {self.confidence_edges}")
+        object.__setattr__(self, "probs", probs)
+
+    @classmethod
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike | None = None,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+        confidence_edges: Sequence[float] = (),
+        smoothing: float = 0.5,
+        pooling: float = 100.0,
+    ) -> ConfusionModel:
+        """Count outcomes on a calibration set.
+
+        Each pose's counts are shrunk towards the matrix pooled over all poses (Dirichlet prior of ``pooling``
+        pseudo-counts), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts an outcome), so no
+        outcome ever has probability zero.
+
+        Args:
+            touches: calibration touches, of objects the classifier was not trained on.
+            shapes: true shape index of each, ``(n,)``.
+            object_ids: of no effect, as this model treats touches as independent given the shape.
+            shape_labels: names; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose seen.
+            confidence_edges: inner edges of the confidence bins.
+            smoothing: pseudo-counts per outcome of the pooled matrix, > 0.
+            pooling: weight of the pooled matrix in each pose, in touches.
+
+        Raises:
+            ValueError: no touches, labels out of range, or a length that does not fit.
+        """
+        batch, truth, _ = calibration_arrays(touches, shapes, object_ids)
+        logits, poses = batch.logits[0], batch.poses[0]
+        num_shapes = logits.shape[1]
+        if not smoothing > 0.0 or not pooling >= 0.0:
+            raise ValueError(f"smoothing must be > 0 and pooling ≥ 0, got {smoothing} and {pooling}")
+        labels = labels_or_default(shape_labels, num_shapes)
+        size = (int(poses.max()) + 1 if num_poses is None else num_poses, num_shapes)
+        if poses.max() >= size[0]:
+            raise ValueError(f"touch {poses.argmax()} has pose {poses.max()}, num_poses is {size[0]}")
+        calibration = TemperatureScaling().fit(logits, truth)
+        outcomes = _outcomes(calibration, logits, confidence_edges)
+        counts = np.zeros((*size, num_shapes * (len(confidence_edges) + 1)))
+        np.add.at(counts, (poses, truth, outcomes), 1.0)
+        pooled = counts.sum(axis=0) + smoothing
+        pooled /= pooled.sum(axis=1, keepdims=True)
+        probs = counts + pooling * pooled + np.finfo(float).tiny
+        probs /= probs.sum(axis=2, keepdims=True)
+        return cls(labels, probs, calibration, tuple(float(edge) for edge in confidence_edges))
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return len(self.probs)
+
+    def outcomes(self, touches: Sequence[Touch]) -> NDArray[np.int64]:
+        """Outcome index of each touch, ``(n,)``: bin · K + predicted shape."""
+        batch = TouchBatch.of([touches])
+        self.require_fit(batch)
+        return self.outcomes_of(batch.logits[0])
+
+    def outcomes_of(self, logits: Floats) -> NDArray[np.int64]:
+        """Outcome indices ``(...)`` of logits ``(..., K)``."""
+        return _outcomes(self.calibration, logits, self.confidence_edges)
+
+    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+        """See :class:`ArrayModel`; the sum over touches, which are independent given the shape here."""
+        outcomes = self.outcomes_of(batch.logits)
+        return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
+
+    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        """See :class:`ArrayModel`; the logits claim what the sampled outcome is worth, within its bin."""
+        cumulative = self.probs[:, shape].cumsum(axis=1)  # (P, M)
+        drawn = rng.random(poses.shape)[..., None] * cumulative[poses][..., -1:]
+        outcomes = (cumulative[poses] <= drawn).sum(axis=-1)
+        return TouchBatch(poses, self._typical_logits[poses, outcomes])
+
+    @cached_property
+    def _log_probs(self) -> Floats:
+        with np.errstate(divide="ignore"):
+            return np.log(self.probs)
+
+    @cached_property
+    def _typical_logits(self) -> Floats:
+        """Logits that stand for each outcome, ``(P, M, K)``: calibrated, they give the precision of the outcome."""
+        num_shapes = len(self.shape_labels)
+        predicted = np.arange(self.probs.shape[2]) % num_shapes  # (M,)
+        bins = np.arange(self.probs.shape[2]) // num_shapes
+        edges = np.concatenate([[1.0 / num_shapes], self.confidence_edges, [1.0]])
+        right = self.probs[:, predicted, np.arange(self.probs.shape[2])]  # (P, M)
+        margin = 1e-9  # bins are open below, and a claim of certainty has no finite logits
+        low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
+        confidence = np.clip(right / self.probs.sum(axis=1), low, high)
+        floor = self.calibration.floor  # which the calibration will add again
+        confidence = np.minimum((confidence - floor / num_shapes) / (1.0 - floor), 1.0 - margin)
+        rest = (1.0 - confidence) / max(num_shapes - 1, 1)
+        probs = np.where(predicted[:, None] == np.arange(num_shapes), confidence[..., None], rest[..., None])
+        return np.log(probs) * self.calibration.temperature
+
+    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+        """See :class:`ArrayModel`; exact, and merged where fewer outcomes are asked for than there are."""
+        table = OutcomeTable(self.probs)
+        return table if num_outcomes is None else table.merged(num_outcomes)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`."""
+        return {
+            "confidence_edges": self.confidence_edges,
+            **self.calibration.to_fields(),
+            "probs": self.probs.tolist(),
+        }
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ConfusionModel:
+        """See :class:`ArrayModel`."""
+        calibration = TemperatureScaling.from_fields(fields)
+        return cls(shape_labels, np.array(fields["probs"], np.float64), calibration, tuple(fields["confidence_edges"]))
+
+
+def _outcomes(calibration: TemperatureScaling, logits: Floats, confidence_edges: Sequence[float]) -> NDArray[np.int64]:
+    """Outcome indices ``(...)`` of logits ``(..., K)``."""
+    confidence = calibration.predict_proba(logits).max(axis=-1)
+    bins = np.searchsorted(np.asarray(confidence_edges, np.float64), confidence)
+    return np.asarray(bins * logits.shape[-1] + logits.argmax(axis=-1), np.int64)

@@ -1,0 +1,38 @@
+"""Observation models from files."""
+
+from __future__ import annotations
+
+import json
+
+from belief.observation_model.confusion import ConfusionModel
+from belief.observation_model.gaussian import GaussianModel
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.plda import PLDAModel
+from belief.observation_model.ratio import RatioModel
+from belief.observation_model.signature import SignatureModel
+
+_KINDS: dict[str, type[ArrayModel]] = {
+    kind.name: kind for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel)
+}
+
+
+def read_observation_model(text: str) -> ArrayModel:
+    """The model from :meth:`ArrayModel.to_json`.
+
+    Raises:
+        ValueError: the text is no observation model; the message says what is wrong with it.
+
+    >>> read_observation_model('{"model": "oracle"}')
+    Traceback (most recent call last):
+    ...
+    ValueError: not an observation model: unknown kind 'oracle', known are confusion, gaussian, plda, ratio, signature
+    """
+    try:
+        fields = json.loads(text)
+        if fields["model"] not in _KINDS:
+            raise ValueError(f"unknown kind {fields['model']!r}, known are {', '.join(_KINDS)}")
+        return _KINDS[fields["model"]].from_fields(tuple(fields["shape_labels"]), fields)
+    except ValueError as error:
+        raise ValueError(f"not an observation model: {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"not an observation model: {error!r}") from error

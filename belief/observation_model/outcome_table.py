@@ -1,0 +1,97 @@
+"""Discrete observation models, and how much they tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief.bayes import expected_information_gain
+from belief.problem import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeTable:
+    """A discrete observation model.
+
+    Attributes:
+        probs: p(outcome | pose, shape), ``(P, K, M)``; the last axis sums to one.
+
+    Raises:
+        ValueError: not three axes, a negative or NaN entry, or a row that does not sum to one.
+
+    Example:
+        >>> table = OutcomeTable(np.array([[[0.9, 0.1], [0.1, 0.9]]]))
+        >>> table.num_poses, table.num_shapes, table.num_outcomes
+        (1, 2, 2)
+        >>> table.information().round(3)                  # of at most log 2 = 0.693 nats
+        array([0.368])
+    """
+
+    probs: Floats
+
+    def __post_init__(self) -> None:
+        probs = np.array(self.probs, np.float64)
+        if probs.ndim != 3 or probs.size == 0:
+            raise ValueError(f"probs must be (P, K, M) with no axis empty, got shape {probs.shape}")
+        with np.errstate(over="ignore"):
+            bad = ~((probs >= 0.0).all(axis=2) & (np.abs(probs.sum(axis=2) - 1.0) <= 2e-3))
+        if bad.any():
+            pose, shape = (int(i) for i in np.argwhere(bad)[0])
+            raise ValueError(
+                f"probs[pose {pose}, shape {shape}] is no distribution over outcomes: {probs[pose, shape].tolist()}"
+            )
+        totals = probs.sum(axis=2, keepdims=True)
+        if np.abs(totals - 1.0).max() > 1e-12:  # what is already normalised keeps its last bit, as on reload
+            probs /= totals
+        probs.flags.writeable = False
+        object.__setattr__(self, "probs", probs)
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return self.probs.shape[0]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.probs.shape[1]
+
+    @property
+    def num_outcomes(self) -> int:
+        """M."""
+        return self.probs.shape[2]
+
+    def information(self, prior: ArrayLike | None = None) -> Floats:
+        """Mutual information of one touch and the shape, in each pose [nats], ``(P,)``; uniform prior by default."""
+        belief = np.full(self.num_shapes, 1.0 / self.num_shapes) if prior is None else prior
+        return expected_information_gain(belief, self.probs)
+
+    def merged(self, num_outcomes: int) -> OutcomeTable:
+        """A table of at most so many outcomes, merged pair by pair where the least information is lost.
+
+        Information is that about the shape under a uniform prior, on average over poses; an outcome means the same in
+        all poses afterwards too.
+
+        Raises:
+            ValueError: no outcome is asked for.
+        """
+        if num_outcomes < 1:
+            raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+        columns = np.moveaxis(self.probs, 2, 0)  # (M, P, K)
+        while len(columns) > num_outcomes:
+            pairs = columns[:, None] + columns[None]  # (M, M, P, K)
+            loss = _told(columns)[:, None] + _told(columns)[None] - _told(pairs)
+            loss[np.tril_indices(len(columns))] = np.inf
+            one, other = np.unravel_index(int(loss.argmin()), loss.shape)
+            rest = np.delete(columns, [one, other], axis=0)
+            columns = np.concatenate([rest, pairs[one, other][None]])
+        return OutcomeTable(np.moveaxis(columns, 0, 2))
+
+
+def _told(joint: Floats) -> Floats:
+    """Part of the information that outcomes carry, ``(...)``, from p(outcome | pose, shape), ``(..., P, K)``."""
+    mean = joint.mean(axis=-1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(joint > 0.0, joint * np.log(joint / mean), 0.0).mean(axis=-1).sum(axis=-1)

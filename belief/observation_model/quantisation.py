@@ -1,0 +1,104 @@
+"""From a continuous observation model to a table of outcomes that keeps as much information as possible.
+
+What a touch tells about the shape is its posterior under a uniform prior; touches of equal posterior may share an
+outcome at no loss. So touches are clustered by posterior with the Kullback-Leibler divergence for a distance: the
+k-means whose objective *is* the information lost (Dhillon, Mallela & Kumar 2003).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import log_softmax
+
+from belief.batch import TouchBatch
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Floats
+
+if TYPE_CHECKING:
+    from belief.observation_model.model import ArrayModel
+
+DEFAULT_OUTCOMES = 12
+_SAMPLES = 2000  # touches of each shape in each pose
+_SMOOTHING = 0.5  # pseudo-counts an outcome, so that none is impossible
+
+
+def sampled_table(
+    model: ArrayModel, num_outcomes: int | None, rng: np.random.Generator | None, num_samples: int = _SAMPLES
+) -> OutcomeTable:
+    """The table of a model's own touches, clustered by what they tell.
+
+    Raises:
+        ValueError: no outcome is asked for.
+    """
+    rng = rng if rng is not None else np.random.default_rng(0)
+    wanted = DEFAULT_OUTCOMES if num_outcomes is None else num_outcomes
+    if wanted < 1:
+        raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+    log_posteriors = sampled_posteriors(model, rng, num_samples)  # (P, K, n, K)
+    num_poses, num_shapes, n, _ = log_posteriors.shape
+    centroids = cluster(log_posteriors.reshape(-1, num_shapes), wanted, rng)
+    outcomes = nearest(log_posteriors, centroids)  # (P, K, n)
+    rows = np.arange(num_poses * num_shapes).repeat(n) * wanted + outcomes.ravel()
+    counts = np.bincount(rows, minlength=num_poses * num_shapes * wanted).reshape(num_poses, num_shapes, wanted)
+    return OutcomeTable((counts + _SMOOTHING) / (n + _SMOOTHING * wanted))
+
+
+def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:
+    """Log posteriors under a uniform prior of touches the model samples for each pose and shape, ``(P, K, n, K)``."""
+    num_shapes = len(model.shape_labels)
+    found = np.empty((model.num_poses, num_shapes, num_samples, num_shapes))
+    for pose in range(model.num_poses):
+        poses = np.full((num_samples, 1), pose)
+        for shape in range(num_shapes):
+            batch: TouchBatch = model.sample_batch(shape, poses, rng)
+            found[pose, shape] = log_softmax(model.log_likelihood_batch(batch), axis=1)
+    return found
+
+
+def information_of_touch(
+    model: ArrayModel, rng: np.random.Generator | None = None, num_samples: int = _SAMPLES
+) -> Floats:
+    """Mutual information of a touch and the shape, in each pose [nats], ``(P,)``, uniform prior, nothing discretised.
+
+    A mean over sampled touches; its standard error is about half a nat over the root of ``K * num_samples``.
+    """
+    rng = rng if rng is not None else np.random.default_rng(1)
+    log_posteriors = sampled_posteriors(model, rng, num_samples)
+    right = np.einsum("pknk->pkn", log_posteriors)
+    return np.asarray(right.mean(axis=(1, 2)) + np.log(log_posteriors.shape[1]))
+
+
+def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator, num_rounds: int = 30) -> Floats:
+    """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
+
+    Starts with k-means++; fewer distinct posteriors than clusters leave clusters that nothing is nearest to.
+    """
+    probs = np.exp(log_posteriors)
+    own = (probs * np.maximum(log_posteriors, _FLOOR)).sum(axis=1)
+    centroids = log_posteriors[rng.integers(len(probs))][None]
+    distance = np.full(len(probs), np.inf)
+    for _ in range(num_clusters - 1):
+        distance = np.minimum(distance, np.maximum(own - probs @ np.maximum(centroids[-1], _FLOOR), 0.0))
+        total = distance.sum()
+        pick = rng.choice(len(probs), p=distance / total) if total > 0.0 else rng.integers(len(probs))
+        centroids = np.concatenate([centroids, log_posteriors[pick][None]])
+    for _ in range(num_rounds):
+        assigned = nearest(log_posteriors, centroids)
+        sizes = np.bincount(assigned, minlength=num_clusters)
+        sums = np.stack([np.bincount(assigned, p, minlength=num_clusters) for p in probs.T], axis=1)
+        means = np.log(np.maximum(sums, np.exp(_FLOOR)) / np.maximum(sizes, 1)[:, None])
+        updated = np.where(sizes[:, None] > 0, means, centroids)
+        if np.array_equal(updated, centroids):
+            break
+        centroids = updated
+    return centroids
+
+
+def nearest(log_posteriors: Floats, centroids: Floats) -> np.ndarray:
+    """Index of the centroid of least Kullback-Leibler divergence from each posterior, ``(...)``."""
+    return np.asarray((np.exp(log_posteriors) @ np.maximum(centroids, _FLOOR).T).argmax(axis=-1))
+
+
+_FLOOR = -700.0  # the smallest logarithm whose exponential is an ordinary number

@@ -1,0 +1,80 @@
+"""How many independent touches some touches in one pose are worth, and how to estimate that from objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from belief.bayes import update
+from belief.problem import Floats
+
+ASSUMED_CORRELATION = 0.5  # where no object was touched twice in a pose
+_LARGEST = 0.999
+
+
+def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
+    """What n touches in one pose are worth when any two of them correlate by ρ: n / (1 + (n - 1) ρ).
+
+    It is the weight of their mean in generalised least squares under equal correlation; between 1 (ρ = 1, or one
+    touch) and n (ρ = 0), and never above 1/ρ.
+
+    >>> effective_touches([1, 2, 6], correlation=0.4).round(2)
+    array([1.  , 1.43, 2.  ])
+    """
+    n = np.asarray(num_touches, np.float64)
+    return n / (1.0 + np.maximum(n - 1.0, 0.0) * correlation)
+
+
+class Repeats(NamedTuple):
+    """Touches of one object in one pose, as G groups of at most n; shorter ones are filled up with rows of zeros.
+
+    Attributes:
+        rows: index of each touch, ``(G, n)``; -1 where there is none.
+        shapes: true shape of each group's object, ``(G,)``.
+    """
+
+    rows: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+
+
+def repeats(shapes: NDArray[np.int64], objects: NDArray[np.int64], poses: NDArray[np.int64]) -> Repeats | None:
+    """The groups of at least two touches of one object in one pose, in the order they came; None if there are none."""
+    _, group = np.unique(np.stack([objects, poses]), axis=1, return_inverse=True)
+    order = np.argsort(group.ravel(), kind="stable")
+    sizes = np.bincount(group.ravel())
+    first = np.concatenate([[0], sizes.cumsum()[:-1]])
+    kept = np.flatnonzero(sizes > 1)
+    if kept.size == 0:
+        return None
+    steps = np.arange(sizes.max())
+    inside = steps < sizes[kept, None]
+    rows = np.where(inside, order[np.minimum(first[kept, None] + steps, len(order) - 1)], -1)
+    return Repeats(rows, shapes[rows[:, 0]])
+
+
+def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats | None) -> tuple[float, bool]:
+    """The ρ in [0, 1) under which groups of repeated touches predict their shapes best.
+
+    Args:
+        log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
+        found: the groups.
+
+    Returns:
+        ρ, and whether there was anything to learn it from; without, it is :data:`ASSUMED_CORRELATION`.
+    """
+    if found is None:
+        return ASSUMED_CORRELATION, False
+    inside = (found.rows >= 0)[:, 1:]
+    group = np.nonzero(inside)[0]
+
+    def loss(correlation: float) -> float:
+        values = log_likelihoods(correlation)[inside]
+        log_posterior, _ = update(np.full(values.shape[1], -np.log(values.shape[1])), values)
+        return -float(log_posterior[np.arange(len(values)), found.shapes[group]].mean())
+
+    best = minimize_scalar(loss, bounds=(0.0, _LARGEST), method="bounded", options={"xatol": 1e-4})
+    return min((0.0, float(best.x), _LARGEST), key=loss), True
