@@ -41,6 +41,8 @@ COLLECT.paper := --plan.train 1500
 COLLECT.coarse := --plan.train 13500
 COLLECT.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
 COLLECT.many := $(COLLECT.hard)
+REPEATS.hard := --plan.calibration 100 --plan.test 150
+REPEATS.many := $(REPEATS.hard)
 CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
 TRAIN.gel := $(CNN)
 TRAIN.coarse := $(CNN) --change.epochs 12
@@ -50,6 +52,7 @@ TRAIN.paper := --recipe large --change.batch-size 128 --change.epochs 6
 sensor: environment
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
 
 # The README's figure is one of the default comparison's searches.

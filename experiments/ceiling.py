@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from belief import Composition, SceneBelief
+from belief import SceneBelief
 from experiments.episodes import Setting, episode_seed, load_sensor, make_world
 from planners.search import TouchRequest, touch_rng
 
@@ -33,9 +33,7 @@ def full_information_successes(setting: Setting, target: int, seed: int, numbers
             if object_index + 1 < problem.num_objects:
                 world.advance()
         here = scene.marginals()[:, target]
-        distinct = problem.composition is Composition.DISTINCT
-        absent = 1.0 - here.sum() if distinct else np.prod(1.0 - here)
-        if absent > here.max():
+        if 1.0 - scene.prob_present(target) > here.max():
             successes += target not in world.arrangement
         else:
             successes += world.arrangement[int(np.argmax(here))] == target

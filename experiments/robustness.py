@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -21,10 +22,10 @@ from rich.table import Table
 from activetouch.atomic import atomic_path, write_text
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TactileSensor
-from belief import Touch
+from belief.batch import TouchBatch
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.novelty import MahalanobisScore, auroc_interval, energy_score
-from belief.observation_model import ConfusionModel
+from belief.observation_model import ArrayModel
 from belief.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
@@ -101,13 +102,13 @@ class Robustness:
         print(f"wrote {out}")
 
 
-def measure(felt: Felt, trained: Felt, model: ConfusionModel, seed: int) -> dict[str, Any]:
+def measure(felt: Felt, trained: Felt, model: ArrayModel, seed: int) -> dict[str, Any]:
     """How well the sensor does in a condition, and how that differs from the world as trained; intervals at 95 %.
 
     Returns:
         ``num_objects`` touched; ``accuracy`` of single touches and its ``difference`` to the world as trained, paired
         by object, both with bootstrap intervals over objects; ``is_chance``: no better than guessing, as far as the
-        interval tells; ``nll`` and ``ece`` of single touches after the sensor's own calibration; ``fused_accuracy``
+        interval tells; ``nll`` and ``ece`` of single touches by the sensor's own observation model; ``fused_accuracy``
         of all touches of an object together, with its exact binomial interval.
     """
     (num_objects, num_poses, num_shapes), rng = felt.logits.shape, np.random.default_rng(seed)
@@ -115,8 +116,8 @@ def measure(felt: Felt, trained: Felt, model: ConfusionModel, seed: int) -> dict
     accuracy, *interval = paired_bootstrap(right, np.zeros(num_objects), rng)
     _, here, there = np.intersect1d(felt.numbers, trained.numbers, return_indices=True)
     difference, *difference_interval = paired_bootstrap(right[here], right_trained[there], rng)
-    probs, labels = model.calibration.predict_proba(felt.logits.reshape(-1, num_shapes)), felt.shapes.repeat(num_poses)
-    touches = [[Touch(pose, row) for pose, row in enumerate(rows)] for rows in felt.logits]
+    probs, labels = _read_alone(felt, model).reshape(-1, num_shapes), felt.shapes.repeat(num_poses)
+    touches = TouchBatch(np.tile(np.arange(num_poses), (num_objects, 1)), felt.logits)
     num_found = int((log_posteriors(model, touches).argmax(axis=1) == felt.shapes).sum())
     return {
         "num_objects": num_objects,
@@ -133,7 +134,7 @@ def measure(felt: Felt, trained: Felt, model: ConfusionModel, seed: int) -> dict
 
 
 def tell_apart(
-    fit: Felt, known: Felt, novel: Felt, model: ConfusionModel, novel_labels: tuple[str, ...]
+    fit: Felt, known: Felt, novel: Felt, model: ArrayModel, novel_labels: tuple[str, ...]
 ) -> dict[str, dict[str, Any]]:
     """Whether shapes that were never learned are told from those that were, by shape and for all of them together.
 
@@ -141,7 +142,7 @@ def tell_apart(
         fit: touches of known shapes that the Mahalanobis score is fitted to.
         known: of other objects of known shapes.
         novel: of objects of unseen shapes.
-        model: whose calibration says how sure the sensor is.
+        model: says how sure the sensor is of one touch.
         novel_labels: names of the unseen shapes.
 
     Returns:
@@ -156,7 +157,7 @@ def tell_apart(
             mahalanobis.score(np.concatenate(felt.features)).reshape(felt.features.shape[:2]) for felt in (known, novel)
         ],
     }
-    taken, confidence = novel.logits.argmax(axis=2), model.calibration.predict_proba(novel.logits).max(axis=2)
+    taken, confidence = novel.logits.argmax(axis=2), _read_alone(novel, model).max(axis=2)
     every = {label: novel.shapes == k for k, label in enumerate(novel_labels)} | {"all": novel.shapes >= 0}
     told = {}
     for label, rows in every.items():
@@ -175,3 +176,11 @@ def tell_apart(
             "confidence": float(confidence[rows].mean()),
         }
     return told
+
+
+def _read_alone(felt: Felt, model: ArrayModel) -> NDArray[np.float64]:
+    """Posterior of every touch by itself, all shapes equally likely beforehand, ``(N, P, K)``."""
+    num_objects, num_poses, num_shapes = felt.logits.shape
+    poses = np.tile(np.arange(num_poses), num_objects)
+    alone = TouchBatch(poses[:, None], felt.logits.reshape(-1, 1, num_shapes))
+    return np.exp(log_posteriors(model, alone)).reshape(felt.logits.shape)

@@ -43,6 +43,11 @@ def collection_folder(scene: str) -> Path:
     return Path("data") / scene
 
 
+def repeats_folder(scene: str) -> Path:
+    """Where objects of a scene are touched again and again, to calibrate on, unless told otherwise."""
+    return Path("data") / f"{scene}-repeats"
+
+
 def training_folder(scene: str) -> Path:
     """Where the classifier of a scene is trained unless told otherwise."""
     return Path(f"runs/train-{scene}")

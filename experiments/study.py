@@ -17,6 +17,8 @@ from rich.table import Table
 from activetouch.atomic import write_text
 from activetouch.scene import Scene
 from activetouch.world import TactileSensor
+from belief.batch import TouchBatch
+from belief.selection import log_posteriors
 from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.fresh import Stream, fresh_readings
 from experiments.parallel import run_tasks
@@ -64,7 +66,8 @@ class Study:
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
         logits = read_logits(self.sensor.classifier, readings, "reading by the classifier")
-        return self.sensor.model.calibration.predict_log_proba(logits)
+        poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as fresh_touch has them
+        return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None]))
 
 
 @dataclass(frozen=True)

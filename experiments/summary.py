@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from belief import Composition, SearchProblem
+from belief import SearchProblem
 from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.results import Seconds
 from planners import Episode, Outcome
@@ -118,14 +118,10 @@ class Comparison:
 
     @property
     def floor(self) -> float:
-        """Best success without touching: confirm any object, or nothing where the target is more likely absent.
-
-        Every object is equally likely to have each of the K shapes.
-        """
-        share, objects = 1.0 / self.problem.num_shapes, self.problem.num_objects
-        distinct = self.problem.composition is Composition.DISTINCT
-        absent = 1.0 - objects * share if distinct else (1.0 - share) ** objects
-        return max(share, absent)
+        """Best success without touching, mean over targets: confirm any object, or none if that is likelier right."""
+        problem = self.problem
+        best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
+        return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
 
 
 def compare_episodes(
