@@ -3,7 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import softmax
@@ -49,6 +49,36 @@ def test_low_precision_logits_are_taken_as_they_are(rng, dtype):
     rounded = logits.astype(dtype)
     fitted = TemperatureScaling().fit(rounded, labels)
     assert fitted.temperature == pytest.approx(reference_temperature(rounded.astype(float), labels), rel=1e-10)
+
+
+def test_one_row_of_another_scale_does_not_spoil_the_others(rng):
+    logits, labels = sample(rng, n=60)
+    right = np.array([1e306, 0.0, 0.0, 0.0])  # as sure as can be at any temperature near the others' one
+    fitted = TemperatureScaling().fit(np.vstack([logits, right]), np.append(labels, 0))
+    assert fitted.temperature == pytest.approx(reference_temperature(logits, labels), rel=1e-10)
+
+
+def test_a_million_rows_are_fitted_as_exactly_as_the_few(rng):
+    logits, labels = sample(rng, n=60)
+    many, theirs = np.repeat(logits, 17_000, axis=0), np.repeat(labels, 17_000)  # which leaves the optimum where it was
+    assert TemperatureScaling().fit(many, theirs).temperature == pytest.approx(
+        reference_temperature(logits, labels), rel=1e-10
+    )
+
+
+@given(
+    arrays(np.int64, (8, 3), elements=st.integers(-3, 3)),
+    arrays(np.float64, (8, 1), elements=st.sampled_from([1e-8, 1e-3, 1.0, 1e3, 1e8])),
+    arrays(np.int64, 8, elements=st.integers(0, 2)),
+)
+def test_no_neighbouring_temperature_is_more_likely(numbers, units, labels):
+    logits = numbers * units
+    fitted = TemperatureScaling().fit(logits, labels)
+    assume(fitted.status == "ok")
+    best, slope = fitted.objective(logits, labels)
+    assert abs(slope[0]) < 1e-10
+    for factor in (0.999, 1.001):
+        assert best <= TemperatureScaling(fitted.temperature * factor).objective(logits, labels)[0] + 1e-15
 
 
 def test_the_true_temperature_is_recovered(rng):
@@ -102,6 +132,24 @@ def test_fitting_always_ends_with_a_usable_temperature(logits, labels):
 def test_a_temperature_that_is_none_is_refused(options):
     with pytest.raises(ValueError, match="finite temperature"):
         TemperatureScaling(**options)
+
+
+def test_a_status_that_no_fit_gives_is_refused():
+    with pytest.raises(ValueError, match="status must be one of"):
+        TemperatureScaling(1.0, "fine")
+
+
+@pytest.mark.parametrize("temperature", [5e-324, 1e-6, 1e6, 1e308])
+def test_the_most_extreme_temperatures_give_distributions(temperature):
+    logits = np.array([[1e308, -1e308, 0.0], [1e4, 0.0, -1e4], [5e-324, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    log_probs = TemperatureScaling(temperature, "ok").predict_log_proba(logits)
+    assert np.isfinite(log_probs).all()
+    np.testing.assert_allclose(np.exp(log_probs).sum(axis=1), 1.0)
+    np.testing.assert_allclose(log_probs[3], -np.log(3.0))
+
+
+def test_the_least_floor_is_still_a_floor():
+    assert TemperatureScaling(1.0, "ok", floor=5e-324).predict_log_proba([1e4, 0.0, 0.0]).min() > -750.0
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,154 @@
+"""What vector, Dirichlet and structured matrix scaling share: an affine map of log-probabilities, and its fit."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.calibration.base import Calibration, Status
+from belief.calibration.inputs import labelled_logits
+from belief.calibration.softmax_regression import SoftmaxRegression
+from belief.calibration.temperature import TemperatureScaling
+from belief.problem import Floats
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AffineCalibration(Calibration):
+    """Log-probabilities after temperature scaling, times a matrix, plus a bias: p = softmax(W x + b).
+
+    First a temperature is fitted, and 1/(n + 2) of the mass spread evenly; x is the logarithm of that, so it is of
+    moderate size whatever the scale of the logits, no single row can dominate, and no prediction is zero. Then W and b
+    are fitted with ridge penalties that draw them to the identity and to zero: with few data, or where the data say
+    nothing, it is temperature scaling that is left. The penalties make the optimum exist, finite and unique, for any
+    labels: with shapes missing or separable, with one row.
+
+    Attributes:
+        temperature: the first step, with the spread mass as its floor.
+        coefficients: (W | b), ``(K, K + 1)``; None before the fit.
+
+    Raises:
+        ValueError: a strength of a penalty that is not above zero, coefficients of the wrong shape or not finite.
+
+    Example:
+        >>> from belief.calibration import VectorScaling
+        >>> fitted = VectorScaling().fit([[2.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 0.0]], [0, 1, 1, 0])
+        >>> fitted.coefficients.shape, fitted.status
+        ((2, 3), 'ok')
+    """
+
+    temperature: TemperatureScaling = field(default=TemperatureScaling())
+    coefficients: Floats | None = None
+
+    def __post_init__(self) -> None:
+        for name in self.penalty_names():
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must be above zero and finite, got {getattr(self, name)}")
+        if self.coefficients is None:
+            return
+        matrix = np.array(self.coefficients, np.float64)
+        if matrix.ndim != 2 or matrix.shape[1] != matrix.shape[0] + 1 or not np.isfinite(matrix).all():
+            raise ValueError(f"coefficients must be (K, K + 1) and finite, got {matrix.shape}: {matrix.tolist()}")
+        matrix.flags.writeable = False
+        object.__setattr__(self, "coefficients", matrix)
+
+    @classmethod
+    def penalty_names(cls) -> tuple[str, ...]:
+        """Names of the fields that are strengths of penalties."""
+        return tuple(f.name for f in fields(cls) if f.name not in ("temperature", "coefficients"))
+
+    @abstractmethod
+    def penalty(self, num_rows: int, num_shapes: int) -> Floats:
+        """Weight of the square of each entry of (W - I | b), ``(K, K + 1)``; infinite where it stays zero."""
+
+    @property
+    def status(self) -> Status:
+        """That of the temperature. With none but ``ok`` does W matter; b then fits the shares of the shapes."""
+        return self.temperature.status
+
+    @property
+    def weights(self) -> Floats:
+        """W, ``(K, K)``; raises ValueError before the fit."""
+        return self._fitted()[:, :-1]
+
+    @property
+    def bias(self) -> Floats:
+        """b, ``(K,)``; raises ValueError before the fit."""
+        return self._fitted()[:, -1]
+
+    @property
+    def num_shapes(self) -> int | None:
+        """K; None before the fit."""
+        return None if self.coefficients is None else len(self.coefficients)
+
+    def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+        """See :meth:`Calibration.fit`; Newton's method, to a gradient of rounding errors."""
+        z, y = labelled_logits(logits, labels)
+        temperature = replace(TemperatureScaling().fit(z, y), floor=1.0 / (len(y) + 2))
+        unsolved = replace(self, temperature=temperature, coefficients=np.eye(z.shape[1], z.shape[1] + 1))
+        return replace(unsolved, coefficients=unsolved._problem(z, y).solve())
+
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
+        """See :meth:`Calibration.predict_log_proba`."""
+        x = self.temperature.predict_log_proba(logits)
+        if self.coefficients is None:
+            return x
+        self._check_shapes(x.shape[-1])
+        scores = x @ self.coefficients[:, :-1].T + self.coefficients[:, -1]
+        scores -= scores.max(axis=-1, keepdims=True)
+        with np.errstate(under="ignore"):
+            scores -= np.log(np.exp(scores).sum(axis=-1, keepdims=True))
+        return scores
+
+    def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
+        """See :meth:`Calibration.objective`; the temperature is taken as it is."""
+        z, y = labelled_logits(logits, labels)
+        coefficients = self._fitted()
+        self._check_shapes(z.shape[1])
+        return self._problem(z, y).value_and_gradient(coefficients)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :meth:`Calibration.to_fields`."""
+        strengths = {name: getattr(self, name) for name in self.penalty_names()}
+        matrix = None if self.coefficients is None else self.coefficients.tolist()
+        return {**strengths, "temperature": self.temperature.to_fields(), "coefficients": matrix}
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """See :meth:`Calibration.from_fields`."""
+        strengths = {name: float(fields[name]) for name in cls.penalty_names()}
+        temperature = TemperatureScaling.from_fields(fields["temperature"])
+        return cls(temperature=temperature, coefficients=fields["coefficients"], **strengths)
+
+    def _fitted(self) -> Floats:
+        if self.coefficients is None:
+            raise ValueError("there are no coefficients yet: call fit first")
+        return self.coefficients
+
+    def _problem(self, logits: Floats, labels: NDArray[np.intp]) -> SoftmaxRegression:
+        num_rows, num_shapes = logits.shape
+        features = np.ones((num_shapes + 1, num_rows))
+        features[:-1] = self.temperature.predict_log_proba(logits).T
+        centre = np.eye(num_shapes, num_shapes + 1)
+        return SoftmaxRegression(features, labels, self.penalty(num_rows, num_shapes), centre)
+
+    def _check_shapes(self, num_shapes: int) -> None:
+        if num_shapes != self.num_shapes:
+            raise ValueError(f"fitted for {self.num_shapes} shapes, got logits of {num_shapes}")
+
+
+def structured_penalty(num_shapes: int, diagonal: float, off_diagonal: float, bias: float) -> Floats:
+    """One penalty for each part of (W | b), ``(K, K + 1)``.
+
+    >>> structured_penalty(2, diagonal=1.0, off_diagonal=2.0, bias=3.0)
+    array([[1., 2., 3.],
+           [2., 1., 3.]])
+    """
+    penalty = np.full((num_shapes, num_shapes + 1), off_diagonal)
+    np.fill_diagonal(penalty, diagonal)
+    penalty[:, -1] = bias
+    return penalty

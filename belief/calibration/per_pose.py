@@ -1,0 +1,167 @@
+"""One calibration for each pose, as far as the touches of the pose carry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.calibration.base import Calibration
+from belief.calibration.inputs import finite_logits, labelled_logits
+from belief.calibration.serialisation import read_json, write_json
+from belief.calibration.structured import StructuredMatrixScaling
+from belief.calibration.table import CALIBRATIONS
+from belief.problem import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PerPose:
+    """A calibration of every pose, shrunk towards the one of all poses together.
+
+    The rule: with n touches in a pose, w = n / (n + pooling), log p is proportional to w times the pose's own log p
+    plus (1 - w) times the pooled one's. So a pose without touches is calibrated as all together, one with ``pooling``
+    touches half and half. For temperatures this averages 1/T.
+
+    Attributes:
+        kind: an unfitted calibration, of which every pose gets one.
+        pooling: weight of the pooled calibration, in touches; the default is what
+            :class:`~belief.observation_model.ConfusionModel` pools with.
+        pooled: fitted to all touches.
+        by_pose: fitted to the touches of each pose, P of them; the pooled one where there are none.
+        num_touches: how many touches each pose had.
+
+    Raises:
+        ValueError: pooling is negative, or not finite.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> labels, poses = rng.integers(2, size=8000), rng.integers(2, size=8000)
+        >>> logits = np.eye(2)[labels] * 4.0 + rng.normal(size=(8000, 2)) * np.array([1.0, 4.0])[poses, None]
+        >>> calibration = PerPose().fit(logits, labels, poses)
+        >>> np.exp(calibration.predict_log_proba([[4.0, 0.0], [4.0, 0.0]], [0, 1])).round(2).tolist()
+        [[1.0, 0.0], [0.74, 0.26]]
+    """
+
+    name: ClassVar[str] = "per_pose"
+
+    kind: Calibration = field(default=StructuredMatrixScaling())
+    pooling: float = 100.0
+    pooled: Calibration | None = None
+    by_pose: tuple[Calibration, ...] = ()
+    num_touches: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.pooling < np.inf:
+            raise ValueError(f"pooling must be finite and ≥ 0, got {self.pooling}")
+        if len(self.by_pose) != len(self.num_touches) or (self.pooled is None) != (not self.by_pose):
+            raise ValueError("a fitted one needs a pooled calibration, one for every pose, and their touches")
+        if len({calibration.num_shapes for calibration in self.by_pose} - {self.num_shapes}) > 0:
+            raise ValueError(f"poses have calibrations for other numbers of shapes than {self.num_shapes}")
+        if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
+            raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
+
+    def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
+        """Fit all touches together, and those of each pose; a new object.
+
+        Args:
+            logits: ``(n, K)``.
+            labels: true shape indices, ``(n,)``.
+            poses: pose indices, ``(n,)``.
+            num_poses: P; by default one more than the largest pose seen.
+
+        Raises:
+            ValueError: bad logits or labels, or poses out of range.
+        """
+        z, y = labelled_logits(logits, labels)
+        p = _check_poses(poses, len(y), num_poses)
+        size = int(p.max()) + 1 if num_poses is None else num_poses
+        pooled = self.kind.fit(z, y)
+        masks = [p == pose for pose in range(size)]
+        own = tuple(self.kind.fit(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
+        return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
+
+    def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
+        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` read in poses ``(n,)``.
+
+        Raises:
+            ValueError: not fitted, bad logits, or poses out of range.
+        """
+        if self.pooled is None:
+            raise ValueError("poses are known after a fit: call fit first")
+        z = finite_logits(logits)
+        if z.ndim != 2:
+            raise ValueError(f"need logits (n, K), got {z.shape}")
+        p = _check_poses(poses, len(z), len(self.by_pose))
+        log_probs = self.pooled.predict_log_proba(z)
+        with np.errstate(over="ignore", under="ignore"):
+            for pose in np.unique(p).tolist():
+                rows, n = p == pose, self.num_touches[pose]
+                weight = n / (n + self.pooling) if n else 0.0
+                own = self.by_pose[pose].predict_log_proba(z[rows])
+                log_probs[rows] = weight * own + (1.0 - weight) * log_probs[rows]
+            log_probs -= log_probs.max(axis=1, keepdims=True)
+            np.maximum(log_probs, -np.finfo(float).max, out=log_probs)
+            log_probs -= np.log(np.exp(log_probs).sum(axis=1, keepdims=True))
+        return log_probs
+
+    def predict_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
+        """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
+        with np.errstate(under="ignore"):
+            return np.exp(self.predict_log_proba(logits, poses))
+
+    @property
+    def num_shapes(self) -> int | None:
+        """K; None if it takes any number."""
+        return None if self.pooled is None else self.pooled.num_shapes
+
+    def to_fields(self) -> dict[str, Any]:
+        """Everything that makes this object, as JSON types."""
+        return {
+            "kind": _named_fields(self.kind),
+            "pooling": self.pooling,
+            "pooled": None if self.pooled is None else _named_fields(self.pooled),
+            "by_pose": [_named_fields(calibration) for calibration in self.by_pose],
+            "num_touches": self.num_touches,
+        }
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
+        """The object from :meth:`to_fields`."""
+        return cls(
+            _calibration(fields["kind"]),
+            float(fields["pooling"]),
+            None if fields["pooled"] is None else _calibration(fields["pooled"]),
+            tuple(map(_calibration, fields["by_pose"])),
+            tuple(fields["num_touches"]),
+        )
+
+    def to_json(self, shape_labels: Sequence[str]) -> str:
+        """As JSON text, exact to the last bit, with the names of the shapes it is for."""
+        return write_json(self, shape_labels)
+
+    @classmethod
+    def from_json(cls, text: str, shape_labels: Sequence[str]) -> PerPose:
+        """From :meth:`to_json`; raises as :meth:`Calibration.from_json`."""
+        return read_json(text, {cls.name: cls.from_fields}, shape_labels)
+
+
+def _named_fields(calibration: Calibration) -> dict[str, Any]:
+    return {"calibration": calibration.name, **calibration.to_fields()}
+
+
+def _calibration(fields: Mapping[str, Any]) -> Calibration:
+    return CALIBRATIONS[fields["calibration"]].from_fields(fields)
+
+
+def _check_poses(poses: ArrayLike, num_rows: int, num_poses: int | None) -> NDArray[np.intp]:
+    p = np.asarray(poses)
+    if p.shape != (num_rows,) or not np.issubdtype(p.dtype, np.integer):
+        raise ValueError(f"need an integer pose for each of {num_rows} rows, got {p.dtype} {p.shape}")
+    wrong = (p < 0) if num_poses is None else (p < 0) | (p >= num_poses)
+    if wrong.any():
+        row, known = int(np.argmax(wrong)), "from 0" if num_poses is None else f"0 to {num_poses}, exclusive"
+        raise ValueError(f"row {row} has pose {p[row]}, poses are {known}")
+    return p.astype(np.intp, copy=False)

@@ -1,0 +1,63 @@
+"""Calibrations as JSON text that names its kind and the shapes it is for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, Protocol, TypeVar
+
+
+class Writable(Protocol):
+    """What goes into a file."""
+
+    name: ClassVar[str]
+
+    @property
+    def num_shapes(self) -> int | None:
+        """K; None if it takes any number."""
+
+    def to_fields(self) -> dict[str, Any]:
+        """Everything that makes the object, as JSON types."""
+
+
+W = TypeVar("W", bound=Writable)
+
+
+def write_json(calibration: Writable, shape_labels: Sequence[str]) -> str:
+    """JSON text for :func:`read_json`, exact to the last bit.
+
+    >>> from belief.calibration import TemperatureScaling
+    >>> write_json(TemperatureScaling(), ["cube", "cone"]).split()[:3]
+    ['{', '"calibration":', '"temperature",']
+    """
+    if calibration.num_shapes not in (None, len(shape_labels)):
+        raise ValueError(f"fitted for {calibration.num_shapes} shapes, got the names {list(shape_labels)}")
+    fields = {"calibration": calibration.name, "shape_labels": list(shape_labels), **calibration.to_fields()}
+    return json.dumps(fields, indent=1, allow_nan=False)
+
+
+def read_json(text: str, builders: Mapping[str, Callable[[Mapping[str, Any]], W]], shape_labels: Sequence[str]) -> W:
+    """What a text describes, made by the builder for its kind.
+
+    Raises:
+        ValueError: the text is not such a calibration, or one for other shapes or another order of them.
+
+    >>> read_json("[]", {}, ["cube"])
+    Traceback (most recent call last):
+    ...
+    ValueError: not a calibration: TypeError('list indices must be integers or slices, not str')
+    """
+    try:
+        fields = json.loads(text)
+        if fields["calibration"] not in builders:
+            raise ValueError(f"expected {' or '.join(builders)}, found {fields['calibration']!r}")
+        if list(fields["shape_labels"]) != list(shape_labels):
+            raise ValueError(f"it is for the shapes {fields['shape_labels']}, not for {list(shape_labels)}")
+        calibration = builders[fields["calibration"]](fields)
+        if calibration.num_shapes not in (None, len(shape_labels)):
+            raise ValueError(f"it has parameters for {calibration.num_shapes} shapes, and names {len(shape_labels)}")
+    except ValueError as error:
+        raise ValueError(f"not the calibration that was asked for: {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"not a calibration: {error!r}") from error
+    return calibration

@@ -1,0 +1,27 @@
+"""Which calibrations there are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from belief.calibration.base import Calibration
+from belief.calibration.dirichlet import DirichletCalibration
+from belief.calibration.serialisation import read_json
+from belief.calibration.structured import StructuredMatrixScaling
+from belief.calibration.temperature import TemperatureScaling
+from belief.calibration.vector import VectorScaling
+
+CALIBRATIONS: dict[str, type[Calibration]] = {
+    calibration.name: calibration
+    for calibration in (TemperatureScaling, VectorScaling, StructuredMatrixScaling, DirichletCalibration)
+}
+"""Name to class, the simplest first."""
+
+
+def calibration_from_json(text: str, shape_labels: Sequence[str]) -> Calibration:
+    """The calibration, whichever it is, from :meth:`Calibration.to_json`; raises as :meth:`Calibration.from_json`.
+
+    >>> calibration_from_json(TemperatureScaling(2.0, "ok").to_json(["cube", "cone"]), ["cube", "cone"])
+    TemperatureScaling(temperature=2.0, status='ok', floor=0.0)
+    """
+    return read_json(text, {name: kind.from_fields for name, kind in CALIBRATIONS.items()}, shape_labels)

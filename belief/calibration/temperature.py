@@ -1,0 +1,212 @@
+r"""Temperature scaling (Guo et al. 2017): divide the logits by one number T, fitted by maximum likelihood.
+
+In the inverse temperature β = 1/T the loss is convex with derivative
+
+    d/dβ mean NLL = mean over rows of  E_{p_β}[z] - z_label,        p_β = softmax(β z),
+
+which rises from "mean logit minus label logit" at β = 0 to its limit at β → ∞. Its sign at the two ends tells
+whether an optimum exists at all; what is found is stated in :attr:`TemperatureScaling.status`.
+
+    >>> logits = np.array([[4.0, 0.0], [4.0, 0.0], [4.0, 0.0], [0.0, 4.0]])
+    >>> fitted = TemperatureScaling().fit(logits, np.array([0, 0, 1, 1]))    # sure at 98 %, right at 75 %
+    >>> fitted.status, fitted.predict_proba(logits)[0].round(3).tolist()
+    ('ok', [0.75, 0.25])
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.calibration.base import Calibration, Status, check_status
+from belief.calibration.inputs import finite_logits, labelled_logits
+from belief.problem import Floats
+
+_ROUNDING = 1e-12  # of a slope, in units of the largest logit
+_EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
+_LARGEST = float(np.finfo(float).max)
+_LEAST = 5e-324  # the smallest number above zero
+_VANISHING = -750.0  # exp of this is 0
+_LOG_BETA = (-700.0, 700.0)  # where e to this power is a float, and so is its inverse
+_SHIFT = 2.0**500  # brings logits of 1e±300 to where neither they nor β leave the range of floats; exact
+_BLOCK = 8192  # rows at a time: what they need stays in the cache
+_ENOUGH = 1 << 15  # rows whose optimum is a good start
+
+
+@dataclass(frozen=True)
+class TemperatureScaling(Calibration):
+    """Divide logits by a fitted temperature.
+
+    Attributes:
+        temperature: T > 0, in units of the logits.
+        status: ``ok``; ``separable``: every label already has the largest logit, T → 0; ``uninformative``: the
+            logits say nothing about the labels, T → ∞ (1 where all are equal); ``anti_informative``: labels tend to
+            have small logits, T → ∞. Where all labels are one shape nothing is special: any of these may come out.
+        floor: probability mass spread evenly over all shapes, so that no prediction is ever zero; 1/(n + 2) when
+            the status is ``separable`` (n right out of n does not prove that the next is right), else 0.
+
+    Raises:
+        ValueError: a temperature that is not above zero and finite, a floor outside [0, 1), an unknown status.
+
+    >>> TemperatureScaling(temperature=2.0, status="ok").predict_proba([2.0, 0.0]).round(3).tolist()
+    [0.731, 0.269]
+    """
+
+    name: ClassVar[str] = "temperature"
+
+    temperature: float = 1.0
+    status: Status = "unfitted"
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.temperature < np.inf or not 0.0 <= self.floor < 1.0:
+            raise ValueError(
+                f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
+            )
+        check_status(self.status)
+
+    @property
+    def num_shapes(self) -> None:
+        """None: a temperature serves any number of shapes."""
+        return
+
+    def fit(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
+        """See :meth:`Calibration.fit`: the temperature of maximum likelihood, by safeguarded Newton steps in β.
+
+        Right to about 1e-15 relative for logits of any scale. About five passes over the data, a tenth of a
+        second for a million rows of four.
+
+        >>> TemperatureScaling().fit([[0.0, 1e-300], [0.0, 1e-300], [1e-300, 0.0]], [1, 1, 1]).status
+        'ok'
+        """
+        z, y = labelled_logits(logits, labels)
+        with np.errstate(over="ignore", under="ignore"):
+            largest = max(float(z.max()), -float(z.min()))
+            factor = _SHIFT if largest < 1.0 / _SHIFT else 0.5  # halves: ±1e308 are 2e308 apart
+            factor = 0.5 / _SHIFT if largest > _SHIFT else factor
+            gaps = np.multiply(z.T, factor, order="C")
+            gaps -= gaps.max(axis=0)
+            return _fit(gaps, y, 1.0 / factor)
+
+    def predict_log_proba(self, logits: ArrayLike) -> Floats:
+        """See :meth:`Calibration.predict_log_proba`."""
+        z = finite_logits(logits)
+        with np.errstate(over="ignore", under="ignore"):
+            scaled = z / 2 - z.max(axis=-1, keepdims=True) / 2  # halves: the difference of ±1e308 stays finite
+            scaled /= self.temperature
+            scaled *= 2
+            np.maximum(scaled, -_LARGEST, out=scaled)
+            scaled -= np.log(np.exp(scaled).sum(axis=-1, keepdims=True))
+        if self.floor == 0.0:
+            return scaled
+        return np.logaddexp(math.log1p(-self.floor) + scaled, math.log(self.floor) - math.log(z.shape[-1]))
+
+    def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
+        """See :meth:`Calibration.objective`: mean NLL without the floor, and its derivative in log T.
+
+        >>> scaling = TemperatureScaling(2.0, "ok")
+        >>> [np.round(part, 3).tolist() for part in scaling.objective([[2.0, 0.0], [2.0, 0.0]], [0, 1])]
+        [0.813, [-0.231]]
+        """
+        z, y = labelled_logits(logits, labels)
+        log_probs = TemperatureScaling(self.temperature, self.status).predict_log_proba(z)
+        with np.errstate(over="ignore", under="ignore"):
+            at_label = np.take_along_axis(log_probs, y[:, None], axis=1)
+            excess = log_probs - at_label  # β (z - z_label)
+            slope = (np.exp(log_probs) * np.maximum(excess, -_LARGEST)).sum(axis=1)
+            return 0.0 - float(at_label.mean()), np.array([-slope.mean()])
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :meth:`Calibration.to_fields`."""
+        return asdict(self)
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> TemperatureScaling:
+        """See :meth:`Calibration.from_fields`."""
+        return cls(float(fields["temperature"]), fields["status"], float(fields["floor"]))
+
+
+def _fit(gaps: Floats, labels: NDArray[np.intp], unit: float) -> TemperatureScaling:
+    """Fit to gaps ``(K, n)`` of the logits from their row's largest; ``unit`` is one of the gaps' in logits."""
+    num_rows = gaps.shape[1]
+    scale = -float(gaps.min())
+    if scale == 0.0:
+        return TemperatureScaling(1.0, "uninformative")
+    label_gap = float(gaps[labels, np.arange(num_rows)].mean())
+    flat_slope = float(gaps.mean()) - label_gap  # at β = 0
+    if flat_slope >= -_ROUNDING * scale:
+        status: Status = "uninformative" if flat_slope <= _ROUNDING * scale else "anti_informative"
+        return TemperatureScaling(_representable(scale * _EXTREME * unit), status)
+    if label_gap == 0.0:
+        return TemperatureScaling(_representable(scale / _EXTREME * unit), "separable", 1.0 / (num_rows + 2))
+    beta = 1.0 / scale
+    if num_rows > 2 * _ENOUGH:
+        some = slice(None, None, num_rows // _ENOUGH)
+        part = np.ascontiguousarray(gaps[:, some])
+        beta = _best_beta(part, float(part[labels[some], np.arange(part.shape[1])].mean()), beta)
+    return TemperatureScaling(_representable(unit / _best_beta(gaps, label_gap, beta)), "ok")
+
+
+def _best_beta(gaps: Floats, label_gap: float, beta: float) -> float:
+    """Where the slope is zero, from a first guess; an end of the range where it is zero nowhere in it.
+
+    Newton steps, as long as each is at most half the one before. Else, and where one leaves the bracket, it is halved;
+    as long as one of its ends is open, strides that double. All in log β: logits may be of any scale, and of several.
+    """
+    (low, high), at = _LOG_BETA, math.log(beta)
+    before, stride = math.inf, 1.0
+    for _ in range(200):
+        beta = math.exp(at)
+        mean, variance = _moments(gaps, beta)
+        excess = beta * label_gap - mean  # -β times the slope
+        if excess == 0.0:
+            break
+        low, high = (at, high) if excess > 0.0 else (low, at)
+        step = excess / variance if variance > 0.0 else math.copysign(math.inf, excess)  # relative to β
+        step = math.log1p(step) if step > 0.0 else step
+        if abs(step) < 1e-9:  # the error is of the order of its square
+            return beta * math.exp(step)
+        if abs(step) > 0.5 * before or not low < at + step < high:
+            if low > _LOG_BETA[0] and high < _LOG_BETA[1]:
+                step = 0.5 * (low + high) - at
+            else:
+                step, stride = math.copysign(stride, excess), 2.0 * stride
+        proposal = min(max(at + step, low), high)
+        if proposal == at:
+            break
+        at, before = proposal, abs(step)
+    return beta
+
+
+def _moments(gaps: Floats, beta: float) -> tuple[float, float]:
+    """Mean over rows of E[u] and of Var[u] under the softmax of u = β · gaps."""
+    num_shapes, num_rows = gaps.shape
+    scaled, weights = np.empty((2, num_shapes, min(num_rows, _BLOCK)))
+    total = spread = 0.0
+    for first in range(0, num_rows, _BLOCK):
+        block = gaps[:, first : first + _BLOCK]
+        u, w = scaled[:, : block.shape[1]], weights[:, : block.shape[1]]
+        np.multiply(block, beta, out=u)
+        np.maximum(u, _VANISHING, out=u)
+        np.exp(u, out=w)
+        sums = w.sum(axis=0)
+        w *= u
+        mean = w.sum(axis=0)
+        w *= u
+        mean /= sums
+        total += float(mean.sum())
+        square = w.sum(axis=0)
+        square /= sums
+        mean *= mean
+        square -= mean
+        spread += float(square.sum())
+    return total / num_rows, spread / num_rows
+
+
+def _representable(temperature: float) -> float:
+    return min(max(temperature, _LEAST), _LARGEST)

@@ -1,0 +1,61 @@
+"""What fitting a calibration costs, and how many times faster the temperature is than netcal's. One thread.
+
+Run: python benchmarks/calibration.py       (needs netcal: pip install -c constraints.txt -e ".[bench]")
+
+Both fit one temperature to the same touches of four shapes, in interleaved rounds. Each row is the median of the
+rounds, and its ratio that of the times of one round: machines drift, ratios hold. netcal takes probabilities, made
+beforehand.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rounds import time_in_rounds
+
+from belief.calibration import CALIBRATIONS, TemperatureScaling
+
+TEMPERATURE = 2.0
+OURS, THEIRS = "temperature", "temperature, netcal"
+
+
+def touches(num: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Logits that are too large by the temperature, and the shapes they come from."""
+    rng = np.random.default_rng(0)
+    logits = 3.0 * rng.normal(size=(num, 4))
+    noise = rng.gumbel(size=logits.shape)
+    return logits, (logits / TEMPERATURE + noise).argmax(axis=1)
+
+
+def cases(num: int) -> dict[str, Callable[[int], object]]:
+    """What to time, each as a function of a running number."""
+    from netcal.scaling import TemperatureScaling as NetcalTemperature  # loads torch and pyro
+
+    logits, labels = touches(num)
+    probs = TemperatureScaling().predict_proba(logits)
+    ours = TemperatureScaling().fit(logits, labels).temperature
+    theirs = 1.0 / float(NetcalTemperature().fit(probs, labels, tensorboard=False).temperature[0])
+    print(f"\n{num} touches: T = {ours:.6f}, by netcal {theirs:.6f}")
+    return {
+        THEIRS: lambda _: NetcalTemperature().fit(probs, labels, tensorboard=False),
+        **{name: lambda _, kind=kind: kind().fit(logits, labels) for name, kind in CALIBRATIONS.items()},
+    }
+
+
+def main() -> None:
+    if importlib.util.find_spec("netcal") is None:
+        raise SystemExit('netcal is not installed: pip install -c constraints.txt -e ".[bench]"')
+    torch.set_num_threads(1)
+    for num, rounds, per_round in ((560, 21, 20), (1_000_000, 7, 1)):
+        milliseconds = time_in_rounds(cases(num), rounds, per_round)
+        print(f"{f'median of {rounds} rounds':<30}{'ms':>10}{'netcal / this':>15}")
+        for name, times in milliseconds.items():
+            print(f"{name:<30}{np.median(times):10.3f}{np.median(milliseconds[THEIRS] / times):15.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,225 @@
+"""Vector, Dirichlet and structured matrix scaling against objectives written out a second time."""
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.special import log_softmax
+
+from belief.calibration import (
+    CALIBRATIONS,
+    DirichletCalibration,
+    StructuredMatrixScaling,
+    TemperatureScaling,
+    VectorScaling,
+)
+from belief.calibration.affine import AffineCalibration
+from belief.calibration.softmax_regression import SoftmaxRegression
+
+AFFINE = {name: kind for name, kind in CALIBRATIONS.items() if issubclass(kind, AffineCalibration)}
+every_affine = pytest.mark.parametrize("calibration", [kind() for kind in AFFINE.values()], ids=list(AFFINE))
+
+
+def sample(rng, n, num_shapes=3):
+    """Labels from an affine map of the log-probabilities, with which a shape is taken for another."""
+    logits = 2.0 * rng.normal(size=(n, num_shapes))
+    weights = np.eye(num_shapes) * np.linspace(0.5, 1.0, num_shapes)
+    weights[0, 1] = 0.6
+    scores = log_softmax(logits, axis=1) @ weights.T + np.linspace(-0.5, 0.5, num_shapes)
+    return logits, (scores + rng.gumbel(size=scores.shape)).argmax(axis=1)
+
+
+def strengths(calibration, n, num_shapes):
+    """Penalties of diagonal, off-diagonal and bias, from the formulas of the papers."""
+    k = num_shapes
+    match calibration:
+        case VectorScaling():
+            return 1.0 * k / n, None, 1.0 * k / n
+        case StructuredMatrixScaling():
+            return 1.0 * k / n, 1.0 * k * (k - 1) / n, 1.0 * k / n
+        case DirichletCalibration():
+            return 0.1 / n, 0.1 / (k * (k - 1)), 0.1 / k
+
+
+def forty_digit_objective(calibration, logits, labels, temperature, coefficients):
+    """The penalised mean NLL, row by row, from the logits on."""
+    n, k = logits.shape
+    diagonal, off_diagonal, bias = strengths(calibration, n, k)
+    mass = mpmath.mpf(1) / (n + 2)
+    loss = mpmath.mpf(0)
+    for row, label in zip(logits, labels, strict=True):
+        weights = [mpmath.exp(mpmath.mpf(float(z)) / temperature) for z in row]
+        x = [mpmath.log((1 - mass) * w / mpmath.fsum(weights) + mass / k) for w in weights]
+        scores = [mpmath.fdot(coefficients[i][:k], x) + coefficients[i][k] for i in range(k)]
+        loss += mpmath.log(mpmath.fsum(mpmath.exp(s - scores[label]) for s in scores)) / n
+    for i in range(k):
+        loss += diagonal * (coefficients[i][i] - 1) ** 2 + bias * coefficients[i][k] ** 2
+        for j in range(k):
+            if i != j and off_diagonal is not None:
+                loss += off_diagonal * coefficients[i][j] ** 2
+    return loss
+
+
+@every_affine
+def test_objective_and_gradient_agree_with_forty_digits(calibration, rng):
+    logits, labels = sample(rng, 12)
+    fitted = calibration.fit(logits, labels)
+    away = fitted.coefficients + np.where(fitted.coefficients != 0.0, 0.1 * rng.normal(size=(3, 4)), 0.0)
+    moved = type(calibration)(temperature=fitted.temperature, coefficients=away)
+    value, gradient = moved.objective(logits, labels)
+    with mpmath.workdps(40):
+        exact = [[mpmath.mpf(float(c)) for c in row] for row in away]
+        temperature = mpmath.mpf(fitted.temperature.temperature)
+        expected = forty_digit_objective(calibration, logits, labels, temperature, exact)
+        slopes = []
+        for i, j in np.argwhere(np.isfinite(calibration.penalty(12, 3))).tolist():
+
+            def along(c, i=i, j=j):
+                bent = [list(row) for row in exact]
+                bent[i][j] = c
+                return forty_digit_objective(calibration, logits, labels, temperature, bent)
+
+            slopes.append(float(mpmath.diff(along, exact[i][j])))
+    assert value == pytest.approx(float(expected), rel=1e-13)
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-11, atol=1e-14)
+
+
+@every_affine
+def test_the_fit_is_where_a_general_optimiser_ends(calibration, rng):
+    logits, labels = sample(rng, 200)
+    fitted = calibration.fit(logits, labels)
+    diagonal, off_diagonal, bias = strengths(calibration, 200, 3)
+    p = (1 - 1 / 202) * np.exp(log_softmax(logits / fitted.temperature.temperature, axis=1)) + 1 / 202 / 3
+    free = np.ones((3, 4), bool)
+    if off_diagonal is None:
+        free[:, :3] = np.eye(3, dtype=bool)
+
+    def objective(parameters):
+        matrix = np.eye(3, 4)
+        matrix[free] = parameters
+        change = matrix[:, :3] - np.eye(3)
+        penalty = diagonal * (np.diag(change) ** 2).sum() + bias * (matrix[:, 3] ** 2).sum()
+        penalty += (off_diagonal or 0.0) * (change[~np.eye(3, dtype=bool)] ** 2).sum()
+        log_probs = log_softmax(np.log(p) @ matrix[:, :3].T + matrix[:, 3], axis=1)
+        return penalty - log_probs[np.arange(200), labels].mean()
+
+    found = minimize(objective, np.eye(3, 4)[free], method="BFGS", options={"gtol": 1e-7})
+    assert objective(fitted.coefficients[free]) <= found.fun + 1e-12
+    np.testing.assert_allclose(fitted.coefficients[free], found.x, atol=1e-4)
+    np.testing.assert_array_equal(fitted.coefficients[~free], np.eye(3, 4)[~free])
+
+
+@every_affine
+@pytest.mark.parametrize("num_shapes", [1, 2, 12])
+@pytest.mark.parametrize("n", [1, 5, 5000])
+def test_the_gradient_vanishes_for_any_number_of_shapes_and_rows(calibration, rng, num_shapes, n):
+    logits, labels = rng.normal(size=(n, num_shapes)), rng.integers(num_shapes, size=n)
+    _, gradient = calibration.fit(logits, labels).objective(logits, labels)
+    assert np.abs(gradient).max() < 1e-10
+
+
+@every_affine
+def test_separable_data_with_missing_shapes_have_a_finite_optimum(calibration):
+    logits, labels = 50.0 * np.eye(5)[[0, 0, 1, 1]], [0, 0, 1, 1]
+    fitted = calibration.fit(logits, labels)
+    assert fitted.status == "separable"
+    assert np.abs(fitted.coefficients).max() < 20.0
+    assert np.abs(fitted.objective(logits, labels)[1]).max() < 1e-10
+    probs = fitted.predict_proba(logits)
+    assert (probs.argmax(axis=1) == labels).all()
+    assert probs.min() > 1e-6
+
+
+@every_affine
+def test_constant_scores_give_nearly_the_shares_of_the_shapes(calibration):
+    labels = np.repeat([0, 1, 2], [600, 300, 100])
+    fitted = calibration.fit(np.zeros((1000, 3)), labels)
+    assert fitted.status == "uninformative"
+    # Penalties still draw towards a third each: those of Dirichlet calibration do not shrink with n.
+    np.testing.assert_allclose(fitted.predict_proba(np.zeros(3)), [0.6, 0.3, 0.1], atol=0.04)
+
+
+@pytest.mark.parametrize("calibration", [VectorScaling(), StructuredMatrixScaling()])
+def test_a_stronger_penalty_ends_at_temperature_scaling(calibration, rng):
+    logits, labels = sample(rng, 100)
+    strong = dict.fromkeys(calibration.penalty_names(), 1000000000.0)
+    fitted = type(calibration)(**strong).fit(logits, labels)
+    np.testing.assert_allclose(fitted.coefficients, np.eye(3, 4), atol=1e-6)
+    expected = TemperatureScaling().fit(logits, labels).predict_proba(logits)
+    np.testing.assert_allclose(fitted.predict_proba(logits), expected, atol=1 / 102)
+
+
+def test_the_matrix_moves_as_the_touches_grow_more(rng):
+    logits, labels = sample(rng, 30_000)
+    distances = [
+        np.abs(StructuredMatrixScaling().fit(logits[:n], labels[:n]).coefficients - np.eye(3, 4)).max()
+        for n in (3, 30_000)
+    ]
+    assert distances[0] < 0.2
+    assert distances[1] > 0.5  # as far as the map that made the labels
+
+
+def test_structured_matrix_scaling_finds_the_map_that_made_the_labels(rng):
+    logits, labels = sample(rng, 60_000)
+    test_logits, test_labels = sample(rng, 20_000)
+    rows = np.arange(len(test_labels))
+    scores = log_softmax(test_logits, axis=1)
+    weights = np.diag([0.5, 0.75, 1.0])
+    weights[0, 1] = 0.6
+    best = -log_softmax(scores @ weights.T + [-0.5, 0.0, 0.5], axis=1)[rows, test_labels].mean()
+    losses = {
+        name: -kind().fit(logits, labels).predict_log_proba(test_logits)[rows, test_labels].mean()
+        for name, kind in CALIBRATIONS.items()
+    }
+    assert losses["structured_matrix"] < best + 0.003
+    assert losses["structured_matrix"] < losses["vector"] < losses["temperature"] - 0.03
+
+
+def test_blocks_of_rows_add_up(rng):
+    features, labels = rng.normal(size=(3, 10_000)), rng.integers(4, size=10_000)
+    penalty, coefficients = rng.uniform(0.1, 1.0, size=(4, 3)), rng.normal(size=(4, 3))
+    penalty[1, 2] = np.inf
+    centre = np.where(np.isfinite(penalty), 0.0, coefficients)
+    value, gradient = SoftmaxRegression(features, labels, penalty, centre).value_and_gradient(coefficients)
+    log_probs = log_softmax((coefficients @ features).T, axis=1)
+    free = np.isfinite(penalty)
+    ridge = (penalty[free] * coefficients[free] ** 2).sum()
+    assert value == pytest.approx(ridge - log_probs[np.arange(10_000), labels].mean(), rel=1e-13)
+    slope = (np.exp(log_probs) - np.eye(4)[labels]).T @ features.T / 10_000
+    np.testing.assert_allclose(gradient, slope[free] + 2.0 * (penalty * coefficients)[free], rtol=1e-10, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", AFFINE.values(), ids=list(AFFINE))
+@pytest.mark.parametrize("strength", [0.0, -1.0, np.inf, np.nan])
+def test_a_strength_that_leaves_no_optimum_is_refused(kind, strength):
+    with pytest.raises(ValueError, match="bias_strength must be above zero"):
+        kind(bias_strength=strength)
+
+
+@pytest.mark.parametrize("coefficients", [np.eye(3), np.zeros(4), np.full((3, 4), np.nan), np.full((1, 2), np.inf)])
+def test_coefficients_of_the_wrong_form_are_refused(coefficients):
+    with pytest.raises(ValueError, match=r"\(K, K \+ 1\) and finite"):
+        StructuredMatrixScaling(coefficients=coefficients)
+
+
+@every_affine
+def test_another_number_of_shapes_than_fitted_is_refused(calibration, rng):
+    fitted = calibration.fit(*sample(rng, 30))
+    with pytest.raises(ValueError, match="fitted for 3 shapes, got logits of 4"):
+        fitted.predict_proba(np.zeros(4))
+    with pytest.raises(ValueError, match="fitted for 3 shapes, got logits of 2"):
+        fitted.objective(np.zeros((1, 2)), [0])
+    with pytest.raises(ValueError, match="fitted for 3 shapes"):
+        fitted.to_json(["cube", "cone"])
+    text = fitted.to_json(["cube", "cone", "ball"]).replace(', "ball"', "").replace('"ball"', '"cone"')
+    with pytest.raises(ValueError, match="not the calibration that was asked for"):
+        type(fitted).from_json(text, ["cube", "cone", "ball"])
+
+
+@every_affine
+def test_before_the_fit_there_are_no_coefficients(calibration):
+    with pytest.raises(ValueError, match="call fit first"):
+        calibration.objective([[0.0, 1.0]], [0])
+    with pytest.raises(ValueError, match="call fit first"):
+        _ = calibration.weights
+    assert type(calibration).from_json(calibration.to_json(["cube"]), ["cube"]).coefficients is None

@@ -1,0 +1,246 @@
+"""What every calibration in the table owes its callers, however strange the data."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.special import log_softmax
+
+from belief.calibration import CALIBRATIONS, calibration_from_json
+
+LABELS = ("cube", "sphere", "cone")
+every_calibration = pytest.mark.parametrize("name", CALIBRATIONS)
+ODD_NUMBERS = [0.0, 1.0, -1.0, 0.5, 5e-324, -1e-310, 1e-300, 1e-16, 1e4, -1e4, 1e154, 1e308, -1e308]
+
+
+def sample(rng, n=300, num_shapes=3):
+    """Logits, and labels that a temperature alone does not explain."""
+    logits = 3.0 * rng.normal(size=(n, num_shapes))
+    scores = logits * np.linspace(0.3, 1.0, num_shapes) + np.linspace(-1.0, 1.0, num_shapes)
+    return logits, (scores + rng.gumbel(size=scores.shape)).argmax(axis=1)
+
+
+def assert_distributions(log_probs):
+    assert np.isfinite(log_probs).all()
+    np.testing.assert_allclose(np.exp(log_probs).sum(axis=-1), 1.0, atol=1e-12)
+
+
+@every_calibration
+def test_before_the_fit_it_is_the_plain_softmax(name, rng):
+    logits, _ = sample(rng)
+    calibration = CALIBRATIONS[name]()
+    assert calibration.status == "unfitted"
+    np.testing.assert_allclose(calibration.predict_log_proba(logits), log_softmax(logits, axis=1), atol=1e-14)
+
+
+@every_calibration
+def test_fitting_leaves_the_object_alone_and_lowers_the_loss(name, rng):
+    logits, labels = sample(rng)
+    unfitted = CALIBRATIONS[name]()
+    fitted = unfitted.fit(logits, labels)
+    assert (unfitted.status, fitted.status) == ("unfitted", "ok")
+    losses = [-c.predict_log_proba(logits)[np.arange(len(labels)), labels].mean() for c in (unfitted, fitted)]
+    assert losses[1] < losses[0] - 0.1
+
+
+@every_calibration
+@pytest.mark.parametrize("unit", [1e-300, 1.0, 1e4, 1e307])
+def test_the_gradient_of_the_objective_vanishes_at_the_fit(name, rng, unit):
+    logits, labels = sample(rng)
+    fitted = CALIBRATIONS[name]().fit(logits * unit, labels)
+    _, gradient = fitted.objective(logits * unit, labels)
+    assert np.abs(gradient).max() < 1e-10
+
+
+@every_calibration
+@pytest.mark.parametrize("unit", [1e-300, 1e4, 1e307])
+def test_the_unit_of_the_logits_does_not_matter(name, rng, unit):
+    logits, labels = sample(rng)
+    calibration = CALIBRATIONS[name]()
+    here = calibration.fit(logits, labels).predict_log_proba(logits)
+    there = calibration.fit(logits * unit, labels).predict_log_proba(logits * unit)
+    np.testing.assert_allclose(there, here, rtol=1e-9, atol=1e-9)
+
+
+@every_calibration
+def test_the_order_of_rows_does_not_matter(name, rng):
+    logits, labels = sample(rng)
+    order = rng.permutation(len(labels))
+    calibration = CALIBRATIONS[name]()
+    expected = calibration.fit(logits, labels).predict_log_proba(logits)
+    found = calibration.fit(logits[order], labels[order]).predict_log_proba(logits)
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+@every_calibration
+def test_a_constant_added_to_a_row_changes_nothing(name, rng):
+    logits, labels = sample(rng)
+    shifted = logits + 100.0 * rng.normal(size=(len(labels), 1))
+    calibration = CALIBRATIONS[name]()
+    expected = calibration.fit(logits, labels).predict_log_proba(logits)
+    np.testing.assert_allclose(calibration.fit(shifted, labels).predict_log_proba(shifted), expected, atol=1e-10)
+
+
+@every_calibration
+def test_relabelling_the_shapes_relabels_the_predictions(name, rng):
+    logits, labels = sample(rng)
+    order = np.array([2, 0, 1])
+    calibration = CALIBRATIONS[name]()
+    expected = calibration.fit(logits, labels).predict_log_proba(logits)[:, order]
+    found = calibration.fit(logits[:, order], np.argsort(order)[labels]).predict_log_proba(logits[:, order])
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+@every_calibration
+def test_any_leading_axes_are_kept(name, rng):
+    logits, labels = sample(rng)
+    fitted = CALIBRATIONS[name]().fit(logits, labels)
+    rows = fitted.predict_log_proba(logits[:6])
+    np.testing.assert_allclose(fitted.predict_log_proba(logits[:6].reshape(2, 3, 3)), rows.reshape(2, 3, 3))
+    np.testing.assert_allclose(fitted.predict_log_proba(logits[0]), rows[0], rtol=1e-14)
+    np.testing.assert_array_equal(fitted.predict_proba(logits[:6]), np.exp(rows))
+
+
+@every_calibration
+@pytest.mark.parametrize(
+    ("logits", "labels", "status"),
+    [
+        (np.eye(3), [0, 1, 2], "separable"),
+        (np.eye(3)[[0, 1]], [0, 1], "separable"),  # and a shape is missing
+        (np.eye(3)[[0, 0]], [0, 0], "separable"),  # one shape, always the likeliest
+        ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], [0, 0, 0], "ok"),  # one shape, not always
+        (np.ones((3, 3)), [0, 1, 2], "uninformative"),
+        (1e308 * np.ones((3, 3)), [0, 0, 2], "uninformative"),
+        (np.eye(3), [1, 2, 0], "anti_informative"),
+        ([[1e308, -1e308, 0.0]], [0], "separable"),
+        ([[1e308, -1e308, 0.0]], [1], "anti_informative"),
+        ([[5e-324, 0.0, 0.0]], [0], "separable"),
+        ([[0.0, 0.0, 0.0]], [1], "uninformative"),
+    ],
+)
+def test_data_without_an_ordinary_optimum_get_a_status_and_finite_probabilities(name, logits, labels, status):
+    fitted = CALIBRATIONS[name]().fit(logits, labels)
+    assert fitted.status == status
+    log_probs = fitted.predict_log_proba(logits)
+    assert_distributions(log_probs)
+    assert log_probs.min() > -40.0  # floored: no touch is worth more than that
+    assert_distributions(fitted.predict_log_proba([[1e308, -1e308, 0.0], [5e-324, 0.0, 0.0]]))
+
+
+@every_calibration
+def test_a_single_shape_is_certain(name):
+    fitted = CALIBRATIONS[name]().fit([[3.0], [-1.0]], [0, 0])
+    assert fitted.predict_proba([[7.0]]).tolist() == [[1.0]]
+
+
+finite = st.sampled_from(ODD_NUMBERS) | st.floats(allow_nan=False, allow_infinity=False)
+any_logits = arrays(np.float64, (5, 3), elements=finite) | arrays(np.float64, (5, 3), elements=st.floats())
+
+
+def narrowed(numbers, dtype):
+    with np.errstate(over="ignore"):
+        return numbers.astype(dtype)
+
+
+@every_calibration
+@settings(max_examples=150)
+@given(
+    logits=st.builds(narrowed, any_logits, st.sampled_from([np.float16, np.float32, np.float64])),
+    labels=arrays(np.int64, 5, elements=st.integers(0, 2)),
+)
+def test_whatever_the_numbers_there_is_an_error_or_a_distribution(name, logits, labels):
+    calibration = CALIBRATIONS[name]()
+    if not np.isfinite(logits).all():
+        with pytest.raises(ValueError, match="not finite"):
+            calibration.fit(logits, labels)
+        with pytest.raises(ValueError, match="not finite"):
+            calibration.predict_proba(logits)
+        return
+    fitted = calibration.fit(logits, labels)
+    for some in (calibration, fitted):
+        assert_distributions(some.predict_log_proba(logits))
+        assert_distributions(some.predict_log_proba(-logits))
+    value, gradient = fitted.objective(logits, labels)
+    assert not np.isnan(value)
+    assert not np.isnan(gradient).any()
+    assert fitted.from_json(fitted.to_json(LABELS), LABELS).to_json(LABELS) == fitted.to_json(LABELS)
+
+
+@every_calibration
+@settings(max_examples=60)
+@given(
+    logits=arrays(np.float64, (6, 3), elements=st.sampled_from(ODD_NUMBERS)),
+    labels=arrays(np.int64, 6, elements=st.integers(0, 2)),
+)
+def test_mixed_scales_in_one_table_are_fitted_too(name, logits, labels):
+    fitted = CALIBRATIONS[name]().fit(logits, labels)
+    assert_distributions(fitted.predict_log_proba(logits))
+
+
+@every_calibration
+@pytest.mark.parametrize(
+    ("logits", "labels", "message"),
+    [
+        (np.zeros((0, 3)), np.zeros(0, int), r"n ≥ 1, got \(0, 3\)"),
+        (np.zeros((2, 0)), [0, 0], "n ≥ 1"),
+        (np.zeros(3), [0], "need logits"),
+        ([[0.0, 1.0], [0.0, np.nan]], [0, 1], "row 1 are not finite"),
+        ([[-np.inf, 1.0]], [0], "row 0 are not finite"),
+        ([[0.0, 1.0], [0.0, 1.0]], [0, 2], r"integers in \[0, 2\), got 2 in row 1"),
+        ([[0.0, 1.0]], [-1], "got -1 in row 0"),
+        ([[0.0, 1.0]], [0.0], "got float64"),
+        ([[0.0, 1.0]], [0, 1], "need logits"),
+    ],
+)
+def test_bad_data_are_refused_with_the_reason(name, logits, labels, message):
+    with pytest.raises(ValueError, match=message):
+        CALIBRATIONS[name]().fit(logits, labels)
+
+
+@every_calibration
+@pytest.mark.parametrize(
+    ("logits", "message"),
+    [(np.zeros((0, 3)), "none of the axes empty"), (1.0, "need logits"), ([[np.nan] * 3], "row 0 are not finite")],
+)
+def test_what_cannot_be_predicted_is_refused(name, rng, logits, message):
+    fitted = CALIBRATIONS[name]().fit(*sample(rng))
+    with pytest.raises(ValueError, match=message):
+        fitted.predict_proba(logits)
+
+
+@every_calibration
+def test_a_calibration_comes_back_from_json_to_the_last_bit(name, rng):
+    logits, labels = sample(rng)
+    fitted = CALIBRATIONS[name]().fit(logits, labels)
+    text = fitted.to_json(LABELS)
+    for again in (type(fitted).from_json(text, LABELS), calibration_from_json(text, LABELS)):
+        assert type(again) is type(fitted)
+        assert again.status == fitted.status
+        np.testing.assert_array_equal(again.predict_log_proba(logits), fitted.predict_log_proba(logits))
+
+
+@every_calibration
+def test_foreign_truncated_and_mislabelled_texts_are_refused(name, rng):
+    kind = CALIBRATIONS[name]
+    text = kind().fit(*sample(rng)).to_json(LABELS)
+    fields = json.loads(text)
+    wrong = [
+        (text, ("sphere", "cube", "cone"), "for the shapes"),
+        (text, LABELS[:2], "for the shapes"),
+        (text[: len(text) // 2], LABELS, "not the calibration"),
+        ("", LABELS, "not the calibration"),
+        ("[1, 2]", LABELS, "not a calibration"),
+        ('{"model": "confusion"}', LABELS, "not a calibration: KeyError"),
+        (json.dumps({**fields, "calibration": "isotonic"}), LABELS, f"expected .*{name}.*, found 'isotonic'"),
+        (json.dumps({key: value for key, value in fields.items() if key != "temperature"}), LABELS, "'temperature'"),
+        (json.dumps({**fields, "temperature": "hot"}), LABELS, "not "),
+        (text.replace('"ok"', '"fine"'), LABELS, "status must be one of"),
+    ]
+    for bad, labels, message in wrong:
+        with pytest.raises(ValueError, match=message):
+            kind.from_json(bad, labels)
+        with pytest.raises(ValueError, match=message):
+            calibration_from_json(bad, labels)
