@@ -1,21 +1,65 @@
-"""Hand-derived values, and what a perfectly calibrated model scores."""
+"""Hand-derived values, brute force over bins, laws, and what a perfectly calibrated model scores."""
+
+from fractions import Fraction
+from functools import partial
+from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import stats
 
 from belief import metrics
 from belief.metrics import shape_scores
+from belief.metrics.binned import bin_index
+
+SCORES = {
+    "accuracy": metrics.accuracy,
+    "negative log-likelihood": metrics.negative_log_likelihood,
+    "Brier": metrics.brier_score,
+}
+ERRORS = {
+    "width": metrics.expected_calibration_error,
+    "mass": partial(metrics.expected_calibration_error, binning="mass"),
+    "classwise width": metrics.classwise_calibration_error,
+    "classwise mass": partial(metrics.classwise_calibration_error, binning="mass"),
+    "debiased": metrics.debiased_calibration_error,
+    "smooth": metrics.smooth_calibration_error,
+}
+TERMS = ("reliability", "resolution", "uncertainty", "within_bin_variance", "within_bin_covariance")
+METRICS = {**SCORES, **ERRORS} | {
+    name: lambda probs, labels, name=name: getattr(metrics.brier_decomposition(probs, labels), name) for name in TERMS
+}
+# Edges of mass bins, and what chance adds, depend on the number of rows and not only on their shares.
+OF_SHARES = sorted(set(METRICS) - {"mass", "classwise mass", "debiased"})
+
+
+def draw(rng, n=300, num_shapes=4, sharpening=1.4):
+    """Over-confident predictions, and labels."""
+    logits = 2.0 * rng.normal(size=(n, num_shapes))
+    true_probs = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+    labels = (rng.random(n)[:, None] >= true_probs.cumsum(axis=1)[:, :-1]).sum(axis=1)
+    probs = np.exp(sharpening * logits)
+    return probs / probs.sum(axis=1, keepdims=True), labels
+
+
+def error_by_hand(predicted, happened, num_bins):
+    """The binned error by exact fractions, one bin (lo, hi] after another, the first closed."""
+    total = Fraction(0)
+    for b in range(num_bins):
+        inside = [i for i, p in enumerate(predicted) if b < p * num_bins <= b + 1 or (b == 0 and p == 0)]
+        total += abs(sum((predicted[i] - happened[i] for i in inside), Fraction(0)))
+    return total / len(predicted)
 
 
 def test_a_perfect_prediction_scores_zero_everywhere():
     probs, labels = np.eye(3), np.arange(3)
     assert metrics.accuracy(probs, labels) == 1.0
-    assert metrics.negative_log_likelihood(probs, labels) == 0.0
-    assert metrics.brier_score(probs, labels) == 0.0
-    assert metrics.expected_calibration_error(probs, labels) == 0.0
+    for name, metric in METRICS.items():
+        if name not in ("accuracy", "resolution", "uncertainty"):
+            assert metric(probs, labels) == 0.0, name
 
 
 def test_a_label_of_probability_zero_costs_infinity():
@@ -35,6 +79,44 @@ def test_bins_are_open_below_and_closed_above():
     assert metrics.expected_calibration_error(probs, labels, num_bins=10) == pytest.approx((0.6 + 0.5) / 2)
 
 
+@pytest.mark.parametrize("num_bins", [1, 3, 7, 10, 15, 49, 1000])
+def test_every_edge_belongs_to_the_bin_below_it_and_the_next_number_to_that_above(num_bins):
+    edges = np.arange(num_bins + 1) / num_bins
+    assert bin_index(edges, num_bins, "width").tolist() == [0, *range(num_bins)]
+    assert bin_index(np.nextafter(edges[:-1], 1.0), num_bins, "width").tolist() == list(range(num_bins))
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.booleans()), min_size=1, max_size=12), st.sampled_from([1, 2, 5, 15]))
+def test_binned_errors_are_those_of_exact_fractions(rows, num_bins):
+    # Probabilities k/30 of the first of two shapes: many fall on edges.
+    first = [Fraction(k, 30) for k, _ in rows]
+    labels = [int(is_second) for _, is_second in rows]
+    probs = np.array([[float(p), float(1 - p)] for p in first])
+    shapes = [
+        error_by_hand(first, [1 - y for y in labels], num_bins),
+        error_by_hand([1 - p for p in first], labels, num_bins),
+    ]
+    assert metrics.classwise_calibration_error(probs, labels, num_bins) == pytest.approx(
+        float(sum(shapes) / 2), abs=1e-12
+    )
+    confidence = [max(p, 1 - p) for p in first]
+    right = [y == (p < Fraction(1, 2)) for p, y in zip(first, labels, strict=True)]
+    expected = float(error_by_hand(confidence, right, num_bins))
+    assert metrics.expected_calibration_error(probs, labels, num_bins) == pytest.approx(expected, abs=1e-12)
+
+
+def test_mass_bins_hold_as_many_rows_each(rng):
+    counts = np.bincount(bin_index(rng.random(103), 10, "mass"))
+    assert counts.min() >= 10
+    assert counts.max() <= 11
+
+
+def test_equal_confidences_share_a_mass_bin():
+    index = bin_index(np.array([0.4] * 7 + [0.9] * 3), 5, "mass")
+    assert len(set(index[:7])) == 1
+    assert len(set(index[7:])) == 1
+
+
 @pytest.mark.parametrize("binning", ["width", "mass"])
 def test_labels_drawn_from_the_predictions_are_nearly_calibrated(rng, binning):
     # 15 bins of about 1 300 rows: the expected error by chance is below .011 (mean |N(0, .013)|).
@@ -43,24 +125,161 @@ def test_labels_drawn_from_the_predictions_are_nearly_calibrated(rng, binning):
     assert metrics.expected_calibration_error(probs, labels, binning=binning) < 0.02
 
 
-def test_confusion_counts_true_shapes_in_rows():
-    matrix = metrics.confusion_matrix([[0.9, 0.1], [0.2, 0.8], [0.7, 0.3]], [0, 1, 1])
-    assert matrix.tolist() == [[1, 0], [1, 1]]
+def test_the_debiased_error_is_the_mean_product_of_the_gaps_of_two_rows(rng):
+    # Gaps of different rows are independent: the product of two estimates the square of their mean without bias.
+    probs, labels = draw(rng, 60)
+    confidence, correct = probs.max(axis=1), probs.argmax(axis=1) == labels
+    index = bin_index(confidence, 6, "mass")
+    square = 0.0
+    for b in range(6):
+        gaps = (confidence - correct)[index == b]
+        square += len(gaps) / 60 * np.mean([x * y for x, y in permutations(gaps, 2)])
+    expected = np.sign(square) * np.sqrt(abs(square))
+    assert metrics.debiased_calibration_error(probs, labels, num_bins=6) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("metric", [metrics.accuracy, metrics.negative_log_likelihood, metrics.brier_score])
+@pytest.mark.parametrize("true_share", [0.8, 0.7, 1.0])
+def test_the_debiased_square_is_right_in_the_mean_over_all_outcomes(true_share):
+    # Twelve rows claim .8; all numbers of right ones, weighted by their probability: E[E²] = (.8 - share)².
+    mean = 0.0
+    for right in range(13):
+        error = metrics.debiased_calibration_error([[0.8, 0.2]] * 12, [0] * right + [1] * (12 - right))
+        mean += stats.binom.pmf(right, 12, true_share) * np.sign(error) * error**2
+    assert mean == pytest.approx((0.8 - true_share) ** 2, abs=1e-12)
+
+
+def test_the_debiased_error_of_a_lucky_model_is_negative():
+    # Eight of ten right at .8: no gap at all, less chance: .8 · .2 / 9.
+    error = metrics.debiased_calibration_error([[0.8, 0.2]] * 10, [0] * 8 + [1] * 2)
+    assert error == pytest.approx(-np.sqrt(0.16 / 9))
+
+
+def test_one_row_says_nothing_about_chance():
+    assert metrics.debiased_calibration_error([[0.8, 0.2]], [1]) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 5), st.sampled_from(["width", "mass"]))
+def test_the_terms_of_the_brier_score_add_up(seed, n, num_shapes, binning):
+    probs, labels = draw(np.random.default_rng(seed), n, num_shapes)
+    parts = metrics.brier_decomposition(probs, labels, num_bins=4, binning=binning)
+    assert parts.score == pytest.approx(metrics.brier_score(probs, labels), abs=1e-12)
+    for name in TERMS:
+        assert getattr(parts, name) == pytest.approx(sum(getattr(part, name) for part in parts.shapes), abs=1e-12)
+        assert getattr(parts, name) >= 0.0 or name == "within_bin_covariance"
+
+
+def test_the_terms_of_the_brier_score_by_exact_fractions():
+    # Shape 0: bin (0, .5] holds .25, .5 with labels 1, 0; bin (.5, 1] holds .75, .75, 1 with labels 0, 1, 1.
+    p = [[Fraction(1, 4), Fraction(1, 2)], [Fraction(3, 4), Fraction(3, 4), Fraction(1)]]
+    o = [[1, 0], [0, 1, 1]]
+    n, base = 5, Fraction(3, 5)
+    mean_p, mean_o = [sum(b) / len(b) for b in p], [Fraction(sum(b), len(b)) for b in o]
+    expected = {
+        "reliability": sum(len(b) * (mp - mo) ** 2 for b, mp, mo in zip(p, mean_p, mean_o, strict=True)) / n,
+        "resolution": sum(len(b) * (mo - base) ** 2 for b, mo in zip(p, mean_o, strict=True)) / n,
+        "uncertainty": base * (1 - base),
+        "within_bin_variance": sum((x - mp) ** 2 for b, mp in zip(p, mean_p, strict=True) for x in b) / n,
+        "within_bin_covariance": 2
+        * sum(
+            (x - mp) * (y - mo)
+            for b, c, mp, mo in zip(p, o, mean_p, mean_o, strict=True)
+            for x, y in zip(b, c, strict=True)
+        )
+        / n,
+    }
+    probs = [[float(x), float(1 - x)] for b in p for x in b]
+    parts = metrics.brier_decomposition(probs, [1 - y for b in o for y in b], num_bins=2).shapes[0]
+    for name, value in expected.items():
+        assert getattr(parts, name) == pytest.approx(float(value), abs=1e-15), name
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_the_order_of_rows_does_not_matter(name, rng):
+    probs, labels = draw(rng)
+    order = rng.permutation(len(labels))
+    assert METRICS[name](probs[order], labels[order]) == pytest.approx(METRICS[name](probs, labels), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_the_names_of_shapes_do_not_matter(name, rng):
+    probs, labels = draw(rng)
+    new_name = rng.permutation(4)
+    renamed = np.empty_like(probs)
+    renamed[:, new_name] = probs
+    assert METRICS[name](renamed, new_name[labels]) == pytest.approx(METRICS[name](probs, labels), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", OF_SHARES)
+def test_every_row_twice_changes_nothing(name, rng):
+    probs, labels = draw(rng)
+    twice = METRICS[name](np.repeat(probs, 2, axis=0), np.repeat(labels, 2))
+    assert twice == pytest.approx(METRICS[name](probs, labels), abs=1e-10)
+
+
+@pytest.mark.parametrize("name", OF_SHARES)
+def test_a_million_rows_score_as_the_thousand_they_repeat(name, rng):
+    probs, labels = draw(rng, 1000, 2)
+    million = METRICS[name](np.tile(probs, (1000, 1)), np.tile(labels, 1000))
+    assert million == pytest.approx(METRICS[name](probs, labels), rel=1e-8)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_one_shape_is_always_known(name):
+    assert METRICS[name]([[1.0], [1.0]], [0, 0]) == (1.0 if name == "accuracy" else 0.0)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_half_precision_is_renormalised(name, rng):
+    probs, labels = draw(rng, 200, 12)
+    half = probs.astype(np.float16)
+    renormalised = half / half.astype(float).sum(axis=1, keepdims=True)
+    assert METRICS[name](half, labels) == pytest.approx(METRICS[name](renormalised, labels), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", METRICS)
 @pytest.mark.parametrize(
     ("probs", "labels", "message"),
     [
         (np.zeros((0, 2)), np.zeros(0, int), "n ≥ 1"),
+        (np.zeros((2, 0)), np.zeros(2, int), "n ≥ 1"),
+        ([0.5, 0.5], [0, 1], "n ≥ 1"),
+        ([[0.5, 0.5]], [0, 1], "n ≥ 1"),
         ([[0.5, 0.5], [0.5, 0.6]], [0, 0], "row 1 are no distribution"),
         ([[np.nan, 1.0]], [0], "row 0 are no distribution"),
-        ([[0.5, 0.5]], [2], "integers in"),
+        ([[0.5, 0.5], [np.inf, -np.inf]], [0, 0], "row 1 are no distribution"),
+        ([[1e308, 1e308]], [0], "row 0 are no distribution"),
+        ([[1.5, -0.5]], [0], "row 0 are no distribution"),
+        ([[0.5, 0.5]], [2], "got 2 in row 0"),
+        ([[0.5, 0.5], [0.5, 0.5]], [0, -1], "got -1 in row 1"),
+        ([[0.5, 0.5]], [0.0], "integers in"),
     ],
 )
-def test_bad_input_raises_and_says_where(metric, probs, labels, message):
+def test_bad_input_raises_and_says_where(name, probs, labels, message):
     with pytest.raises(ValueError, match=message):
-        metric(probs, np.array(labels))
+        METRICS[name](probs, np.array(labels))
+
+
+@pytest.mark.parametrize(
+    "metric",
+    [
+        metrics.expected_calibration_error,
+        metrics.classwise_calibration_error,
+        metrics.debiased_calibration_error,
+        metrics.brier_decomposition,
+        metrics.reliability_curve,
+    ],
+)
+def test_impossible_bins_are_refused(metric):
+    for num_bins in (0, -1, 2.5, np.nan, 10**9):
+        with pytest.raises(ValueError, match="num_bins"):
+            metric([[0.5, 0.5]], [0], num_bins=num_bins)
+    with pytest.raises(ValueError, match="'width' or 'mass', got 'weight'"):
+        metric([[0.5, 0.5]], [0], binning="weight")
+
+
+def test_confusion_counts_true_shapes_in_rows():
+    matrix = metrics.confusion_matrix([[0.9, 0.1], [0.2, 0.8], [0.7, 0.3]], [0, 1, 1])
+    assert matrix.tolist() == [[1, 0], [1, 1]]
 
 
 @given(arrays(np.int64, (4, 4), elements=st.integers(0, 50)))

@@ -1,0 +1,54 @@
+"""How good probabilities are: proper scores and calibration errors, for ``probs (n, K)`` and ``labels (n,)``.
+
+A model is calibrated if, of all it calls 90 % sure, nine in ten are right. Every estimate of by how much it is not is
+positive by chance: print the null quantile beside it, what a perfectly calibrated model scores on as many rows.
+
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> logits = 2.0 * rng.normal(size=(600, 3))
+    >>> probs = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+    >>> labels = (rng.random(600)[:, None] > probs.cumsum(axis=1)).sum(axis=1)     # calibrated: drawn from them
+    >>> error = expected_calibration_error(probs, labels)
+    >>> error < null_quantile(probs, expected_calibration_error, rng, num_resamples=200)
+    True
+"""
+
+from belief.metrics.binned import (
+    classwise_calibration_error,
+    debiased_calibration_error,
+    expected_calibration_error,
+)
+from belief.metrics.brier import BrierDecomposition, brier_decomposition, brier_score
+from belief.metrics.chance import null_quantile
+from belief.metrics.claims import ClaimsAtStop, StopScore, claims_at_stop
+from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
+from belief.metrics.interval import bias_corrected_interval
+from belief.metrics.reliability import ReliabilityCurve, reliability_curve
+from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
+from belief.metrics.scores import accuracy, negative_log_likelihood
+from belief.metrics.smooth import smooth_calibration_error
+
+__all__ = [
+    "BrierDecomposition",
+    "CalibrationError",
+    "CalibrationReport",
+    "ClaimsAtStop",
+    "ReliabilityCurve",
+    "ShapeScore",
+    "StopScore",
+    "accuracy",
+    "bias_corrected_interval",
+    "brier_decomposition",
+    "brier_score",
+    "calibration_report",
+    "claims_at_stop",
+    "classwise_calibration_error",
+    "confusion_matrix",
+    "debiased_calibration_error",
+    "expected_calibration_error",
+    "negative_log_likelihood",
+    "null_quantile",
+    "reliability_curve",
+    "shape_scores",
+    "smooth_calibration_error",
+]

@@ -1,0 +1,63 @@
+"""Which shape is taken for which."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.metrics.inputs import checked_pair
+
+
+def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:
+    """Counts of (true shape, predicted shape), ``(K, K)``.
+
+    >>> confusion_matrix([[0.9, 0.1], [0.2, 0.8], [0.7, 0.3]], [0, 1, 1]).tolist()
+    [[1, 0], [1, 1]]
+    """
+    p, y = checked_pair(probs, labels)
+    matrix = np.zeros((p.shape[1], p.shape[1]), np.int64)
+    np.add.at(matrix, (y, p.argmax(axis=1)), 1)
+    return matrix
+
+
+@dataclass(frozen=True)
+class ShapeScore:
+    """How well one shape is recognised; a ratio without cases is 0.
+
+    Attributes:
+        precision: share of what was taken for it that was it.
+        recall: share of it that was recognised.
+        f1: harmonic mean of the two.
+        support: how many there were.
+
+    >>> ShapeScore(precision=0.5, recall=1.0, f1=2 / 3, support=3).support
+    3
+    """
+
+    precision: float
+    recall: float
+    f1: float
+    support: int
+
+
+def shape_scores(confusion: ArrayLike) -> list[ShapeScore]:
+    """Precision, recall and F1 of every shape, from counts of (true shape, predicted shape).
+
+    >>> [round(score.f1, 3) for score in shape_scores([[8, 2], [0, 10]])]
+    [0.889, 0.909]
+    """
+    counts = np.asarray(confusion)
+    if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
+        raise ValueError(f"need counts (K, K) with K ≥ 1, got {counts.shape}")
+    if not (np.isfinite(counts).all() and (counts >= 0).all()):
+        raise ValueError(f"counts must be finite and ≥ 0, got {counts.tolist()}")
+    right, taken, there = np.diag(counts), counts.sum(axis=0), counts.sum(axis=1)
+    scores = []
+    for k in range(len(counts)):
+        precision = right[k] / taken[k] if taken[k] else 0.0
+        recall = right[k] / there[k] if there[k] else 0.0
+        f1 = 2 * right[k] / (taken[k] + there[k]) if taken[k] + there[k] else 0.0
+        scores.append(ShapeScore(float(precision), float(recall), float(f1), int(there[k])))
+    return scores

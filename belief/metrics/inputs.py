@@ -1,0 +1,78 @@
+"""What every metric accepts, checked and in one form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.problem import Floats
+
+_TOLERANCE = 2e-3  # of a row's sum: float16 probabilities of a dozen shapes err by half of that
+
+
+def checked_probs(probs: ArrayLike) -> Floats:
+    """Predicted distributions as float64, each renormalised to sum to one.
+
+    Args:
+        probs: ``(n, K)``, n ≥ 1, K ≥ 1; rows sum to one within 2e-3.
+
+    Raises:
+        ValueError: empty, not two-dimensional, or a row that is no distribution; names the first such row.
+
+    >>> float(checked_probs([[0.5, 0.501]]).sum())
+    1.0
+    """
+    p = np.asarray(probs, np.float64)
+    if p.ndim != 2 or p.size == 0:
+        raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
+    sums = np.where((p >= 0.0) & (p <= 1.0 + _TOLERANCE), p, np.inf) @ np.ones(p.shape[1])
+    bad = np.abs(sums - 1.0) > _TOLERANCE
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise ValueError(
+            f"probs in row {row} are no distribution: {p[row].tolist()}; need numbers ≥ 0 with sum 1 ± {_TOLERANCE}"
+        )
+    return np.asarray(p / sums[:, None])
+
+
+def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
+    """Predicted distributions and true shapes that belong together.
+
+    Args:
+        probs: ``(n, K)``, as for :func:`checked_probs`.
+        labels: shape indices in [0, K), integers, ``(n,)``.
+
+    Raises:
+        ValueError: as :func:`checked_probs`; labels of another number, that are no integers, or out of range.
+
+    >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
+    [1]
+    """
+    p, y = np.asarray(probs, np.float64), np.asarray(labels)
+    if p.ndim != 2 or p.size == 0 or y.shape != (len(p),):
+        raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {y.shape}")
+    p = checked_probs(p)
+    if not np.issubdtype(y.dtype, np.integer):
+        raise ValueError(f"labels must be integers in [0, {p.shape[1]}), got {y.dtype}")
+    if y.min() < 0 or y.max() >= p.shape[1]:
+        row = int(np.argmax((y < 0) | (y >= p.shape[1])))
+        raise ValueError(f"labels must be integers in [0, {p.shape[1]}), got {y[row]} in row {row}")
+    return p, y.astype(np.int64)
+
+
+def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
+    """Confidence in the most probable shape, and whether it is the true one; ties go to the first shape.
+
+    Args:
+        probs: checked, ``(n, K)``.
+        labels: checked, ``(n,)``.
+
+    Returns:
+        (confidence ``(n,)``, correct ``(n,)``).
+
+    >>> confidence, correct = top_label(np.array([[0.2, 0.8]]), np.array([1]))
+    >>> confidence.tolist(), correct.tolist()
+    ([0.8], [True])
+    """
+    top = probs.argmax(axis=1)
+    return probs[np.arange(len(probs)), top], top == labels

@@ -1,0 +1,101 @@
+"""The reliability curve: of what was called x % sure, how much was right, and how much chance would allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from belief.metrics.binned import Binning, bin_edges, bin_index
+from belief.metrics.inputs import checked_pair, top_label
+from belief.problem import Floats
+from belief.statistics.inputs import require_fraction
+
+
+@dataclass(frozen=True, eq=False)
+class ReliabilityCurve:
+    """One entry for each bin that is not empty, in order of confidence, all ``(B,)`` with 1 ≤ B ≤ ``num_bins``.
+
+    Attributes:
+        lower: edge of the bin, outside it (but for zero).
+        upper: edge of the bin, inside it.
+        count: rows in the bin, ≥ 1.
+        mean_confidence: of these rows.
+        accuracy: share of these rows that were right.
+        band_low: a calibrated model's accuracy in the bin lies between this
+        band_high: and this with the probability asked for, at least.
+
+    >>> curve = reliability_curve([[0.9, 0.1], [0.9, 0.1]], [0, 1])
+    >>> curve.accuracy.tolist(), curve.is_consistent.tolist()
+    ([0.5], [True])
+    """
+
+    lower: Floats
+    upper: Floats
+    count: NDArray[np.int64]
+    mean_confidence: Floats
+    accuracy: Floats
+    band_low: Floats
+    band_high: Floats
+
+    @property
+    def is_consistent(self) -> NDArray[np.bool_]:
+        """Whether the accuracy lies within its band, ``(B,)``."""
+        return (self.band_low <= self.accuracy) & (self.accuracy <= self.band_high)
+
+
+def reliability_curve(
+    probs: ArrayLike,
+    labels: ArrayLike,
+    num_bins: int = 15,
+    binning: Binning = "width",
+    shape: int | None = None,
+    confidence: float = 0.95,
+) -> ReliabilityCurve:
+    """Mean confidence against accuracy in bins (lo, hi], with consistency bands (Bröcker and Smith 2007).
+
+    The bands say where the *accuracy* would lie, were the predictions right: a point outside is miscalibrated, whatever
+    the number of rows. They are binomial quantiles at the bin's mean confidence. Exactly, the number right is a sum of
+    tosses with unequal probabilities; that is less spread than the binomial of the same mean (Hoeffding 1956), so that
+    the bands err on the side of calling a point consistent, by little in narrow bins, need no random numbers, and cost
+    the same for a million rows.
+
+    Args:
+        probs: ``(n, K)``.
+        labels: ``(n,)``.
+        num_bins: bins over [0, 1].
+        binning: bins of equal ``width``, or of equal ``mass``.
+        shape: of which shape p_k is compared with "it is k"; by default the top shape of each row.
+        confidence: of each band by itself, in (0, 1).
+
+    Raises:
+        ValueError: rows that are no distributions, labels or shape out of range, nothing at all, an unknown binning,
+            fewer than one or more than a million bins, a confidence outside (0, 1).
+
+    >>> curve = reliability_curve([[0.8, 0.2]] * 10 + [[0.3, 0.7]] * 10, [0] * 20, num_bins=10)
+    >>> curve.mean_confidence.round(2).tolist(), curve.accuracy.tolist(), curve.band_low.round(1).tolist()
+    ([0.7, 0.8], [0.0, 1.0], [0.4, 0.5])
+    """
+    p, y = checked_pair(probs, labels)
+    require_fraction("confidence", confidence)
+    if shape is None:
+        predicted, happened = top_label(p, y)
+    elif isinstance(shape, int | np.integer) and 0 <= shape < p.shape[1]:
+        predicted, happened = p[:, shape], y == shape
+    else:
+        raise ValueError(f"shape must be an integer in [0, {p.shape[1]}) or None, got {shape}")
+    edges, index = bin_edges(predicted, num_bins, binning), bin_index(predicted, num_bins, binning)
+    filled, index, count = np.unique(index, return_inverse=True, return_counts=True)
+    mean = np.clip(np.bincount(index, predicted) / count, 0.0, 1.0)  # rounding may leave it above one
+    tail = (1.0 - confidence) / 2
+    return ReliabilityCurve(
+        lower=edges[filled],
+        upper=edges[filled + 1],
+        count=count,
+        mean_confidence=mean,
+        accuracy=np.bincount(index, happened) / count,
+        band_low=stats.binom.ppf(tail, count, mean) / count,
+        band_high=stats.binom.isf(tail, count, mean) / count,
+    )

@@ -1,0 +1,37 @@
+"""Accuracy and the logarithmic score."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief.metrics.inputs import checked_pair
+
+
+def accuracy(probs: ArrayLike, labels: ArrayLike) -> float:
+    """Share of rows whose most probable shape is the true one, in [0, 1].
+
+    Args:
+        probs: ``(n, K)``.
+        labels: ``(n,)``.
+
+    >>> accuracy([[0.5, 0.5], [0.9, 0.1]], [0, 1])     # a tie goes to the first
+    0.5
+    """
+    p, y = checked_pair(probs, labels)
+    return float(np.mean(p.argmax(axis=1) == y))
+
+
+def negative_log_likelihood(probs: ArrayLike, labels: ArrayLike) -> float:
+    """Mean of -log p(label) [nats], ≥ 0; infinite if some label had probability zero.
+
+    Args:
+        probs: ``(n, K)``.
+        labels: ``(n,)``.
+
+    >>> round(negative_log_likelihood([[0.5, 0.5], [0.9, 0.1]], [0, 0]), 4)
+    0.3993
+    """
+    p, y = checked_pair(probs, labels)
+    with np.errstate(divide="ignore"):
+        return float(np.mean(-np.log(p[np.arange(len(y)), y])) + 0.0)  # not -0.0

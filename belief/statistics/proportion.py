@@ -1,0 +1,51 @@
+"""Intervals for the success rate behind a number of successes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from scipy import stats
+
+from belief.statistics.inputs import require_fraction
+
+_MOST_TRIALS = 10**15  # a float counts no further
+
+
+def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson score interval of a proportion: to show (close to nominal coverage).
+
+    Raises:
+        ValueError: no trials or over 1e15, more successes than trials, fractions of a trial, a confidence outside
+            (0, 1).
+
+    >>> [round(x, 3) for x in wilson_interval(53, 100)]
+    [0.433, 0.625]
+    """
+    return _interval(successes, trials, confidence, "wilson")
+
+
+def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Clopper-Pearson interval of a proportion: for claims (covers at least ``confidence``).
+
+    Raises:
+        ValueError: no trials or over 1e15, more successes than trials, fractions of a trial, a confidence outside
+            (0, 1).
+
+    >>> [round(x, 4) for x in clopper_pearson_interval(0, 100)]
+    [0.0, 0.0362]
+    """
+    return _interval(successes, trials, confidence, "exact")
+
+
+def _interval(
+    successes: int, trials: int, confidence: float, method: Literal["wilson", "exact"]
+) -> tuple[float, float]:
+    whole = float(successes).is_integer() and float(trials).is_integer()
+    if not (whole and 0 <= successes <= trials and 1 <= trials <= _MOST_TRIALS):
+        raise ValueError(
+            f"need whole numbers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, "
+            f"got {successes} of {trials}"
+        )
+    require_fraction("confidence", confidence)
+    interval = stats.binomtest(int(successes), int(trials)).proportion_ci(confidence, method)
+    return float(interval.low), float(interval.high)
