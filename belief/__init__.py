@@ -3,21 +3,31 @@
 numpy and scipy only: importing this package loads no torch, no MuJoCo, no plotting.
 """
 
+from belief.batched_tracker import BatchedBeliefTracker
 from belief.categorical import Belief
+from belief.composition import Composition, Counts
 from belief.errors import ActiveTouchError, ImpossibleObservation
-from belief.problem import Composition, Confirm, Probe, Reject, SearchProblem, Touch
-from belief.tracker import BeliefTracker, SceneBelief
+from belief.impossible import FloorLikelihood, IgnoreImpossible, RaiseImpossible, ZeroPriorTarget
+from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch
+from belief.scene import SceneBelief
+from belief.tracker import BeliefTracker
 
 __all__ = [
     "ActiveTouchError",
+    "BatchedBeliefTracker",
     "Belief",
     "BeliefTracker",
     "Composition",
     "Confirm",
+    "Counts",
+    "FloorLikelihood",
+    "IgnoreImpossible",
     "ImpossibleObservation",
     "Probe",
+    "RaiseImpossible",
     "Reject",
     "SceneBelief",
     "SearchProblem",
     "Touch",
+    "ZeroPriorTarget",
 ]

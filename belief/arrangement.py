@@ -1,13 +1,20 @@
-"""Which shape sits where, when no two objects share a shape: exact marginals over all arrangements.
+"""Which shape sits where, when objects come from a bag of known content: exact marginals over all arrangements.
 
-With N objects and K ≥ N distinct shapes an arrangement is an injective map from objects to shapes. Its weight is
-the product of the objects' likelihoods, and each object's marginal is a ratio of matrix permanents. There are K!
-arrangements but only 2^K sets of used shapes, and the sets are all a sum over arrangements has to remember:
+An arrangement says which shape each of N objects has. Its weight is the product of the objects' likelihoods, times the
+number of ways to draw it from the bag. There are up to K^N arrangements (N! when all shapes differ), but what the first
+objects leave for the others is only which shapes are used up, and how often, and that is all a sum has to remember:
 
-    forward[i][S]  = total weight of placing the first i objects on exactly the shapes of S,
-    backward[i][S] = total weight of placing objects i..N-1 on shapes outside S.
+    forward[i][u]  = total weight of the first i objects using exactly the multiset u,
+    backward[i][u] = total weight of objects i..N-1 when the first i have used u.
 
-That is K·2^(K-1) terms a pass instead of K!. Sinkhorn balancing would be cheaper and wrong by 0.1 to 0.2.
+That is at most ∏ (c_k + 1) multisets for counts c_k: 2^K sets when all shapes differ. Sinkhorn balancing would be
+cheaper and wrong by 0.1 to 0.2.
+
+All is in logarithms, relative to a best arrangement: with prices u_i, v_k that solve the dual of the assignment
+problem every w_ik - u_i - v_k is at most zero, and zero in a best arrangement. What matters is then near zero, however
+large the weights are and however much they contradict each other.
+
+Objects whose likelihood is the same for all shapes are alike, so one of them stands for all.
 
     >>> import numpy as np
     >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # nothing was learned about the second object ...
@@ -18,91 +25,265 @@ That is K·2^(K-1) terms a pass instead of K!. Sinkhorn balancing would be cheap
 
 from __future__ import annotations
 
-from functools import lru_cache
+import operator
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linear_sum_assignment
 
 from belief.errors import ImpossibleObservation
+from belief.multisets import Layer, layers, num_multisets
 from belief.problem import Floats
+from belief.rows import as_real
 
-MAX_SHAPES = 20
+MAX_STATES = 2**20
+"""Multisets that exact sums are willing to go through: 20 distinct shapes."""
+
+_LARGEST = np.finfo(np.float64).max
+_MOST_APART = 1e10  # nats below an object's best shape; beyond, sums would lose how many arrangements there are
 
 
-def arrangement_marginals(log_weights: ArrayLike) -> Floats:
-    """Probability that each object has each shape, given that all shapes differ.
+def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
+    """Probability that each object has each shape, given what the bag held.
 
     Args:
-        log_weights: log-likelihood (plus log prior, if any) of every shape for every object, ``(N, K)`` with
-            N ≤ K; any finite value or -inf; a constant added to a row changes nothing.
+        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf; a constant
+            added to a row changes nothing.
+        counts: objects of each shape in the bag, ``(K,)``, at least N in all; one of each by default, so that no two
+            objects share a shape.
 
     Returns:
-        ``(N, K)``; rows sum to one, columns to at most one.
+        ``(N, K)``; rows sum to one, column k to at most ``counts[k]``.
 
     Raises:
-        ValueError: NaN or +inf, an empty array, more objects than shapes, or more than 20 shapes.
+        ValueError: NaN or +inf, an empty array, more objects than the bag holds, or more than :data:`MAX_STATES`
+            multisets to sum over.
         ImpossibleObservation: no arrangement has a weight above zero.
+
+    >>> touched_a_cube = np.log([[0.9, 0.1], [0.5, 0.5], [0.5, 0.5]])
+    >>> arrangement_marginals(touched_a_cube, counts=[2, 1]).round(3)      # two cubes, one cone
+    array([[0.947, 0.053],
+           [0.526, 0.474],
+           [0.526, 0.474]])
     """
-    weights = np.asarray(log_weights, np.float64)
+    return np.exp(log_arrangement_marginals(log_weights, counts))
+
+
+def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
+    """Logarithm of :func:`arrangement_marginals`, right also where the probability is too small for a float.
+
+    >>> log_arrangement_marginals([[0.0, -1e4], [0.0, 0.0]]).tolist()
+    [[0.0, -10000.0], [-10000.0, 0.0]]
+    """
+    weights, bag = _checked(log_weights, counts)
+    blank = blank_objects(weights, bag)
+    first_blank = np.flatnonzero(blank)[:1]
+    kept = np.concatenate([np.flatnonzero(~blank), first_blank])
+    marginals = np.empty_like(weights)
+    marginals[kept] = _sum_over_arrangements(weights[kept], bag)
+    marginals[blank] = marginals[first_blank]
+    return marginals
+
+
+def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> float:
+    """Log of the mean weight of the arrangements that may be drawn from the bag: the log evidence of all touches.
+
+    Args:
+        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf.
+        counts: objects of each shape in the bag, ``(K,)``; one of each by default.
+
+    Returns:
+        -inf if no arrangement has a weight above zero; otherwise finite.
+
+    Raises:
+        ValueError: as :func:`arrangement_marginals`.
+
+    >>> round(float(np.exp(log_arrangement_evidence(np.log([[0.8, 0.2], [0.5, 0.5]])))), 3)
+    0.25
+    """
+    weights, bag = _checked(log_weights, counts)
+    blank = blank_objects(weights, bag)  # they weigh the same whatever is drawn
+    some = weights[~blank]
+    try:
+        relative = _relative(some, bag)
+    except ImpossibleObservation:
+        return -np.inf
+    with np.errstate(divide="ignore", over="ignore"):
+        log_total = _log_sum(_forward(relative.weights, relative.table)[-1] + relative.end, axis=0)
+        log_num_draws = np.log(float(sum(bag)) - np.arange(len(some))).sum()
+        log_evidence = log_total - log_num_draws + relative.best + weights[blank].max(axis=1).sum()
+        return float(np.clip(log_evidence, -_LARGEST, _LARGEST))
+
+
+def prob_shape_absent(
+    log_weights: ArrayLike, counts: Sequence[int] | None, shape: int, among: NDArray[np.bool_]
+) -> float:
+    """Probability that none of some objects has a shape.
+
+    Args:
+        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf.
+        counts: objects of each shape in the bag, ``(K,)``; one of each by default.
+        shape: index of the shape.
+        among: which objects, ``(N,)``; the others may have any shape.
+
+    Raises:
+        ValueError, ImpossibleObservation: as :func:`arrangement_marginals`.
+
+    >>> round(prob_shape_absent(np.zeros((2, 4)), None, shape=0, among=np.array([True, True])), 12)
+    0.5
+    """
+    relative = _relative(*_checked(log_weights, counts))
+    without = np.where(among[:, None] & (np.arange(relative.weights.shape[1]) == shape), -np.inf, relative.weights)
+    with np.errstate(divide="ignore"):
+        log_total, log_total_without = (
+            _log_sum(_forward(weights, relative.table)[-1] + relative.end, axis=0)
+            for weights in (relative.weights, without)
+        )
+    return min(float(np.exp(log_total_without - log_total)), 1.0)
+
+
+def blank_objects(log_weights: Floats, counts: Sequence[int]) -> NDArray[np.bool_]:
+    """Which objects have the same weight above zero for all shapes in the bag, ``(N,)``.
+
+    >>> blank_objects(np.array([[0.0, 0.0, -3.0], [0.0, 1.0, 0.0]]), (1, 2, 0)).tolist()
+    [True, False]
+    """
+    inside = log_weights[:, np.array(counts) > 0]
+    return np.asarray(((inside == inside[:, :1]) & (inside > -np.inf)).all(axis=1))
+
+
+def num_states(counts: Sequence[int], num_objects: int) -> int:
+    """Multisets of shapes that an exact sum over so many objects goes through.
+
+    Raises:
+        ValueError: more than :data:`MAX_STATES`.
+
+    >>> num_states([1] * 12, 12), num_states([2, 1, 1], 4)
+    (4096, 12)
+    """
+    number = num_multisets(tuple(counts), num_objects, MAX_STATES)
+    if number > MAX_STATES:
+        raise ValueError(
+            f"an exact sum over {num_objects} objects from a bag of {sum(counts)} in {np.count_nonzero(counts)} shapes "
+            f"goes through every multiset of shapes they may use up: more than the limit of {MAX_STATES}, which 20 "
+            "distinct shapes reach. Use fewer objects or shapes, or the composition 'independent'"
+        )
+    return number
+
+
+def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floats, tuple[int, ...]]:
+    """Weights, -inf where the bag has nothing, ``(N, K)``; and the counts."""
+    weights = np.asarray(as_real(log_weights, "log_weights"), np.float64)
     if weights.ndim != 2 or weights.size == 0:
         raise ValueError(f"log_weights must be (N, K) with at least one object and shape, got {weights.shape}")
     num_objects, num_shapes = weights.shape
-    if num_objects > num_shapes:
+    bag = (1,) * num_shapes if counts is None else tuple(operator.index(count) for count in counts)
+    if len(bag) != num_shapes or min(bag) < 0:
+        raise ValueError(f"counts must be {num_shapes} numbers of at least zero, got {list(bag)}")
+    if counts is None and num_objects > num_shapes:
         raise ValueError(f"{num_objects} objects cannot all differ in shape when there are {num_shapes} shapes")
-    if num_shapes > MAX_SHAPES:
-        raise ValueError(
-            f"exact marginals need 2^K sets of shapes: K = {num_shapes} is above the limit of {MAX_SHAPES}"
-        )
+    if num_objects > sum(bag):
+        raise ValueError(f"{num_objects} objects cannot come from a bag of {sum(bag)}, counts {list(bag)}")
     bad = np.isnan(weights) | (weights == np.inf)
     if bad.any():
         row = int(np.argwhere(bad)[0][0])
         raise ValueError(f"log_weights in row {row} hold NaN or +inf: {weights[row].tolist()}")
-    best = weights.max(axis=1, keepdims=True)
-    if np.isneginf(best).any():
-        row = int(np.argmax(np.isneginf(best)))
-        raise ImpossibleObservation(f"object {row} has zero likelihood under every shape")
-    # Differences beyond what sums over all objects can hold are as good as that limit; only a true -inf stays one.
-    with np.errstate(over="ignore"):
-        least = -np.finfo(float).max / (8 * num_objects)
-        weights = np.where(np.isneginf(weights), -np.inf, np.maximum(weights - best, least))
-
-    # forward[i]: (number of sets with i shapes,)
-    forward = [np.zeros(1)]
-    for i in range(num_objects):
-        smaller, added = _layer(num_shapes, i + 1)
-        forward.append(np.logaddexp.reduce(forward[i][smaller] + weights[i][added], axis=1))
-    log_total = np.logaddexp.reduce(forward[-1])
-    if np.isneginf(log_total):
-        raise ImpossibleObservation(
-            "no arrangement of distinct shapes has a weight above zero: two objects can only be the same shape. "
-            f"log_weights: {np.asarray(log_weights).tolist()}"
-        )
-
-    marginals = np.empty_like(weights)
-    backward = np.zeros(forward[-1].size)
-    for i in reversed(range(num_objects)):
-        smaller, added = _layer(num_shapes, i + 1)
-        # Each (set of i + 1 shapes, member k) is "the first i objects on the rest, object i on k".
-        log_terms = forward[i][smaller] + weights[i][added] + backward[:, None] - log_total
-        marginals[i] = np.bincount(added.ravel(), np.exp(log_terms).ravel(), minlength=num_shapes)
-        by_smaller = np.full((forward[i].size, num_shapes), -np.inf)
-        by_smaller[smaller, added] = weights[i][added] + backward[:, None]
-        backward = np.logaddexp.reduce(by_smaller, axis=1)
-    return marginals / marginals.sum(axis=1, keepdims=True)
+    return np.where(np.array(bag) > 0, weights, -np.inf), bag
 
 
-@lru_cache(maxsize=64)
-def _layer(num_shapes: int, size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For every set of ``size`` shapes and each of its members: the index of the set without it, and the member.
+class _Relative(NamedTuple):
+    """Weights relative to a best arrangement.
 
-    Both ``(num_sets, size)``; sets of a size are numbered in the order of their bit masks.
+    ``weights`` less the prices of object and shape, ``(N, K)``; ``end``, what is to be added for the multiset used up
+    by all objects, ``(S,)``; the log weight ``best`` of a best arrangement; the multisets.
     """
-    masks, smaller_masks = _masks(num_shapes, size), _masks(num_shapes, size - 1)
-    members = np.nonzero((masks[:, None] >> np.arange(num_shapes)) & 1)[1].reshape(len(masks), size)
-    return np.searchsorted(smaller_masks, masks[:, None] ^ (1 << members)), members
+
+    weights: Floats
+    end: Floats
+    best: float
+    table: list[Layer]
 
 
-@lru_cache(maxsize=64)
-def _masks(num_shapes: int, size: int) -> NDArray[np.int64]:
-    every = np.arange(1 << num_shapes)
-    return every[np.bitwise_count(every) == size]
+def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
+    num_objects, num_shapes = weights.shape
+    num_states(bag, num_objects)  # refuses what would not end
+    table = layers(bag, num_objects)
+    capacity = np.minimum(bag, num_objects)
+    shift = 4 + num_objects.bit_length()
+    scaled = np.ldexp(weights, -shift)  # so that no sum over objects overflows
+    places = np.repeat(np.arange(num_shapes), capacity)
+    try:
+        _, chosen = linear_sum_assignment(scaled[:, places], maximize=True)
+    except ValueError as error:
+        raise ImpossibleObservation(_why_impossible(weights, bag)) from error
+    match = places[chosen]
+    taken = scaled[np.arange(num_objects), match]
+    moves = scaled - taken[:, None]
+    # A shape costs what the objects outside lose by not having it, in chains of at most N moves (Bellman and Ford).
+    price = np.zeros(num_shapes)
+    for _ in range(num_objects):
+        raised = np.maximum(price, (moves + price[match][:, None]).max(axis=0))
+        if (raised == price).all():
+            break
+        price = raised
+    left = capacity[:, None] - table[-1].used.astype(np.float64)
+    # Differences beyond what sums over all objects can hold are as good as that limit; only a true -inf stays one.
+    least = -_LARGEST / (8 * (num_objects + 1))
+    with np.errstate(over="ignore"):
+        relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
+        relative = np.where(weights == -np.inf, -np.inf, np.maximum(relative, least))
+        end = table[-1].log_draws + np.maximum(np.ldexp(-(price @ left), shift), least)
+        best = float(np.ldexp((taken - price[match]).sum() + price @ capacity, shift))
+    return _Relative(relative, end, best, table)
+
+
+def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:
+    hopeless = np.flatnonzero((weights == -np.inf).all(axis=1))
+    if hopeless.size:
+        return f"object {hopeless[0]} has zero likelihood under every shape there is"
+    what = (
+        "two objects can only be the same shape, and all differ"
+        if max(bag) == 1
+        else f"more objects can only be of some shape than the bag holds, counts {list(bag)}"
+    )
+    return f"no arrangement has a weight above zero: {what}. Log weights: {weights.tolist()}"
+
+
+def _sum_over_arrangements(weights: Floats, bag: tuple[int, ...]) -> Floats:
+    """Log marginals, ``(N, K)``."""
+    relative = _relative(weights, bag)
+    marginals = np.empty_like(weights)
+    with np.errstate(divide="ignore"):  # the logarithm of an empty sum is -inf, which is right
+        forward = _forward(relative.weights, relative.table)
+        backward = relative.end
+        for i in reversed(range(len(weights))):
+            # Each entry (k, u) is "the first i objects used u, object i is of shape k", (K, S).
+            from_here = _look_up(backward, relative.table[i].bigger)
+            from_here += relative.weights[i][:, None]
+            backward = _log_sum(from_here, axis=0)
+            from_here += forward[i]
+            marginals[i] = _log_sum(from_here, axis=1)
+        return np.asarray(marginals - _log_sum(marginals, axis=1)[:, None])
+
+
+def _forward(weights: Floats, table: list[Layer]) -> list[Floats]:
+    """Log total weight of the first 0, 1, … N objects using up each multiset, each ``(S,)``."""
+    forward = [np.zeros(1)]
+    for row, layer in zip(weights, table[1:], strict=True):
+        forward.append(_log_sum(_look_up(forward[-1], layer.smaller) + row[:, None], axis=0))
+    return forward
+
+
+def _look_up(log_totals: Floats, index: NDArray[np.int32]) -> Floats:
+    """Values by index; -inf one past the end, where there is no such multiset."""
+    return np.concatenate([log_totals, [-np.inf]])[index]
+
+
+def _log_sum(logs: Floats, axis: int) -> Floats:
+    """Log of the sum of exponentials, several times faster than numpy's or scipy's."""
+    top = logs.max(axis=axis, keepdims=True)
+    top[top == -np.inf] = 0.0
+    scaled = logs - top
+    return np.asarray(np.log(np.exp(scaled, out=scaled).sum(axis=axis)) + top.squeeze(axis))

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from belief import bayes
 from belief.errors import UnknownName
 from belief.problem import Floats
+from belief.rows import as_real, normalise_log_probs, normalise_probs
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class Belief:
     log_probs: Floats
 
     def __post_init__(self) -> None:
-        labels, log_probs = tuple(self.labels), np.asarray(self.log_probs, np.float64)
+        labels, log_probs = tuple(self.labels), as_real(self.log_probs, "log_probs")
         if len(set(labels)) != len(labels):
             raise ValueError(f"labels must differ from each other, got {list(labels)}")
         if log_probs.shape != (len(labels),) or not labels:
@@ -45,7 +46,7 @@ class Belief:
                 f"{len(labels)} labels need log_probs of shape ({len(labels)},) with at least one entry, "
                 f"got {log_probs.shape}"
             )
-        log_probs = bayes.normalise_log_probs(log_probs)
+        log_probs = normalise_log_probs(log_probs)
         log_probs.flags.writeable = False
         object.__setattr__(self, "labels", labels)
         object.__setattr__(self, "log_probs", log_probs)
@@ -60,11 +61,22 @@ class Belief:
     @classmethod
     def from_probs(cls, labels: Sequence[str], probs: ArrayLike) -> Belief:
         """A belief from probabilities ``(K,)``; zeros are allowed."""
-        values = np.asarray(probs, np.float64)
-        if not (values >= 0.0).all():
-            raise ValueError(f"probs must be at least zero, got {values.tolist()}")
         with np.errstate(divide="ignore"):
-            return cls(tuple(labels), np.log(values))
+            return cls(tuple(labels), np.log(normalise_probs(probs)))
+
+    @classmethod
+    def of_normalised(cls, labels: tuple[str, ...], log_probs: Floats) -> Belief:
+        """A belief from log probabilities that are known to be right, such as a posterior: nothing is checked.
+
+        The array ``(K,)`` is taken over, not copied, and becomes read-only.
+
+        >>> Belief.of_normalised(("cube", "cone"), np.array([0.0, -np.inf])).probs.tolist()
+        [1.0, 0.0]
+        """
+        belief = object.__new__(cls)
+        log_probs.flags.writeable = False
+        belief.__dict__.update(labels=labels, log_probs=log_probs)
+        return belief
 
     @property
     def probs(self) -> Floats:
@@ -86,10 +98,13 @@ class Belief:
         """The posterior belief after an observation with this log-likelihood ``(K,)``.
 
         Raises:
+            ValueError: NaN, +inf, or a shape that does not fit.
             ImpossibleObservation: zero likelihood for every shape still believed in.
         """
         log_posterior, _ = bayes.update(self.log_probs, log_likelihood)
-        return Belief(self.labels, log_posterior)
+        if log_posterior.ndim != 1:
+            raise ValueError(f"one belief needs a log-likelihood ({len(self.labels)},), got {np.shape(log_likelihood)}")
+        return Belief.of_normalised(self.labels, log_posterior)
 
     def __str__(self) -> str:
         pairs = zip(self.labels, self.probs, strict=True)

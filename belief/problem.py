@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from belief.composition import Composition, Counts
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -53,17 +54,6 @@ class Reject:
 Action: TypeAlias = Probe | Confirm | Reject
 
 
-class Composition(StrEnum):
-    """What is known about which shapes are on the table.
-
-    ``DISTINCT``: no two objects have the same shape, all such arrangements equally likely.
-    ``INDEPENDENT``: every object's shape is drawn from the prior on its own.
-    """
-
-    DISTINCT = "distinct"
-    INDEPENDENT = "independent"
-
-
 @dataclass(frozen=True)
 class SearchProblem:
     """A search for one target among several objects, visited in the order they come.
@@ -72,22 +62,35 @@ class SearchProblem:
         shape_labels: names of the K shapes an object may have.
         pose_labels: names of the P poses it can be touched in.
         num_objects: N, objects on the table.
-        composition: how their shapes depend on each other.
+        composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of a bag
+            they were drawn from.
         touch_cost: λ, price of one touch in units of a success.
         touch_limit: touches after which the whole search is cut off (truncated).
+
+    Raises:
+        ValueError: no object, more objects than the composition has to offer, a touch cost that is negative or not
+            finite, or no touch allowed.
+        UnknownName: the bag holds a shape that has no label.
+
+    >>> problem = SearchProblem(("sphere", "cube"), ("front",), 2, Counts({"sphere": 1, "cube": 3}))
+    >>> problem.prior_probs.tolist(), problem.prior_absent_probs.tolist()
+    ([0.25, 0.75], [0.5, 0.0])
     """
 
     shape_labels: Sequence[str]
     pose_labels: Sequence[str]
     num_objects: int
-    composition: Composition = Composition.DISTINCT
+    composition: Composition | Counts = Composition.DISTINCT
     touch_cost: float = 0.02
     touch_limit: int = 48
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
+        if not isinstance(self.composition, Counts):
+            object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
         if self.num_objects < 1:
             raise ValueError(f"num_objects must be at least 1, got {self.num_objects}")
+        if isinstance(self.composition, Counts) and sum(self.composition.of(self.shape_labels)) < self.num_objects:
+            raise ValueError(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
             raise ValueError(
                 f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
@@ -107,6 +110,28 @@ class SearchProblem:
     def num_poses(self) -> int:
         """P."""
         return len(self.pose_labels)
+
+    @property
+    def counts(self) -> tuple[int, ...] | None:
+        """Objects of each shape in the bag the table was laid from, ``(K,)``; None for independent objects."""
+        if isinstance(self.composition, Counts):
+            return self.composition.of(self.shape_labels)
+        return (1,) * self.num_shapes if self.composition is Composition.DISTINCT else None
+
+    @property
+    def prior_probs(self) -> Floats:
+        """Probability of each shape for any one untouched object, ``(K,)``; uniform for independent objects."""
+        counts = np.array(self.counts or (1,) * self.num_shapes, np.float64)
+        return counts / counts.sum()
+
+    @property
+    def prior_absent_probs(self) -> Floats:
+        """Probability that no object has this shape, before any touch, ``(K,)``; exactly zero where one must."""
+        if self.counts is None:
+            return (1.0 - self.prior_probs) ** self.num_objects
+        left = np.array(self.counts, np.float64).sum() - np.arange(self.num_objects)  # in the bag before each draw
+        others = left - np.array(self.counts)[:, None]  # of another shape, if all earlier draws were of another
+        return np.asarray(np.prod(np.maximum(others, 0.0) / left, axis=1))
 
     def reward(self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True) -> float:
         """Return of a finished search (decision 0004): not the sum of the paper's single-object rewards.

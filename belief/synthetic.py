@@ -9,15 +9,23 @@ from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, ObservationModel
-from belief.problem import Composition, SearchProblem, Touch
+from belief.problem import SearchProblem, Touch
 
 
 def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
-    """True shapes of a table of objects, drawn as the problem's composition says."""
-    if problem.composition is Composition.DISTINCT:
-        shapes = rng.permutation(problem.num_shapes)[: problem.num_objects]
-    else:
+    """True shapes of a table of objects, drawn as the problem's composition says.
+
+    >>> from belief import Counts
+    >>> bag = Counts({"cube": 2, "cone": 1})
+    >>> problem = SearchProblem(("cube", "cone", "sphere"), ("front",), num_objects=3, composition=bag)
+    >>> sample_arrangement(problem, np.random.default_rng(0))
+    (1, 0, 0)
+    """
+    if problem.counts is None:
         shapes = rng.integers(problem.num_shapes, size=problem.num_objects)
+    else:
+        bag = np.repeat(np.arange(problem.num_shapes), problem.counts)
+        shapes = rng.permutation(bag)[: problem.num_objects]
     return tuple(int(shape) for shape in shapes)
 
 

@@ -145,7 +145,7 @@ def _loop(
     if len(arrangement) != problem.num_objects:
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
     world.reset()
-    scene = SceneBelief(problem, model)
+    scene = SceneBelief(problem, model, target=target)
     rng = np.random.default_rng([*seed, _DECIDING])
     steps: list[Step] = []
     object_index = num_touches = 0

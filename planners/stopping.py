@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
-from belief import Composition, Confirm, Reject
+from belief import Confirm, Reject
 from planners.decider import Decision, InformationState
 
 
@@ -48,8 +48,8 @@ class ConsecutiveFrames:
 class PosteriorThresholds:
     """Confirm or reject when the posterior of the target is beyond a threshold: Wald's sequential test.
 
-    When every shape is on the table and only one object is left, it is confirmed untouched: rejecting it could
-    only fail.
+    When the target is certainly on the table and only one object is left, it is confirmed untouched: rejecting it
+    could only fail.
 
     Attributes:
         confirm: posterior at or above which to confirm.
@@ -69,12 +69,7 @@ class PosteriorThresholds:
         """See :class:`planners.decider.StoppingRule`."""
         prob = info.target_prob
         scores = {"target_prob": prob}
-        problem = info.problem
-        must_be_here = (
-            info.num_left == 1
-            and problem.composition is Composition.DISTINCT
-            and problem.num_objects == problem.num_shapes
-        )
+        must_be_here = info.num_left == 1 and info.problem.prior_absent_probs[info.target] == 0.0
         if prob >= self.confirm or (must_be_here and prob > 0.0):
             return Decision(Confirm(), scores)
         if prob <= self.reject:

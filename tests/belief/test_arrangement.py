@@ -10,17 +10,29 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from belief import ImpossibleObservation
-from belief.arrangement import arrangement_marginals
+from belief.arrangement import (
+    arrangement_marginals,
+    log_arrangement_evidence,
+    log_arrangement_marginals,
+    num_states,
+    prob_shape_absent,
+)
+
+
+def enumerate_draws(weights: np.ndarray, counts=None) -> tuple[np.ndarray, float]:
+    """Marginals, and the mean weight, over all equally likely ordered draws of single things from the bag."""
+    num_objects, num_shapes = weights.shape
+    things = np.repeat(np.arange(num_shapes), (1,) * num_shapes if counts is None else counts)
+    totals, draws = np.zeros_like(weights), 0
+    for drawn in itertools.permutations(things.tolist(), num_objects):
+        totals[np.arange(num_objects), drawn] += math.prod(weights[i, k] for i, k in enumerate(drawn))
+        draws += 1
+    return totals / max(totals[0].sum(), 5e-324), totals[0].sum() / draws
 
 
 def enumerate_marginals(weights: np.ndarray) -> np.ndarray:
     """Sum over all injective maps from objects to shapes."""
-    num_objects, num_shapes = weights.shape
-    totals = np.zeros_like(weights)
-    for shapes in itertools.permutations(range(num_shapes), num_objects):
-        weight = math.prod(weights[i, k] for i, k in enumerate(shapes))
-        totals[np.arange(num_objects), shapes] += weight
-    return totals / totals.sum(axis=1, keepdims=True)
+    return enumerate_draws(weights)[0]
 
 
 @st.composite
@@ -28,6 +40,58 @@ def log_weights(draw):
     num_shapes = draw(st.integers(1, 5))
     num_objects = draw(st.integers(1, num_shapes))
     return draw(arrays(np.float64, (num_objects, num_shapes), elements=st.floats(-20, 20)))
+
+
+@st.composite
+def bags(draw):
+    """Log weights, some of them -inf, some rows blank, and the counts of a bag that is large enough."""
+    counts = draw(st.lists(st.integers(0, 3), min_size=1, max_size=4).filter(lambda counts: 0 < sum(counts) <= 6))
+    num_objects = draw(st.integers(1, min(sum(counts), 4)))
+    elements = st.one_of(st.floats(-20, 20), st.just(-np.inf), st.just(0.0))
+    weights = draw(arrays(np.float64, (num_objects, len(counts)), elements=elements))
+    weights[draw(arrays(np.bool_, num_objects))] = 0.0
+    return weights, counts
+
+
+@given(bags())
+def test_marginals_and_evidence_of_a_bag_equal_enumeration(bag):
+    weights, counts = bag
+    marginals, evidence = enumerate_draws(np.exp(weights), counts)
+    if evidence == 0.0:
+        assert log_arrangement_evidence(weights, counts) == -np.inf
+        with pytest.raises(ImpossibleObservation):
+            arrangement_marginals(weights, counts)
+    else:
+        np.testing.assert_allclose(arrangement_marginals(weights, counts), marginals, atol=1e-12)
+        assert math.isclose(math.exp(log_arrangement_evidence(weights, counts)), evidence, rel_tol=1e-10)
+
+
+@given(bags(), st.randoms(use_true_random=False))
+def test_relabelling_shapes_and_reordering_objects_of_a_bag_permutes_the_marginals(bag, random):
+    weights, counts = bag
+    rows, columns = list(range(weights.shape[0])), list(range(weights.shape[1]))
+    random.shuffle(rows)
+    random.shuffle(columns)
+    permuted, permuted_counts = weights[rows][:, columns], [counts[k] for k in columns]
+    evidence = log_arrangement_evidence(weights, counts)
+    assert log_arrangement_evidence(permuted, permuted_counts) == pytest.approx(evidence, abs=1e-9)
+    if evidence > -np.inf:
+        marginals = arrangement_marginals(weights, counts)[rows][:, columns]
+        np.testing.assert_allclose(arrangement_marginals(permuted, permuted_counts), marginals, atol=1e-9)
+
+
+@given(log_weights())
+def test_a_bag_with_very_many_of_each_shape_is_as_good_as_independence(weights):
+    marginals = arrangement_marginals(weights, [2**50] * weights.shape[1])
+    expected = np.exp(weights - weights.max(axis=1, keepdims=True))
+    np.testing.assert_allclose(marginals, expected / expected.sum(axis=1, keepdims=True), atol=1e-12)
+
+
+def test_log_marginals_reach_below_the_least_float():
+    log_marginals = log_arrangement_marginals([[0.0, -2000.0, -3000.0], [0.0, -1.0, 0.0], [0.0, 0.0, 0.0]])
+    # Beside a first object of shape 0 the others weigh 1 + 1/e, of shape 1 they weigh 2, of shape 2 again 1 + 1/e.
+    expected = [0.0, -2000.0 + math.log(2 / (1 + math.exp(-1))), -3000.0]
+    np.testing.assert_allclose(log_marginals[0], expected, rtol=1e-14)
 
 
 @given(log_weights())
@@ -96,11 +160,71 @@ def test_weights_at_the_edge_of_floats_have_marginals(weights, expected):
     ("weights", "message"),
     [
         (np.zeros((3, 2)), "3 objects cannot all differ"),
-        (np.zeros((2, 21)), "above the limit of 20"),
+        (np.eye(21), "more than the limit of 1048576, which 20 distinct shapes reach"),
         (np.zeros((0, 3)), "at least one object"),
         (np.array([[0.0, 1.0], [np.nan, 0.0]]), "row 1 hold NaN"),
+        (np.array([[0.0, 1.0], [0.0, np.inf]]), "row 1 hold NaN or [+]inf"),
+        (np.zeros(3), "must be"),
+        (np.array([["a"]]), "real numbers"),
     ],
 )
 def test_bad_input_raises_and_says_why(weights, message):
     with pytest.raises(ValueError, match=message):
         arrangement_marginals(weights)
+
+
+@pytest.mark.parametrize(
+    ("counts", "message"),
+    [
+        ([1, 1, 1], "must be 2 numbers"),
+        ([-1, 4], "at least zero"),
+        ([1, 0], "2 objects cannot come from a bag of 1"),
+        ([0, 0], "bag of 0"),
+    ],
+)
+def test_a_bag_that_does_not_fit_is_refused(counts, message):
+    with pytest.raises(ValueError, match=message):
+        arrangement_marginals(np.zeros((2, 2)), counts)
+
+
+def test_two_objects_of_which_a_bag_holds_one_are_impossible():
+    with pytest.raises(ImpossibleObservation, match="more objects can only be of some shape than the bag holds"):
+        arrangement_marginals([[0.0, -np.inf], [0.0, -np.inf]], [1, 5])
+
+
+def test_few_objects_of_many_shapes_are_no_problem(rng):
+    weights = rng.normal(size=(2, 60))
+    np.testing.assert_allclose(arrangement_marginals(weights), enumerate_marginals(np.exp(weights)), atol=1e-12)
+
+
+def test_what_is_refused_is_what_has_too_many_multisets():
+    assert num_states([1] * 20, 20) == 2**20
+    assert num_states([9] * 6, 54) == 10**6
+    with pytest.raises(ValueError, match=r"45 objects from a bag of 63 in 7 shapes .* Use fewer"):
+        num_states([9] * 7, 45)
+
+
+@given(bags(), st.data())
+def test_the_probability_that_some_objects_lack_a_shape_equals_enumeration(bag, data):
+    weights, counts = bag
+    likelihoods = np.exp(weights)
+    _, evidence = enumerate_draws(likelihoods, counts)
+    if evidence == 0.0:
+        return
+    shape = data.draw(st.integers(0, len(counts) - 1))
+    among = data.draw(arrays(np.bool_, len(weights)))
+    lacking = likelihoods.copy()
+    lacking[among, shape] = 0.0
+    expected = enumerate_draws(lacking, counts)[1] / evidence
+    assert prob_shape_absent(weights, counts, shape, among) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+@given(log_weights(), st.sampled_from([1e3, 1e6, 1e9, 1e15, 1e300]))
+def test_a_contradiction_of_any_size_leaves_the_other_evidence_in_force(weights, contradiction):
+    # Every object insists on being of shape 0, so how much it insists cancels: only the rest of what was felt decides.
+    def insist(much):
+        wide = np.concatenate([np.full((len(weights), 1), much), weights], axis=1)
+        return arrangement_marginals(wide)
+
+    assert insist(1e3)[:, 0].sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(insist(contradiction), insist(1e3), atol=1e-9)

@@ -1,6 +1,8 @@
 """Laws of Bayes' rule and information, and agreement with plain arithmetic where that is exact."""
 
 import math
+from decimal import Decimal, localcontext
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from belief import ImpossibleObservation
-from belief.bayes import entropy, expected_information_gain, target_information_gain, update
+from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 
 log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
 
@@ -32,6 +34,94 @@ def test_update_is_prior_times_likelihood_over_evidence(prior, likelihood):
     evidence = (prior * likelihood).sum()
     np.testing.assert_allclose(np.exp(log_posterior), prior * likelihood / evidence, rtol=1e-12)
     assert math.isclose(math.exp(log_evidence), evidence, rel_tol=1e-12)
+
+
+@given(distributions(), arrays(np.float64, 4, elements=st.floats(0.0, 1e6)))
+def test_update_of_probabilities_is_exact_to_the_last_bits(prior, likelihood):
+    products = [Fraction(p) * Fraction(score) for p, score in zip(prior.tolist(), likelihood.tolist(), strict=True)]
+    if sum(products) == 0:
+        with pytest.raises(ImpossibleObservation):
+            update_probs(prior, likelihood)
+        return
+    posterior, evidence = update_probs(prior, likelihood)
+    exact = [float(product / sum(products)) for product in products]
+    np.testing.assert_allclose(posterior, exact, rtol=1e-12, atol=1e-300)
+    assert math.isclose(evidence, sum(products) / sum(map(Fraction, prior.tolist())), rel_tol=1e-12)
+
+
+@given(distributions(), arrays(np.float64, 4, elements=st.floats(-1e4, 1e4)))
+def test_update_of_logarithms_agrees_with_fifty_digits(prior, log_likelihood):
+    log_prior = np.log(prior)
+    log_posterior, log_evidence = update(log_prior, log_likelihood)
+    with localcontext(prec=50):
+        scores = [Decimal(float(p)) + Decimal(float(score)) for p, score in zip(log_prior, log_likelihood, strict=True)]
+        log_total = sum(score.exp() for score in scores).ln()
+        log_prior_total = sum(Decimal(float(p)).exp() for p in log_prior).ln()
+        exact = [float(score - log_total) for score in scores]
+        exact_evidence = float(log_total - log_prior_total)
+    np.testing.assert_allclose(log_posterior, exact, rtol=1e-14, atol=1e-13)
+    assert math.isclose(log_evidence, exact_evidence, rel_tol=1e-14, abs_tol=1e-13)
+
+
+@given(distributions(), arrays(np.float64, 4, elements=st.one_of(st.floats(-700, 700), st.just(-np.inf))))
+def test_a_row_alone_a_row_of_a_batch_and_plain_probabilities_agree(prior, log_likelihood):
+    if np.isneginf(log_likelihood).all():
+        return
+    log_prior = np.log(prior)
+    alone, evidence_alone = update(log_prior, log_likelihood)
+    batch, evidence_batch = update(log_prior, np.tile(log_likelihood, (3, 1)))
+    np.testing.assert_allclose(batch, np.tile(alone, (3, 1)), rtol=1e-15, atol=1e-15)
+    np.testing.assert_allclose(evidence_batch, evidence_alone, rtol=1e-15, atol=1e-15)
+    plain, evidence = update_probs(prior, np.exp(log_likelihood))
+    np.testing.assert_allclose(plain, np.exp(alone), rtol=1e-10, atol=1e-250)
+    assert math.isclose(evidence, math.exp(evidence_alone), rel_tol=1e-10)
+
+
+@pytest.mark.parametrize("rule", [update, update_probs])
+@pytest.mark.parametrize(
+    ("prior_shape", "likelihood_shape"),
+    [((3,), (7, 3)), ((7, 3), (3,)), ((2, 1, 3), (5, 3)), ((1, 3), (3,)), ((1, 1, 3), (2, 3)), ((40, 3), (40, 3))],
+)
+def test_leading_axes_broadcast(rule, prior_shape, likelihood_shape, rng):
+    prior, likelihood = rng.dirichlet(np.ones(3), prior_shape[:-1]), rng.random(likelihood_shape)
+    if rule is update:
+        prior, likelihood = np.log(prior), np.log(likelihood)
+    posterior, evidence = rule(prior, likelihood)
+    shape = np.broadcast_shapes(prior_shape, likelihood_shape)
+    priors, likelihoods = np.broadcast_to(prior, shape), np.broadcast_to(likelihood, shape)
+    assert (posterior.shape, evidence.shape) == (shape, shape[:-1])
+    for index in np.ndindex(shape[:-1]):
+        row, row_evidence = rule(priors[index], likelihoods[index])
+        np.testing.assert_allclose(posterior[index], row, rtol=1e-14)
+        assert math.isclose(evidence[index], row_evidence, rel_tol=1e-14)
+
+
+@pytest.mark.parametrize("rule", [update, update_probs])
+@pytest.mark.parametrize("num_shapes", [1, 2, 16, 17, 20_000])
+def test_batches_longer_than_a_block_are_their_rows(rule, num_shapes, rng):
+    num_rows = 3 if num_shapes > 100 else 20_000 // num_shapes
+    prior = rng.dirichlet(np.ones(num_shapes), num_rows)
+    likelihood = rng.random((num_rows, num_shapes))
+    likelihood[1] *= 1e-200  # worked through with care where probabilities are plain
+    if rule is update:
+        prior, likelihood = np.log(np.maximum(prior, 1e-300)), np.log(likelihood)
+    posterior, evidence = rule(prior, likelihood)
+    for i in (0, 1, num_rows - 1):
+        row, row_evidence = rule(prior[i], likelihood[i])
+        np.testing.assert_allclose(posterior[i], row, rtol=1e-12, atol=1e-300)
+        assert math.isclose(evidence[i], row_evidence, rel_tol=1e-12)
+
+
+@pytest.mark.parametrize("one_row", [True, False])
+def test_a_likelihood_huge_where_nothing_is_believed_does_not_blur_the_rest(one_row):
+    log_prior, log_likelihood = np.log([0.25, 0.75]), np.array([0.125, 0.25])
+    log_posterior, log_evidence = update(log_prior, log_likelihood)
+    wide_prior, wide_likelihood = np.append(log_prior, -np.inf), np.append(log_likelihood, 1e20)
+    if not one_row:
+        wide_prior, wide_likelihood = wide_prior[None], wide_likelihood[None]
+    wide_posterior, wide_evidence = update(wide_prior, wide_likelihood)
+    np.testing.assert_allclose(wide_posterior.ravel()[:2], log_posterior, rtol=1e-15)
+    np.testing.assert_allclose(wide_evidence, log_evidence, rtol=1e-14)
 
 
 @given(distributions(), log_likelihoods, log_likelihoods)
@@ -125,6 +215,55 @@ def test_impossible_under_what_is_still_believed_raises():
 def test_bad_input_raises_and_says_where(log_prior, log_likelihood, message):
     with pytest.raises(ValueError, match=message):
         update(log_prior, log_likelihood)
+
+
+@pytest.mark.parametrize("batch", [False, True])
+@pytest.mark.parametrize(
+    ("prior", "likelihood", "message"),
+    [
+        ([0.5, 0.5], [np.nan, 0.5], "likelihoods.* holds NaN, [+]inf or a negative number"),
+        ([0.5, 0.5], [np.inf, 0.5], "likelihoods.* holds NaN, [+]inf or a negative number"),
+        ([0.5, 0.5], [-0.1, 0.5], "likelihoods.* holds NaN, [+]inf or a negative number"),
+        ([1.5, -0.5], [0.1, 0.5], "prior_probs.* holds NaN or a probability below zero"),
+        ([1.5, -0.5], [-0.1, -0.5], "likelihoods.* holds"),
+        ([np.nan, 0.5], [0.1, 0.5], "prior_probs.* holds NaN"),
+        ([0.5, 0.6], [0.1, 0.5], "prior_probs.* holds probabilities that do not sum to one"),
+        ([1.0, 0.0], [0.0, 0.5], "zero likelihood under every shape still believed in"),
+    ],
+)
+def test_bad_probabilities_raise_and_say_where(batch, prior, likelihood, message):
+    if batch:
+        prior, likelihood = [[0.5, 0.5], prior], [[0.1, 0.2], likelihood]
+        message = message.replace(".*", " in row 1").replace("zero like", "in row 1 has zero like")
+    with pytest.raises(ValueError, match=message):
+        update_probs(prior, likelihood)
+
+
+def test_the_row_of_a_batch_of_batches_is_named_by_all_its_indices():
+    log_likelihood = np.zeros((3, 4, 2))
+    log_likelihood[2, 1, 0] = np.nan
+    with pytest.raises(ValueError, match=r"log_likelihood in row \(2, 1\) holds NaN"):
+        update(np.log([0.5, 0.5]), log_likelihood)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: entropy([0.5, np.nan]),
+        lambda: entropy([1.5, -0.5]),
+        lambda: entropy([0.5, 0.6]),
+        lambda: entropy([]),
+        lambda: expected_information_gain([0.5, 0.6], np.full((1, 2, 2), 0.5)),
+        lambda: expected_information_gain([0.5, 0.5], np.full((1, 3, 2), 0.5)),
+        lambda: expected_information_gain([0.5, 0.5], np.full((2, 2), 0.5)),
+        lambda: expected_information_gain([0.5, 0.5], np.full((1, 2, 2), np.nan)),
+        lambda: target_information_gain([0.5, 0.5], np.full((1, 2, 2), 0.5), target=2),
+        lambda: target_information_gain([0.5, 0.5], np.full((1, 2, 2), 0.4), target=0),
+    ],
+)
+def test_information_about_what_is_no_distribution_is_refused(call):
+    with pytest.raises(ValueError, match=r"holds|must be|needs"):
+        call()
 
 
 def test_float16_priors_are_renormalised():

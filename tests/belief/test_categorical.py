@@ -30,8 +30,8 @@ def test_one_shape_is_certain():
     ("labels", "probs", "message"),
     [
         (["a", "b"], [0.5, 0.6], "do not sum to one"),
-        (["a", "b"], [1.5, -0.5], "at least zero"),
-        (["a", "b"], [np.nan, 1.0], "at least zero"),
+        (["a", "b"], [1.5, -0.5], "below zero"),
+        (["a", "b"], [np.nan, 1.0], "below zero"),
         (["a", "b"], [1.0], "2 labels need"),
         (["a", "a"], [0.5, 0.5], "differ"),
         ([], [], "at least one"),

@@ -1,0 +1,93 @@
+"""All ways to take some objects from a bag when only their shapes matter, numbered, with their neighbours.
+
+A way to take i objects is a multiset of shapes: how many of each. Sums over arrangements of objects walk from the
+multisets of i objects to those of i + 1, so what they need is, for each multiset and shape, the number of the multiset
+with one more, or one less, of that shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.problem import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """The S multisets of one size.
+
+    Attributes:
+        used: objects of each shape, ``(K, S)``.
+        last: largest shape in each, ``(S,)``.
+        smaller: number of the multiset with one object of the shape less, ``(K, S)``; one past the end if it has none.
+        bigger: number of the multiset with one object of the shape more, ``(K, S)``; one past the end if the bag has no
+            more of them.
+        num_bigger: multisets in the next layer.
+        log_draws: log of the number of ways to draw each one by one if objects of a shape can be told apart, ``(S,)``:
+            c (c - 1) … (c - u + 1) for u out of c, multiplied over shapes.
+    """
+
+    used: NDArray[np.integer]
+    last: NDArray[np.int32]
+    smaller: NDArray[np.int32]
+    bigger: NDArray[np.int32]
+    num_bigger: int
+    log_draws: Floats
+
+
+def layers(counts: tuple[int, ...], num_objects: int) -> list[Layer]:
+    """The multisets of 0, 1, … ``num_objects`` objects from a bag with these counts.
+
+    >>> [layer.used.T.tolist() for layer in layers((2, 1), 2)]
+    [[[0, 0]], [[1, 0], [0, 1]], [[2, 0], [1, 1]]]
+    """
+    return [_layer(counts, size) for size in range(num_objects + 1)]  # upwards, so that each finds the one before
+
+
+@lru_cache(maxsize=64)
+def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
+    """How many multisets of at most ``num_objects`` objects there are, or a number above ``limit`` if more than that.
+
+    >>> num_multisets((1, 1, 1, 1), 4, limit=100), num_multisets((2, 1), 2, limit=100)
+    (16, 5)
+    """
+    by_size = np.ones(1, np.int64)
+    for count in counts:
+        kinds = np.convolve(by_size, np.ones(min(count, num_objects) + 1, np.int64))
+        by_size = np.minimum(kinds[: num_objects + 1], limit + 1)  # more shapes never make fewer multisets
+    return int(by_size.sum())
+
+
+@lru_cache(maxsize=64)
+def _layer(counts: tuple[int, ...], size: int) -> Layer:
+    shapes, capacity = np.arange(len(counts), dtype=np.int32)[:, None], np.array(counts)[:, None]
+    if size == 0:
+        used = np.zeros((len(counts), 1), np.min_scalar_type(max(counts)))
+        last, parent = np.zeros(1, np.int32), np.zeros(1, np.intp)
+        smaller = np.zeros((len(counts), 1), np.int32)
+        log_draws = np.zeros(1)
+    else:
+        before = _layer(counts, size - 1)
+        # Each multiset is made once: from the one without its largest shape.
+        last_shape, parent = np.nonzero((shapes >= before.last) & (before.used < capacity))
+        last = last_shape.astype(np.int32)
+        used = before.used[:, parent]
+        log_draws = before.log_draws[parent] + np.log(capacity[last, 0] - used[last, np.arange(len(last))])
+        used[last, np.arange(len(last))] += 1
+        smaller = np.full(used.shape, before.used.shape[1], np.int32)
+        shape, old = np.nonzero(before.bigger < before.num_bigger)
+        smaller[shape, before.bigger[shape, old]] = old
+    canonical = (shapes >= last) & (used < capacity)
+    num_bigger = int(canonical.sum())
+    bigger = np.full(used.shape, num_bigger, np.int32)
+    bigger[canonical] = np.arange(num_bigger)
+    if size > 0:
+        # Adding a shape below the largest: add it to the multiset without the largest, and put that back on top.
+        other = before.bigger[:, parent]
+        shape, here = np.nonzero((shapes < last) & (other < len(last)))
+        bigger[shape, here] = bigger[last[here], other[shape, here]]
+    return Layer(used, last, smaller, bigger, num_bigger, log_draws)

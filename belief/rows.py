@@ -1,0 +1,107 @@
+"""Rows of numbers over shapes, checked: an error names the argument, the row and the cause."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.problem import Floats
+
+SUM_TOLERANCE = 2e-3  # a row of probabilities in float16 sums to one within this
+
+
+def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
+    """An array of floating-point numbers, of the type it came in where that is a float of at most 64 bits.
+
+    Raises:
+        ValueError: text, objects, complex numbers, or lists of different lengths.
+
+    >>> as_real([1, 0], "probs").dtype
+    dtype('float64')
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "fiub":
+        raise ValueError(f"{name} must hold real numbers, got an array of {array.dtype}")
+    if array.dtype.kind == "f" and array.itemsize <= 8:
+        return array
+    with np.errstate(over="ignore"):  # what no double can hold becomes infinite, and is judged as that
+        return array.astype(np.float64)
+
+
+def require(
+    valid: NDArray[np.bool_], values: NDArray[np.floating], name: str, cause: str, row: tuple[int, ...] = ()
+) -> None:
+    """Raise unless all is valid, and name the first bad row.
+
+    Args:
+        valid: about every number, ``(..., K)``, or about every row, ``(..., 1)``.
+        values: the numbers, ``(..., K)``.
+        name: of the argument.
+        cause: what is wrong with a bad row.
+        row: index of ``values`` within the whole argument, if it is only one row of it.
+
+    Raises:
+        ValueError: something is not valid.
+
+    >>> require(np.array([[True, True], [True, False]]), np.array([[0.5, 0.5], [0.5, np.nan]]), "probs", "NaN")
+    Traceback (most recent call last):
+    ...
+    ValueError: probs in row 1 holds NaN: [0.5, nan]
+    """
+    if not valid.all():
+        first = tuple(int(i) for i in np.argwhere(~valid)[0][:-1])
+        raise ValueError(f"{name}{at(row + first)} holds {cause}: {values[first].tolist()}")
+
+
+def at(row: tuple[int, ...]) -> str:
+    """Where something happened: " in row 3", " in row (3, 1)", or nothing if there is only one row.
+
+    >>> at((3,))
+    ' in row 3'
+    """
+    return f" in row {row[0] if len(row) == 1 else row}" if row else ""
+
+
+def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tuple[int, ...] = ()) -> Floats:
+    """Log probabilities whose rows sum to one exactly, from rows that nearly do.
+
+    Args:
+        log_probs: ``(..., K)``.
+        name: of the argument, for the error.
+        row: index of these within the whole argument, for the error.
+
+    Raises:
+        ValueError: NaN, a positive logarithm, or a row that does not sum to one within float16's rounding.
+
+    >>> normalise_log_probs(np.log(np.float16([0.1, 0.9]))).round(3).tolist()
+    [-2.303, -0.105]
+    """
+    values = np.asarray(as_real(log_probs, name), np.float64)
+    require(~np.isnan(values) & (values < SUM_TOLERANCE), values, name, "NaN or a probability above one", row)
+    log_total = np.logaddexp.reduce(values, axis=-1, keepdims=True)
+    near_one = np.abs(np.expm1(log_total)) <= SUM_TOLERANCE
+    require(near_one, values, name, "probabilities that do not sum to one", row)
+    return np.asarray(values - log_total)
+
+
+def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: tuple[int, ...] = ()) -> Floats:
+    """Probabilities that sum to one exactly along an axis, from ones that nearly do.
+
+    Raises:
+        ValueError: no axis, an empty array, NaN, a negative number, or a row that does not sum to one within float16's
+            rounding; rows are counted with the axis moved to the end.
+
+    >>> normalise_probs(np.float16([0.1, 0.9])).round(4).tolist()
+    [0.1, 0.9]
+    """
+    values = np.asarray(as_real(probs, name), np.float64)
+    if values.ndim == 0 or values.size == 0:
+        raise ValueError(f"{name} needs at least one axis, none of them empty, got shape {values.shape}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        totals = np.add.reduce(values, axis=axis, keepdims=True)
+        off = np.abs(totals - 1.0)
+    if not (np.maximum.reduce(off, axis=None) <= SUM_TOLERANCE and np.minimum.reduce(values, axis=None) >= 0.0):
+        last = np.moveaxis(values, axis, -1)
+        require(last >= 0.0, last, name, "NaN or a probability below zero", row)
+        require(np.moveaxis(off, axis, -1) <= SUM_TOLERANCE, last, name, "probabilities that do not sum to one", row)
+    return values / totals

@@ -1,0 +1,278 @@
+"""The joint belief about a table against listing every way it can have been laid."""
+
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from belief import (
+    Belief,
+    Counts,
+    FloorLikelihood,
+    IgnoreImpossible,
+    ImpossibleObservation,
+    SceneBelief,
+    SearchProblem,
+    Touch,
+    ZeroPriorTarget,
+)
+from belief.calibration import TemperatureScaling
+from belief.observation_model import ConfusionModel
+
+LABELS = ("a", "b", "c")
+COMPOSITIONS = {
+    "distinct": "distinct",
+    "independent": "independent",
+    "a bag": Counts({"a": 2, "b": 1, "c": 2}),
+    "a bag without c": Counts({"a": 3, "b": 2}),
+    "one of each and more": Counts({"a": 1, "b": 1, "c": 1}),
+}
+compositions = pytest.mark.parametrize("composition", list(COMPOSITIONS.values()), ids=list(COMPOSITIONS))
+
+
+class Told:
+    """An observation model that is told log-likelihoods: a touch's logits; touches are independent."""
+
+    shape_labels = LABELS
+
+    def log_likelihood(self, touches):
+        return np.sum([touch.logits for touch in touches], axis=0) if touches else np.zeros(3)
+
+
+def scene_of(composition, num_objects=3, **options):
+    return SceneBelief(SearchProblem(LABELS, ("p",), num_objects, composition), Told(), **options)
+
+
+def felt(scores):
+    return [Touch(0, np.array(scores, np.float64))]
+
+
+def every_table(composition, num_objects):
+    """All tables, as shapes ``(tables, N)``, and the probability of each before any touch."""
+    if composition == "independent":
+        tables = np.array(list(itertools.product(range(3), repeat=num_objects)))
+    else:
+        counts = (1, 1, 1) if composition == "distinct" else composition.of(LABELS)
+        things = np.repeat(np.arange(3), counts)
+        tables = things[np.array(list(itertools.permutations(range(len(things)), num_objects)))]
+    return tables, np.full(len(tables), 1.0 / len(tables))
+
+
+def joint(composition, weights, told):
+    """Marginals ``(N, K)``, and tables with their posterior, given likelihoods and shapes told by object."""
+    tables, probs = every_table(composition, len(weights))
+    posterior = probs * np.prod([weights[i, tables[:, i]] for i in range(len(weights))], axis=0)
+    for i, shape in told.items():
+        posterior = posterior * (tables[:, i] == shape)
+    if posterior.sum() == 0.0:
+        return None, tables, posterior
+    posterior /= posterior.sum()
+    marginals = [[posterior[tables[:, i] == shape].sum() for shape in range(3)] for i in range(len(weights))]
+    return np.array(marginals), tables, posterior
+
+
+scores = st.one_of(st.floats(-10, 10), st.just(0.0), st.just(-np.inf))
+
+
+@compositions
+@given(
+    weights=arrays(np.float64, (3, 3), elements=scores),
+    told=st.dictionaries(st.integers(0, 2), st.integers(0, 2), max_size=3),
+    removed=st.sets(st.integers(0, 2)),
+)
+def test_beliefs_presence_and_contradictions_equal_enumeration_of_all_tables(composition, weights, told, removed):
+    marginals, tables, posterior = joint(composition, np.exp(weights), told)
+    scene = scene_of(composition)
+
+    def live():
+        for i, row in enumerate(weights):
+            scene.update(i, felt(row))
+        for i, shape in told.items():
+            scene.known(i, shape)
+
+    if marginals is None:
+        with pytest.raises(ImpossibleObservation):
+            live()
+        return
+    live()
+    for i in removed:
+        scene.remove(i)
+    np.testing.assert_allclose(scene.marginals(), marginals, atol=1e-12)
+    left = [i for i in range(3) if i not in removed]
+    for target in range(3):
+        present = posterior[(tables[:, left] == target).any(axis=1)].sum()
+        assert scene.prob_present(target) == pytest.approx(present, abs=1e-12)
+
+
+@compositions
+@pytest.mark.parametrize("num_objects", [1, 2])
+def test_one_or_two_objects_are_no_special_case(composition, num_objects):
+    weights = np.log([[0.7, 0.2, 0.4], [0.1, 0.5, 0.3]])[:num_objects]
+    scene = scene_of(composition, num_objects)
+    for i, row in enumerate(weights):
+        scene.update(i, felt(row))
+    np.testing.assert_allclose(scene.marginals(), joint(composition, np.exp(weights), {})[0], atol=1e-14)
+
+
+@compositions
+@given(weights=arrays(np.float64, (3, 3), elements=st.floats(-10, 10)), order=st.permutations(range(4)))
+def test_what_is_felt_and_what_is_told_come_in_any_order(composition, weights, order):
+    def happen(events):
+        scene = scene_of(composition)
+        for event in events:
+            if event == 3:
+                scene.known(1, 0)
+            else:
+                scene.update(event, felt(weights[event]))
+        return scene
+
+    one, other = happen(range(4)), happen(order)
+    np.testing.assert_allclose(one.log_marginals(), other.log_marginals(), atol=1e-9)
+    assert one.state.num_states == other.state.num_states
+
+
+@given(arrays(np.float64, (3, 3), elements=st.floats(-10, 10)))
+def test_distinct_is_a_bag_with_one_of_each(weights):
+    distinct, bag = scene_of("distinct"), scene_of(Counts(dict.fromkeys(LABELS, 1)))
+    for i, row in enumerate(weights):
+        distinct.update(i, felt(row))
+        bag.update(i, felt(row))
+    assert distinct.log_marginals().tolist() == bag.log_marginals().tolist()
+
+
+def test_before_any_touch_presence_is_the_problems_own():
+    for composition in COMPOSITIONS.values():
+        problem = SearchProblem(LABELS, ("p",), 2, composition)
+        scene = SceneBelief(problem, Told())
+        np.testing.assert_allclose(scene.marginals(), np.tile(problem.prior_probs, (2, 1)), atol=1e-15)
+        present = [scene.prob_present(target) for target in range(3)]
+        np.testing.assert_allclose(present, 1.0 - problem.prior_absent_probs, atol=1e-15)
+
+
+def test_indices_keep_their_meaning_when_objects_are_removed():
+    scene = scene_of(Counts({"a": 2, "b": 1}))
+    scene.update(2, felt([0.0, -3.0, 0.0]))
+    before = scene.touches(2)
+    scene.remove(0, shape=1)
+    assert scene.touches(2) == before
+    assert scene.marginals().tolist() == [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    assert [scene.prob_present(shape) for shape in range(3)] == [1.0, 0.0, 0.0]
+
+
+def test_an_object_put_aside_unseen_is_no_longer_present_but_still_tells_about_the_others():
+    scene = scene_of("distinct", num_objects=2)
+    scene.update(0, felt([5.0, 0.0, 0.0]))
+    before = scene.marginals()
+    scene.remove(0)
+    assert scene.marginals().tolist() == before.tolist()
+    assert scene.prob_present(0) == pytest.approx(before[1, 0], rel=1e-12)
+    with pytest.raises(ValueError, match="object 0 is no longer on the table"):
+        scene.update(0, felt([0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("composition", "touched", "told", "rules_out"),
+    [
+        ("distinct", (0, [0.0, -np.inf, 0.0]), (0, 1), "touches of object 0 rule out b"),
+        ("distinct", (1, [0.0, -np.inf, -np.inf]), (0, 0), "zero likelihood|same shape"),
+        (Counts({"a": 2, "b": 1}), (0, [0.0, 0.0, 0.0]), (0, 2), "the bag does not hold that many"),
+    ],
+)
+def test_being_told_what_is_ruled_out_is_refused_and_changes_nothing(composition, touched, told, rules_out):
+    scene = scene_of(composition)
+    scene.update(touched[0], felt(touched[1]))
+    before = scene.marginals()
+    for tell in (scene.known, scene.remove):
+        with pytest.raises(ImpossibleObservation, match=rules_out):
+            tell(*told)
+    assert scene.marginals().tolist() == before.tolist()
+    scene.update(told[0], felt([0.0, 0.0, 0.0]))  # still on the table
+
+
+def test_an_object_has_one_shape_only():
+    scene = scene_of("independent")
+    scene.known(0, 1)
+    scene.known(0, 1)
+    with pytest.raises(ImpossibleObservation, match="object 0 cannot be a c: it is known to be a b"):
+        scene.known(0, 2)
+    with pytest.raises(ImpossibleObservation, match="rule out b"):
+        scene.update(0, felt([0.0, -np.inf, 0.0]))
+
+
+def test_a_prior_that_rules_a_shape_out_is_not_talked_into_it():
+    scene = scene_of("independent", prior=Belief.from_probs(LABELS, [0.5, 0.5, 0.0]))
+    with pytest.raises(ImpossibleObservation, match="the prior rules it out"):
+        scene.known(0, 2)
+    assert scene.prob_present(2) == 0.0
+
+
+def certain_scene(on_impossible):
+    sensor = ConfusionModel(("a", "b"), np.eye(2)[None], TemperatureScaling(1.0, "ok"))
+    scene = SceneBelief(SearchProblem(("a", "b"), ("p",), 2), sensor, on_impossible=on_impossible)
+    scene.update(0, [Touch(0, np.array([1.0, 0.0]))])
+    return scene
+
+
+def test_an_impossible_touch_may_be_ignored_or_floored():
+    again = [Touch(0, np.array([1.0, 0.0]))]
+    ignoring = certain_scene(IgnoreImpossible())
+    assert ignoring.update(1, again).probs.tolist() == [0.0, 1.0]
+    assert ignoring.touches(1) == ()
+    floored = certain_scene(FloorLikelihood(-20.0))
+    assert floored.marginals()[0] == pytest.approx([1.0, np.exp(-20.0)])
+    np.testing.assert_allclose(floored.update(1, again).probs, 0.5)  # one of them felt wrong, nobody knows which
+    assert len(floored.touches(1)) == 1
+
+
+def test_the_state_is_as_small_as_the_scene_allows():
+    independent, distinct = scene_of("independent", 9), scene_of("distinct")
+    assert (independent.state.name, independent.state.num_states) == ("one distribution per object", 27)
+    assert "independent" in independent.state.reason
+    sizes = [distinct.state.num_states]
+    for i in range(3):
+        distinct.update(i, felt([0.1, 0.2, 0.3]))
+        sizes.append(distinct.state.num_states)
+    assert sizes == [4, 7, 8, 8]  # sets of at most 1, 2, 3 of three shapes
+    assert "3 unknown objects" in distinct.state.reason
+    distinct.remove(0, shape=1)
+    assert distinct.state.num_states == 4
+    bag = scene_of(COMPOSITIONS["a bag"], 5)
+    for i in range(5):
+        bag.update(i, felt([0.1, 0.2, 0.3]))
+    assert (bag.state.name, bag.state.num_states) == ("multisets of used shapes", 3 * 2 * 3)
+
+
+def test_a_target_without_a_chance_warns_once():
+    with pytest.warns(ZeroPriorTarget, match="the target c has probability zero in the bag") as caught:
+        scene = scene_of(COMPOSITIONS["a bag without c"], target=2)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__.replace(".pyc", ".py")
+    scene.update(0, felt([0.0, 0.0, 9.0]))  # and never again
+    prior = Belief.from_probs(LABELS, [0.5, 0.5, 0.0])
+    with pytest.warns(ZeroPriorTarget, match="in the prior"):
+        scene_of("independent", prior=prior, target=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene_of("distinct", num_objects=1, target=2)
+
+
+def test_what_does_not_fit_is_refused():
+    for call in (
+        lambda: scene_of("distinct").update(3, felt([0, 0, 0])),
+        lambda: scene_of("distinct").touches(-1),
+        lambda: scene_of("distinct").belief(7),
+        lambda: scene_of("distinct").known(0, 3),
+        lambda: scene_of("distinct").remove(4),
+        lambda: scene_of("distinct").prob_present(-1),
+        lambda: scene_of("distinct", target=3),
+    ):
+        with pytest.raises(ValueError, match="must be in"):
+            call()
+    with pytest.raises(ValueError, match="fixes the prior"):
+        scene_of(COMPOSITIONS["a bag"], prior=Belief.uniform(LABELS))
+    with pytest.raises(ValueError, match="the prior about"):
+        scene_of("independent", prior=Belief.uniform("xyz"))
