@@ -78,7 +78,7 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
             backbone="atto",
             input_size=32,
         ),
-        "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12, backbone="atto", input_size=32),
+        "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12),
     }
 )
 """The named scenes."""

@@ -96,7 +96,9 @@ def sequence_nll(
     return float(np.mean([_mean_nll(model, batch, truth, kind, max_touches) for kind in kinds]))
 
 
-def _mean_nll(model: ArrayModel, batch: TouchBatch, truth: NDArray, groups: NDArray, max_touches: int) -> float:
+def _mean_nll(
+    model: ArrayModel, batch: TouchBatch, truth: NDArray[np.int64], groups: NDArray[np.int64], max_touches: int
+) -> float:
     losses = []
     for some, rows in grouped(batch, groups):
         for n in range(1, min(some.num_touches, max_touches) + 1):
@@ -106,7 +108,7 @@ def _mean_nll(model: ArrayModel, batch: TouchBatch, truth: NDArray, groups: NDAr
 
 
 def cross_validated_nll(
-    fit: Callable[[Sequence[Touch], NDArray, NDArray], ArrayModel],
+    fit: Callable[[Sequence[Touch], NDArray[np.int64], NDArray[np.int64]], ArrayModel],
     touches: Sequence[Touch],
     shapes: ArrayLike,
     object_ids: ArrayLike,

@@ -77,7 +77,7 @@ class ArrayModel(ABC):
     def to_json(self) -> str:
         """The model as JSON text, exact to the last bit; :func:`read_observation_model` reads it."""
         fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
-        return json.dumps(fields, indent=1, allow_nan=False)
+        return json.dumps(fields, allow_nan=False)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
         """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.

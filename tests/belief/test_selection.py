@@ -1,8 +1,15 @@
 import numpy as np
 import pytest
 
+from belief.batch import TouchBatch
 from belief.observation_model import ConfusionModel
-from belief.selection import cross_validated_nll, group_by_object, log_posteriors
+from belief.selection import (
+    OBSERVATION_MODELS,
+    choose_observation_model,
+    cross_validated_nll,
+    grouped,
+    log_posteriors,
+)
 from belief.synthetic import random_model
 
 
@@ -15,30 +22,48 @@ def collect(rng, num_objects=40, touches_each=6):
     return source, touches, shapes, ids
 
 
-def test_touches_are_grouped_by_object_in_the_order_they_came(rng):
+def test_touches_are_grouped_in_the_order_they_came(rng):
     _, touches, _, ids = collect(rng)
     order = rng.permutation(len(touches))
-    groups = group_by_object([touches[i] for i in order], ids[order])
-    assert list(groups) == list(range(40))
-    for i, some in groups.items():
-        assert [id(touch) for touch in some] == [id(touches[j]) for j in order if ids[j] == i]
+    batch = TouchBatch.of([[touches[i] for i in order]])
+    (some, rows), *rest = grouped(batch, ids[order])
+    assert not rest  # all objects have as many touches
+    for group in rows:
+        assert len(set(ids[order][group].tolist())) == 1
+        assert (np.diff(group) > 0).all()
+    np.testing.assert_array_equal(some.logits, batch.logits[0, rows])
 
 
 def test_posteriors_after_sequences_are_bayes_rule_from_a_uniform_prior(rng):
     source, touches, _, _ = collect(rng, num_objects=2)
-    likelihoods = np.exp([source.log_likelihood(touches[:n]) for n in (1, 3)])
+    batch = TouchBatch.of([touches[:3], touches[3:6]])
+    likelihoods = np.exp([source.log_likelihood(touches[:3]), source.log_likelihood(touches[3:6])])
     expected = likelihoods / likelihoods.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(np.exp(log_posteriors(source, [touches[:1], touches[:3]])), expected)
+    np.testing.assert_allclose(np.exp(log_posteriors(source, batch)), expected)
 
 
-def test_the_loss_is_the_mean_over_objects_and_over_touches_seen(rng):
-    source, touches, shapes, ids = collect(rng, num_objects=8)
-    losses = []
+def test_the_loss_is_the_mean_over_touches_seen_of_objects_and_of_their_poses(rng):
+    source, touches, shapes, ids = collect(rng, num_objects=8)  # three poses, each touched twice
+    losses = {"object": [], "pose": []}
     for i in range(8):
-        for seen in range(1, 7):
-            some = [touch for touch, owner in zip(touches, ids, strict=True) if owner == i][:seen]
-            losses.append(-log_posteriors(source, [some])[0, i % 4])
-    assert cross_validated_nll(lambda *_: source, touches, shapes, ids, 2) == pytest.approx(np.mean(losses))
+        own = [touch for touch, owner in zip(touches, ids, strict=True) if owner == i]
+        groups = {"object": [own], "pose": [[touch for touch in own if touch.pose == pose] for pose in range(3)]}
+        for kind, sequences in groups.items():
+            for some in sequences:
+                for seen in range(1, len(some) + 1):
+                    losses[kind].append(-log_posteriors(source, TouchBatch.of([some[:seen]]))[0, i % 4])
+    expected = np.mean([np.mean(some) for some in losses.values()])
+    assert cross_validated_nll(lambda *_: source, touches, shapes, ids, 2) == pytest.approx(expected)
+
+
+def test_the_choice_is_the_candidate_of_least_loss_fitted_to_all(rng):
+    _, touches, shapes, ids = collect(rng, num_objects=60)
+    labels = ("a", "b", "c", "d")
+    choice = choose_observation_model(touches, shapes, ids, shape_labels=labels, num_poses=3)
+    assert choice.losses.keys() == OBSERVATION_MODELS.keys()
+    assert choice.name == min(choice.losses, key=choice.losses.get)
+    assert choice.model.shape_labels == labels
+    assert np.isfinite(list(choice.losses.values())).all()
 
 
 def test_an_object_is_never_on_both_sides_of_a_fold(rng):
