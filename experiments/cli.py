@@ -18,6 +18,7 @@ import sys
 def commands() -> dict[str, type]:
     """Every command by name."""
     from experiments.calibrate import Calibrate
+    from experiments.calibration_report import CalibrationReport
     from experiments.collect import Collect
     from experiments.compare import Compare
     from experiments.explain import Explain
@@ -44,6 +45,7 @@ def commands() -> dict[str, type]:
         "collect": Collect,
         "train": Train,
         "calibrate": Calibrate,
+        "calibration-report": CalibrationReport,
         "reproduce": Reproduce,
         "learning-curve": LearningCurve,
         "frontier": Frontier,

@@ -16,44 +16,45 @@ from planners import Episode
 
 # Colour-blind safe (Okabe and Ito 2008).
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-_INK = "#010203"  # stands for the page's text colour; replaced by currentColor in inline SVG
-_STYLE = {
+INK = "#010203"
+"""Stands for the page's text colour; replaced by currentColor in inline SVG."""
+STYLE = {
     "font.size": 10.0,
     "font.family": "sans-serif",
     "axes.spines.top": False,
     "axes.spines.right": False,
     "svg.fonttype": "none",
     "svg.hashsalt": "activetouch",
-} | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
+} | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK)
 
 
 def success_figure(comparison: Comparison) -> str:
     """Success by target and decider, with Wilson intervals and the floor, as SVG."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.5, 3.6), layout="constrained")
         axes = figure.subplots()
         _grouped(axes, comparison, lambda cell: (cell.success, cell.success_interval))
         ceiling = comparison.ceiling[0] / comparison.ceiling[1]
         for level, name in ((comparison.floor, "floor"), (ceiling, "ceiling")):
-            axes.axhline(level, color=_INK, linestyle=":", linewidth=1)
+            axes.axhline(level, color=INK, linestyle=":", linewidth=1)
             axes.annotate(f"{name} {level:.2f}", (1.005, level), xycoords=("axes fraction", "data"), va="center")
         axes.set(ylabel="success", ylim=(0, 1.03))
-        return _svg(figure)
+        return svg(figure)
 
 
 def touches_figure(comparison: Comparison) -> str:
     """Mean touches per search by target and decider, as SVG; the floor needs none."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(7.5, 3.0), layout="constrained")
         axes = figure.subplots()
         _grouped(axes, comparison, lambda cell: (cell.touches, None))
         axes.set(ylabel="touches per search", xlabel=f"target (floor: success {comparison.floor:.2f} without a touch)")
-        return _svg(figure)
+        return svg(figure)
 
 
 def time_figure(comparison: Comparison) -> str:
     """Milliseconds per touch, split into physics, network and decision, as SVG."""
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         names = [name for name in comparison.deciders if comparison.cells[name, "all"].seconds.num_touches]
         figure = Figure(figsize=(7.5, 0.8 + 0.45 * len(names)), layout="constrained")
         axes = figure.subplots()
@@ -65,7 +66,7 @@ def time_figure(comparison: Comparison) -> str:
         axes.set(xlabel=f"ms per touch (floor: success {comparison.floor:.2f} without a touch)")
         axes.invert_yaxis()
         axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
-        return _svg(figure)
+        return svg(figure)
 
 
 def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
@@ -104,14 +105,15 @@ def _grouped(axes, comparison: Comparison, value) -> None:
         axes.bar(x, values, width * 0.92, color=PALETTE[index % len(PALETTE)], label=decider)
         if intervals[0] is not None:
             low, high = np.array(intervals).T
-            axes.errorbar(x, values, [values - low, high - values], fmt="none", ecolor=_INK, elinewidth=1, capsize=2)
+            axes.errorbar(x, values, [values - low, high - values], fmt="none", ecolor=INK, elinewidth=1, capsize=2)
     crowded = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"} if len(groups) > 6 else {}
     axes.set_xticks(np.arange(len(groups)), groups, **crowded)
     axes.legend(frameon=False, ncols=len(comparison.deciders), loc="lower center", bbox_to_anchor=(0.5, 1))
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
+    """A figure as inline SVG, its text in the colour of the page's."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg") :].replace(_INK, "currentColor")
+    return text[text.index("<svg") :].replace(INK, "currentColor")

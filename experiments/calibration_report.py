@@ -1,0 +1,171 @@
+"""``activetouch calibration-report``: can a sensor's probabilities be trusted, of one touch, of many, at the stop?"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from rich.console import Console
+
+from activetouch.atomic import write_text
+from activetouch.dataset import read_manifest, read_split
+from activetouch.manifest import Manifest
+from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.errors import ActiveTouchError
+from belief.observation_model import RatioModel
+from belief.selection import OBSERVATION_MODELS
+from experiments.calibration_models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
+from experiments.calibration_sections import Measurements, Section, sections
+from experiments.calibration_touches import CALIBRATION_FITS, score_touches
+from experiments.figures import INK
+from experiments.parallel import default_jobs, run_tasks
+from experiments.scene_choice import named_scene, repeats_folder
+from experiments.scores import read_logits
+from experiments.sequences import KINDS, Rounds
+
+
+class NoRepeats(ActiveTouchError, ValueError):
+    """A collection touches no object twice in a pose."""
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """Measure how far single touches, fused touches, and searches that stop when they are sure can be trusted.
+
+    Fits all calibrations and observation models to the calibration split of a collection whose objects were touched
+    several times in every pose, and measures all of them on the test split. The first paragraph is the verdict.
+
+    For example:
+
+        activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+        activetouch calibration-report --scene coarse
+        activetouch calibration-report --data data/mug-repeats --sensor runs/sensor-mug --out runs/calibration-mug
+    """
+
+    scene: str = "coarse"
+    """The scene it is for: decides the next three where they are not given."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE-repeats by default."""
+    sensor: Path | None = None
+    """Folder of the classifier; the shipped sensor of the scene by default."""
+    out: Path | None = None
+    """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
+    confidence_level: float = 0.95
+    """Posterior at which a search stops."""
+    resamples: int = 500
+    """Of objects, behind the interval of a calibration error."""
+    seed: int = 0
+    """Of sequences, chance and intervals."""
+    jobs: int = field(default_factory=default_jobs)
+    """Processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Measure, print and write."""
+        named_scene(self.scene)  # or say which there are
+        data = self.data if self.data is not None else repeats_folder(self.scene)
+        folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
+        manifest = read_manifest(data)
+        if manifest.plan.repeats < 2:
+            raise NoRepeats(
+                f"{data} touches every object once in a pose, so how far touches repeat each other cannot be seen. "
+                f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
+                f"{repeats_folder(self.scene)}"
+            )
+        found = self.measure(manifest, *self._read(data, manifest))
+        report = sections(found)
+        write(folder, found, report)
+        console = Console()
+        for section in report:
+            console.rule(section.title)
+            for sentence in section.sentences:
+                console.print(sentence, markup=False)
+            for grid in section.grids[: None if section is report[0] else 0]:
+                console.print(grid.rich())
+        print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
+
+    def _read(self, data: Path, manifest: Manifest) -> list[Rounds]:
+        from activetouch.classifier import TouchClassifier  # loads torch
+
+        folder = self.sensor if self.sensor is not None else MODELS / self.scene
+        classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
+        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        found = []
+        for split in ("calibration", "test"):  # in turn, since their images take a gigabyte
+            touches = read_split(data, split)
+            logits = read_logits(classifier, touches.images, f"reading {split} touches")
+            found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
+        return found
+
+    def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
+        """All numbers, from what a classifier read."""
+        known, unseen = calibration.singles(), test.singles()
+        labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
+        touches = self._in_order(
+            [
+                partial(score_touches, name, known, unseen, labels, self._rng(0, index), self.resamples)
+                for index, name in enumerate(CALIBRATION_FITS)
+            ],
+            "single touches",
+        )
+        choices = {
+            choice.name: choice
+            for choice in self._in_order(
+                [partial(fit_model, name, known, manifest.shape_labels, num_poses) for name in OBSERVATION_MODELS],
+                "fitting observation models",
+            )
+        }
+        ratio = choices["ratio"].model
+        assert isinstance(ratio, RatioModel), "the table of models says so"
+        models = {name: (choice.model, choice.losses[name]) for name, choice in choices.items()}
+        models[INDEPENDENT] = (replace(ratio, correlation=0.0), None)
+        sequences = {kind: gather(test, self._rng(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
+        scores = self._in_order(
+            [
+                partial(score_model, name, *fitted, sequences, self.confidence_level, self._rng(2, index))
+                for index, (name, fitted) in enumerate(models.items())
+            ],
+            "fused touches",
+        )
+        chosen = min(choices.values(), key=lambda choice: choice.losses[choice.name])
+        return Measurements(
+            scene=self.scene,
+            seed=self.seed,
+            confidence=self.confidence_level,
+            num_objects={"calibration": calibration.num_objects, "test": test.num_objects},
+            num_rounds=test.num_rounds,
+            touches=touches,
+            models=scores,
+            correlation=ratio.correlation,
+            weights={
+                split: free_weights(ratio, rounds.one_pose(self._rng(3, index)))
+                for index, (split, rounds) in enumerate({"calibration": calibration, "test": test}.items())
+            },
+            kept=kept_information(chosen.model),
+        )
+
+    def _rng(self, *key: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, *key])
+
+    def _in_order(self, tasks: list, description: str) -> list:
+        """Results of tasks that say their name, in the order of the tasks whatever came first."""
+        found = {result.name: result for result in run_tasks(tasks, self.jobs, description)}
+        return [found[task.args[0]] for task in tasks]
+
+
+def write(folder: Path, found: Measurements, report: list[Section]) -> None:
+    """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder."""
+    environment = Environment(
+        loader=PackageLoader("experiments"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
+    )
+    html = environment.get_template("calibration.html").render(scene=found.scene, sections=report, ink=INK)
+    grids = [grid.markdown() for section in report for grid in (*section.grids, *section.more)]
+    write_text(folder / "report.html", html)
+    write_text(folder / "numbers.json", json.dumps(asdict(found), indent=1, default=np.ndarray.tolist) + "\n")
+    write_text(folder / "tables.md", "\n\n".join(grids) + "\n")
+    for section in report:
+        for picture in section.pictures:
+            picture.write(folder)
