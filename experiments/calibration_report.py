@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -19,13 +20,14 @@ from belief.errors import ActiveTouchError
 from belief.observation_model import RatioModel
 from belief.selection import OBSERVATION_MODELS
 from experiments.calibration_models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
-from experiments.calibration_sections import Measurements, Section, sections
 from experiments.calibration_touches import CALIBRATION_FITS, score_touches
-from experiments.figures import INK
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.scores import read_logits
 from experiments.sequences import KINDS, Rounds
+
+if TYPE_CHECKING:
+    from experiments.calibration_sections import Measurements, Section
 
 
 class NoRepeats(ActiveTouchError, ValueError):
@@ -65,6 +67,8 @@ class CalibrationReport:
 
     def run(self) -> None:
         """Measure, print and write."""
+        from experiments.calibration_sections import sections  # loads matplotlib
+
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
         folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
@@ -102,6 +106,8 @@ class CalibrationReport:
 
     def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
         """All numbers, from what a classifier read."""
+        from experiments.calibration_sections import Measurements
+
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
         touches = self._in_order(
@@ -158,6 +164,8 @@ class CalibrationReport:
 
 def write(folder: Path, found: Measurements, report: list[Section]) -> None:
     """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder."""
+    from experiments.figures import INK
+
     environment = Environment(
         loader=PackageLoader("experiments"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )
