@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 MODELS = Path(__file__).parent / "models"
 CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model.json"
+POLICIES = "policies"  # folder of trained policies beside the two
 
 
 @dataclass

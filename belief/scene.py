@@ -113,6 +113,10 @@ class SceneBelief:
         """Logarithms of :meth:`marginals`, ``(N, K)``, right where those are too small for a float; a copy."""
         return self._log_marginals.copy()
 
+    def log_likelihoods(self) -> Floats:
+        """Log p(touches of each object | its shape), ``(N, K)``; a copy."""
+        return self._log_likelihoods.copy()
+
     def belief(self, object_index: int) -> Belief:
         """Posterior of one object, given all touches of all objects."""
         return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())

@@ -13,7 +13,7 @@ import numpy as np
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.world import MODELS, TouchTime
+from activetouch.world import MODELS, POLICIES, TouchTime
 from belief import SearchProblem
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
@@ -101,7 +101,7 @@ def play(
     sensor = replace(sensor, time=TouchTime())
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]
-    chosen = make_decider(decider, sensor.model.outcome_table())
+    chosen = make_decider(decider, sensor.model.outcome_table(), sensor.model, setting.sensor_folder / POLICIES)
     started = time.perf_counter()
     episodes = search_lockstep(
         worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, sensor.touch_many

@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+from belief import Belief, Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +27,7 @@ class InformationState:
         belief: about the current object, given all touches of all objects.
         history: touches of the current object, oldest first.
         object_index: how many objects were rejected before this one.
+        scene: the joint belief about all objects, for deciders that plan beyond the current one; to be read only.
     """
 
     problem: SearchProblem
@@ -34,6 +35,7 @@ class InformationState:
     belief: Belief
     history: tuple[Touch, ...] = ()
     object_index: int = 0
+    scene: SceneBelief | None = None
 
     @property
     def target_prob(self) -> float:

@@ -156,7 +156,7 @@ def _loop(
     while True:
         history = scene.touches(object_index)
         belief = scene.belief(object_index)
-        decision = decider.decide(InformationState(problem, target, belief, history, object_index), rng)
+        decision = decider.decide(InformationState(problem, target, belief, history, object_index, scene), rng)
         action, touch = decision.action, None
         if isinstance(action, Probe):
             if num_touches == problem.touch_limit:

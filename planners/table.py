@@ -3,31 +3,57 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 
 from belief.errors import UnknownName
-from belief.observation_model import OutcomeTable
+from belief.observation_model import ObservationModel, OutcomeTable
 from planners.decider import Decider, SequentialDecider
 from planners.probing import FixedOrder, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.stopping import ConsecutiveFrames, PosteriorThresholds
 
-DECIDERS: Mapping[str, Callable[[OutcomeTable], Decider]] = MappingProxyType(
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """What a decider can be made from, before any touch.
+
+    Attributes:
+        table: p(outcome | pose, shape) of single touches, which most deciders plan on.
+        model: the observation model itself, for those that plan on touches as they are.
+        policies: folder of trained policies, for those that follow one.
+    """
+
+    table: OutcomeTable
+    model: ObservationModel | None = None
+    policies: Path | None = None
+
+
+DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
     {
-        "random_confirm": lambda table: RandomConfirm(),
-        "threshold": lambda table: SequentialDecider(ConsecutiveFrames(), FixedOrder()),
-        "information_gain": lambda table: SequentialDecider(PosteriorThresholds(), TargetInformationGain(table)),
+        "random_confirm": lambda known: RandomConfirm(),
+        "threshold": lambda known: SequentialDecider(ConsecutiveFrames(), FixedOrder()),
+        "information_gain": lambda known: SequentialDecider(PosteriorThresholds(), TargetInformationGain(known.table)),
     }
 )
-"""Builds a decider by name from the outcome table of the scene's observation model."""
+"""Builds a decider by name from what is known of the scene's touches."""
 
 
-def make_decider(name: str, table: OutcomeTable) -> Decider:
+def make_decider(
+    name: str, table: OutcomeTable, model: ObservationModel | None = None, policies: Path | None = None
+) -> Decider:
     """The named decider.
+
+    Args:
+        name: a key of :data:`DECIDERS`.
+        table: p(outcome | pose, shape) of single touches.
+        model: the observation model itself; some deciders need it.
+        policies: folder of trained policies; some deciders need it.
 
     Raises:
         UnknownName: there is none of that name; the message suggests the nearest.
     """
     if name not in DECIDERS:
         raise UnknownName("decider", name, list(DECIDERS))
-    return DECIDERS[name](table)
+    return DECIDERS[name](Knowledge(table, model, policies))
