@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief import Probe
-from belief.bayes import target_information_gain
+from belief.bayes import expected_information_gain, target_information_gain
 from belief.observation_model import OutcomeTable
+from belief.problem import Floats
 from planners.decider import Decision, InformationState
+from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 
 @dataclass(frozen=True)
@@ -22,30 +24,69 @@ class FixedOrder:
         return Decision(Probe(len(info.history) % info.problem.num_poses), {"target_prob": info.target_prob})
 
 
+@dataclass(frozen=True)
+class RandomOrder:
+    """All poses once in random order, then again: what choosing poses has to beat."""
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`."""
+        uses = num_uses(info)
+        return Decision(Probe(int(rng.choice(np.flatnonzero(uses == uses.min())))), {"target_prob": info.target_prob})
+
+
 @dataclass(frozen=True, eq=False)
 class TargetInformationGain:
     """The pose expected to tell most about whether this object is the target.
 
-    Only poses used least so far compete: a second touch in the same pose nearly repeats the first, which a table of
-    single touches cannot know (decision 0006). Ties go to the lowest pose.
+    A gain is that of a fresh touch, times the share of it which the discount leaves to a pose that was used before. Of
+    equally good poses the least used is chosen, then the lowest.
 
     Attributes:
         table: p(outcome | pose, shape).
+        repeats: what a repeat is worth; by default only poses used least compete.
     """
 
     table: OutcomeTable
+    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
-        gains = target_information_gain(info.belief.probs, self.table.probs, info.target)  # (P,)
-        uses = num_uses(info)
-        pose = int(np.argmax(np.where(uses == uses.min(), gains, -np.inf)))
-        labels = info.problem.pose_labels
-        scores = {f"gain_{label}": float(gain) for label, gain in zip(labels, gains, strict=True)}
-        return Decision(Probe(pose), {"target_prob": info.target_prob, **scores})
+        return _best(info, target_information_gain(info.belief.probs, self.table.probs, info.target), self.repeats)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeInformationGain:
+    """The pose expected to tell most about which shape this is, whether or not that helps to find the target.
+
+    It is the usual criterion of active perception, for comparison; attributes as of :class:`TargetInformationGain`.
+    """
+
+    table: OutcomeTable
+    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`."""
+        return _best(info, expected_information_gain(info.belief.probs, self.table.probs), self.repeats)
 
 
 def num_uses(info: InformationState) -> NDArray[np.int64]:
-    """How often the current object was touched in each pose, ``(P,)``."""
+    """How often the current object was touched in each pose, ``(P,)``.
+
+    >>> from belief import Belief, SearchProblem, Touch
+    >>> problem = SearchProblem(("cube", "cone"), ("front", "side", "top"), num_objects=1)
+    >>> touches = tuple(Touch(pose, np.zeros(2)) for pose in (0, 2, 2))
+    >>> num_uses(InformationState(problem, 0, Belief.uniform(("cube", "cone")), touches)).tolist()
+    [1, 0, 2]
+    """
     poses = np.array([touch.pose for touch in info.history], np.int64)
     return np.bincount(poses, minlength=info.problem.num_poses)
+
+
+def _best(info: InformationState, gains: Floats, repeats: RepeatDiscount) -> Decision:
+    uses = num_uses(info)
+    weights = repeats.weights(uses)
+    worth = np.where(weights > 0.0, gains * weights, -np.inf)
+    best = np.flatnonzero(worth == worth.max())
+    labels = info.problem.pose_labels
+    scores = {f"gain_{label}": float(gain) for label, gain in zip(labels, gains * weights, strict=True)}
+    return Decision(Probe(int(best[uses[best].argmin()])), {"target_prob": info.target_prob, **scores})

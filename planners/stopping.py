@@ -77,3 +77,55 @@ class PosteriorThresholds:
         if len(info.history) >= self.max_touches:
             return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
         return None
+
+
+@dataclass(frozen=True)
+class SequentialTest:
+    """Wald's sequential probability ratio test of "the target" against "another shape", for promised error rates.
+
+    An object is confirmed once touches have multiplied the odds of the target by ``(1 - β) / α``, and rejected once
+    they have multiplied them by ``β / (1 - α)`` (Wald 1945). Odds before touching are those of any one object of the
+    problem, so these are thresholds on the posterior. What that promises of an object tested with that prior, if the
+    observation model is right and the test is not cut off:
+
+    - a confirmation is wrong with probability at most ``1 - confirm``, a rejection at most ``reject``
+      (:meth:`thresholds`), whatever the poses: these hold for every object of a search;
+    - another shape is confirmed with probability at most ``α / (1 - β)``, the target rejected with probability at most
+      ``β / (1 - α)``, and the two do not add up to more than α + β. In a coupled search these hold for the first
+      object only, as later ones come with odds of their own.
+
+    Attributes:
+        false_confirm: α, in (0, 1).
+        false_reject: β, in (0, 1); α + β < 1.
+        max_touches: touches of one object after which the likelier decision is taken, and the promise is off.
+
+    Raises:
+        ValueError: rates out of range.
+
+    >>> [round(float(prob), 4) for prob in SequentialTest(0.01, 0.05).thresholds(0.25)]
+    [0.0166, 0.9694]
+    """
+
+    false_confirm: float = 0.01
+    false_reject: float = 0.01
+    max_touches: int = 12
+
+    def __post_init__(self) -> None:
+        alpha, beta = self.false_confirm, self.false_reject
+        if not (0.0 < alpha < 1.0 and 0.0 < beta < 1.0 and alpha + beta < 1.0):
+            raise ValueError(f"need false_confirm and false_reject in (0, 1) with a sum below 1, got {alpha}, {beta}")
+
+    def thresholds(self, prior_prob: float) -> tuple[float, float]:
+        """Posteriors of the target at or below which to reject, and at or above which to confirm."""
+        alpha, beta, other_prob = self.false_confirm, self.false_reject, 1.0 - prior_prob
+        rejected, confirmed = prior_prob * beta, prior_prob * (1.0 - beta)
+        return rejected / (rejected + other_prob * (1.0 - alpha)), confirmed / (confirmed + other_prob * alpha)
+
+    def stop(self, info: InformationState) -> Decision | None:
+        """See :class:`planners.decider.StoppingRule`."""
+        prior_prob = float(info.problem.prior_probs[info.target])
+        if prior_prob in (0.0, 1.0):
+            reject, confirm = 0.0, 1.0
+        else:
+            reject, confirm = self.thresholds(prior_prob)
+        return PosteriorThresholds(confirm, reject, self.max_touches).stop(info)

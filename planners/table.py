@@ -10,9 +10,10 @@ from types import MappingProxyType
 from belief.errors import UnknownName
 from belief.observation_model import ObservationModel, OutcomeTable
 from planners.decider import Decider, SequentialDecider
-from planners.probing import FixedOrder, TargetInformationGain
+from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds
+from planners.repeats import repeat_discount
+from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +35,16 @@ DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
     {
         "random_confirm": lambda known: RandomConfirm(),
         "threshold": lambda known: SequentialDecider(ConsecutiveFrames(), FixedOrder()),
+        "random_poses": lambda known: SequentialDecider(PosteriorThresholds(), RandomOrder()),
+        "fixed_poses": lambda known: SequentialDecider(PosteriorThresholds(), FixedOrder()),
         "information_gain": lambda known: SequentialDecider(PosteriorThresholds(), TargetInformationGain(known.table)),
+        "shape_information_gain": lambda known: SequentialDecider(
+            PosteriorThresholds(), ShapeInformationGain(known.table)
+        ),
+        "repeat_aware": lambda known: SequentialDecider(
+            PosteriorThresholds(), TargetInformationGain(known.table, repeat_discount(known.model))
+        ),
+        "sequential_test": lambda known: SequentialDecider(SequentialTest(), TargetInformationGain(known.table)),
     }
 )
 """Builds a decider by name from what is known of the scene's touches."""

@@ -4,7 +4,8 @@ import pytest
 from belief import Belief, Probe, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from planners import InformationState
-from planners.probing import FixedOrder, TargetInformationGain
+from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
+from planners.repeats import CorrelatedRepeats
 
 PROBLEM = SearchProblem(("a", "b"), ("useless", "good", "better"), num_objects=2)
 TABLE = OutcomeTable([[[0.5, 0.5]] * 2, [[0.7, 0.3], [0.3, 0.7]], [[0.9, 0.1], [0.1, 0.9]]])
@@ -45,3 +46,37 @@ def test_a_distinction_between_other_shapes_is_worth_nothing(rng):
     problem = SearchProblem(("a", "b", "c"), ("p", "q"), num_objects=3)
     state = InformationState(problem, 0, Belief.uniform("abc"))
     assert TargetInformationGain(table).choose(state, rng).action == Probe(1)
+
+
+def test_random_order_uses_every_pose_before_it_repeats_one_and_follows_its_rng():
+    def poses(seed):
+        rng, chosen = np.random.default_rng(seed), []
+        for _ in range(6):
+            chosen.append(RandomOrder().choose(info(*chosen), rng).action.pose)
+        return chosen
+
+    assert sorted(poses(0)[:3]) == sorted(poses(0)[3:]) == [0, 1, 2]
+    assert poses(0) == poses(0)
+    assert len({tuple(poses(seed)) for seed in range(20)}) > 10
+
+
+def test_shape_information_gain_cares_for_any_distinction(rng):
+    table = OutcomeTable([[[0.5, 0.5], [1, 0], [0, 1]], [[0.6, 0.4], [0.5, 0.5], [0.5, 0.5]]])
+    problem = SearchProblem(("a", "b", "c"), ("p", "q"), num_objects=3)
+    state = InformationState(problem, 0, Belief.uniform("abc"))
+    assert ShapeInformationGain(table).choose(state, rng).action == Probe(0)
+
+
+def test_a_good_pose_is_repeated_while_repeats_are_worth_more_than_a_poor_one(rng):
+    # Repeats that are as good as fresh: always the best pose. Worthless ones: each pose once, as without a model.
+    for correlation, expected in ((0.0, [2, 2, 2]), (0.999, [2, 1, 2])):
+        selector, poses = TargetInformationGain(TABLE, CorrelatedRepeats(correlation)), []
+        for _ in range(3):
+            poses.append(selector.choose(info(*poses), rng).action.pose)
+        assert poses == expected
+
+
+def test_of_equally_good_poses_the_least_used_comes_first(rng):
+    table = OutcomeTable(np.full((3, 2, 2), 0.5))
+    selector = TargetInformationGain(table, CorrelatedRepeats(0.5))
+    assert selector.choose(info(0, 0, 1), rng).action == Probe(2)

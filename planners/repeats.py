@@ -1,0 +1,119 @@
+"""What one more touch in a pose that was used before is worth, in touches of a pose that is new.
+
+Touches of one object in one pose repeat each other, so a table of single touches overstates what the next will tell.
+How much is a property of the observation model: :func:`repeat_discount` reads it there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief.observation_model import ObservationModel, PLDAModel, RatioModel, SignatureModel
+from belief.problem import Floats
+
+
+class RepeatDiscount(Protocol):
+    """Prices repeats."""
+
+    def weights(self, uses: ArrayLike) -> Floats:
+        """Share of a fresh touch's worth that the next touch in each pose has, in [0, 1].
+
+        Args:
+            uses: how often the object was touched in each pose, ``(..., P)``.
+
+        Returns:
+            ``(..., P)``; zero takes a pose out of the running.
+        """
+
+
+@dataclass(frozen=True)
+class LeastUsedFirst:
+    """Only poses used least compete: what to do when nothing is known about repeats (decision 0006).
+
+    >>> LeastUsedFirst().weights([2, 1, 1]).tolist()
+    [0.0, 1.0, 1.0]
+    """
+
+    def weights(self, uses: ArrayLike) -> Floats:
+        """See :class:`RepeatDiscount`."""
+        counts = np.asarray(uses)
+        return (counts == counts.min(axis=-1, keepdims=True)).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class CorrelatedRepeats:
+    """Touches in one pose correlate by ρ: the n-th adds what n touches are worth beyond n - 1.
+
+    Worth is counted in independent touches, :func:`belief.observation_model.repeats.effective_touches`.
+
+    Attributes:
+        correlation: ρ, in [0, 1].
+
+    Raises:
+        ValueError: the correlation is none.
+
+    >>> CorrelatedRepeats(0.5).weights([0, 1, 2]).round(3).tolist()        # 1, 4/3 and 3/2 touches in all
+    [1.0, 0.333, 0.167]
+    """
+
+    correlation: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.correlation <= 1.0:
+            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
+
+    def weights(self, uses: ArrayLike) -> Floats:
+        """See :class:`RepeatDiscount`."""
+        n, rho = np.asarray(uses, np.float64), self.correlation
+        # The difference of effective_touches at n + 1 and n, without cancellation.
+        return np.where(n > 0.0, (1.0 - rho) / ((1.0 + n * rho) * (1.0 + np.maximum(n - 1.0, 0.0) * rho)), 1.0)
+
+
+def repeat_discount(model: ObservationModel | None) -> RepeatDiscount:
+    """The discount that an observation model implies; :class:`LeastUsedFirst` where it knows nothing of repeats.
+
+    >>> repeat_discount(None)
+    LeastUsedFirst()
+    """
+    match model:
+        case RatioModel():
+            return CorrelatedRepeats(model.correlation)
+        case SignatureModel():
+            # Both of two touches show the object's signature with probability ρ²; otherwise one of them is drawn anew.
+            return CorrelatedRepeats(model.repeat_probability**2)
+        case PLDAModel():
+            return CorrelatedRepeats(plda_correlation(model))
+    return LeastUsedFirst()
+
+
+def plda_correlation(model: PLDAModel) -> float:
+    """The ρ by which a PLDA model's touches in one pose correlate, as far as that matters to telling shapes apart.
+
+    The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two, and its information about
+    the shape is the trace of the means' scatter between shapes over that covariance. Under equal correlation a repeat
+    adds (1 - ρ)/(1 + ρ) of what another pose adds; this is solved for ρ.
+
+    >>> from belief.observation_model.variance_components import Components
+    >>> identity, means = np.eye(2)[None], np.eye(2)[None]
+    >>> model = PLDAModel(("a", "b"), None, means, Components(0 * identity, 0.3 * identity, 0.7 * identity))
+    >>> round(plda_correlation(model), 6)
+    0.3
+    """
+    offsets = model.means - model.means.mean(axis=1, keepdims=True)  # (P, K, D)
+    scatter = np.einsum("pkd,pke->de", offsets, offsets)
+    shared, repeated, rest = (part.mean(axis=0) for part in model.components)
+
+    def information(covariance: Floats) -> float:
+        return float(np.trace(np.linalg.solve(covariance, scatter)))
+
+    once = information(shared + repeated + rest)
+    repeat = information(shared + repeated + rest / 2.0) - once
+    another = information(shared + (repeated + rest) / 2.0) - once
+    if another <= 0.0:  # all shapes feel alike, and there is no worth to discount
+        return 0.0
+    ratio = min(max(repeat / another, 0.0), 1.0)
+    return (1.0 - ratio) / (1.0 + ratio)
