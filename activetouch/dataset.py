@@ -4,6 +4,9 @@ A :class:`CollectionPlan` says how many objects each split has. Every object is 
 round, and draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not
 on how many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
 
+Where a press does not settle, another object of the shape takes the place of the one that was pressed, and the shard
+says so (decision 0019).
+
 A shard is read as arrays of numbers only, never unpickled, and is used only if it holds the touches that the plan puts
 there, byte for byte as they were recorded (:mod:`activetouch.manifest`).
 """
@@ -24,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.contact import Contact
+from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
 from activetouch.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.scene import Scene
 from belief.errors import UnknownName
@@ -33,6 +37,7 @@ __all__ = [
     "SPLITS",
     "CollectionPlan",
     "TouchSet",
+    "num_redrawn",
     "object_rng",
     "read_manifest",
     "read_shard",
@@ -49,6 +54,7 @@ _NUMBERS = {
     "forces": np.float64,
     "depths": np.float64,
 }
+_MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
 _LONGEST_HEADER = 2**16 + 10  # of an npy file of format 1.0: two bytes tell the length
 
 
@@ -83,21 +89,34 @@ class TouchSet:
         return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns})
 
 
-def object_rng(plan: CollectionPlan, split: str, number: int) -> np.random.Generator:
-    """The generator that one object of a collection, and all touches of it, draw from."""
-    return np.random.default_rng([plan.seed, SPLITS.index(split), number])
+def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> np.random.Generator:
+    """The generator that one object of a collection, and all touches of it, draw from.
+
+    Args:
+        plan: of the collection.
+        split: the object is in.
+        number: of the object in its split.
+        draw: how many objects were drawn for this number before, and could not be pressed.
+    """
+    return np.random.default_rng([plan.seed, SPLITS.index(split), number, draw])  # a last 0 changes nothing
 
 
 def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
-    """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically."""
-    images, rows = [], []
+    """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
+
+    An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
+    has one more array, ``redrawn``: for each of its objects, how many were drawn in vain before it.
+
+    Raises:
+        UnstablePress: objects drawn one after the other for the same place could not be pressed.
+    """
+    images, rows, redrawn = [], [], []
     for number in objects:
-        rng = object_rng(plan, split, number)
-        thing = scene.sample_object(number % len(scene.shapes), rng)
-        for pose in list(range(len(scene.poses))) * plan.repeats:
-            contact, image = scene.press(thing, pose, rng)
+        draw, shape, touches = _touch_object(scene, plan, split, number)
+        redrawn.append(draw)
+        for pose, contact, image in touches:
             images.append(image)
-            rows.append((thing.shape_index, number, pose, contact.force, contact.depth))
+            rows.append((shape, number, pose, contact.force, contact.depth))
     shapes, object_ids, poses, forces, depths = (np.array(column) for column in zip(*rows, strict=True))
     with atomic_path(path) as temporary:
         np.savez(
@@ -108,7 +127,31 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
             poses=poses,
             forces=forces,
             depths=depths,
+            **({"redrawn": np.array(redrawn)} if any(redrawn) else {}),
         )
+
+
+def _touch_object(
+    scene: Scene, plan: CollectionPlan, split: str, number: int
+) -> tuple[int, int, list[tuple[int, Contact, NDArray[np.uint8]]]]:
+    """Touch an object in all planned poses and rounds, or the next one drawn for its place.
+
+    Returns:
+        How many were drawn in vain, the shape, and pose, contact and image of each touch.
+    """
+    poses = list(range(len(scene.poses))) * plan.repeats
+    shape = number % len(scene.shapes)
+    for draw in range(_MOST_DRAWS):
+        rng = object_rng(plan, split, number, draw)
+        thing = scene.sample_object(shape, rng)
+        try:
+            return draw, shape, [(pose, *scene.press(thing, pose, rng)) for pose in poses]
+        except UnstablePress as error:
+            last = error
+    raise UnstablePress(
+        f"{_MOST_DRAWS} objects of the shape {scene.shape_labels[shape]!r} in turn had a press that did not settle, "
+        f"among {len(poses)} each, so this scene cannot be collected. The last one: {last}"
+    ) from last
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
@@ -128,6 +171,19 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
     touches = _parse(data, digest == manifest.digest(split, shard), path, remedy)
     _require_planned(touches, manifest, objects, path, remedy)
     return touches, digest
+
+
+def num_redrawn(path: Path) -> int:
+    """How many places of a shard went to another object, because a press of the first did not settle.
+
+    Raises:
+        CorruptFile: that cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as shard:
+            return int(np.count_nonzero(shard["redrawn"])) if "redrawn" in shard.files else 0
+    except Exception as error:  # as many kinds as in _parse
+        raise CorruptFile(f"{path} is truncated or damaged ({error})") from error
 
 
 def read_split(folder: Path, split: str) -> TouchSet:

@@ -81,6 +81,7 @@ class Manifest:
         versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
         contact_model: what MuJoCo's contacts were computed with (:mod:`activetouch.contact_model`).
         sha256: of every shard, by its path in the folder; None until all are there.
+        redrawn: objects that took the place of one with a press that did not settle; None until all shards are there.
     """
 
     plan: CollectionPlan
@@ -93,6 +94,7 @@ class Manifest:
     versions: Mapping[str, str]
     contact_model: Mapping[str, Any]
     sha256: Mapping[str, str] | None = None
+    redrawn: int | None = None
 
     @classmethod
     def of(cls, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None) -> Manifest:
@@ -264,7 +266,9 @@ def _parse(found: Mapping[str, Any], folder: Path) -> Manifest:
     try:
         if found["format"] != FORMAT:
             raise ValueError(f"format {found['format']!r}, known is {FORMAT}")
-        told = {field.name: found[field.name] for field in fields(Manifest)}
+        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "redrawn"}
+        # Before there was the word, a press that did not settle ended a collection: complete ones have none.
+        told["redrawn"] = found.get("redrawn", None if told["sha256"] is None else 0)
         for name in ("shape_labels", "pose_labels", "image_shape"):
             told[name] = tuple(told[name])
         told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
@@ -281,6 +285,9 @@ def _parse(found: Mapping[str, Any], folder: Path) -> Manifest:
             digests.keys() == names and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests.values())
         ):
             raise ValueError("sha256 does not list the shards of the plan")
+        redrawn = manifest.redrawn
+        if redrawn is not None and not (type(redrawn) is int and redrawn >= 0):
+            raise TypeError(f"redrawn is {redrawn!r}")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
     return manifest
@@ -296,8 +303,15 @@ def _spelled(found: Mapping[str, Any]) -> str:
     return " ".join(f"--plan.{key} {value}" for key, value in plan.items()) if isinstance(plan, dict) else "plan lost"
 
 
-def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str]) -> Manifest:
-    """Write the digests of all shards into the manifest of a collection that has become complete."""
-    sealed = replace(manifest, sha256=dict(sorted(sha256.items())))
+def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:
+    """Write what all shards say into the manifest of a collection that has become complete.
+
+    Args:
+        folder: of the collection.
+        manifest: so far.
+        sha256: of every shard, by its path in the folder.
+        redrawn: objects that took the place of one that could not be pressed.
+    """
+    sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
     sealed.write(folder)
     return sealed

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from activetouch.scenes import SCENES
 from belief import Touch
@@ -32,14 +32,16 @@ if TYPE_CHECKING:
 MODELS = Path(__file__).parent / "models"
 CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model.json"
 POLICIES = "policies"  # folder of trained policies beside the two
+_MOST_PRESSES = 10  # for one touch
 
 
 @dataclass
 class TouchTime:
-    """Seconds spent on touches so far, by part."""
+    """Seconds spent on touches so far, by part, and presses that did not settle and were made again."""
 
     physics: float = 0.0
     network: float = 0.0
+    pressed_again: int = 0
 
 
 class TouchRequest(Protocol):
@@ -152,9 +154,22 @@ class TouchWorld:
         return tuple(thing.shape_index for thing in self._objects)
 
     def press(self, pose: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """The image of the current object pressed in a pose."""
-        _, image = self._sensor.scene.press(self._objects[self._current], pose, rng)
-        return image
+        """The image of the current object pressed in a pose.
+
+        A press that does not settle is made again with new offset and force, from the same source of chance, and
+        counted in the sensor's time (decision 0019).
+
+        Raises:
+            UnstablePress: again and again it did not settle.
+        """
+        thing = self._objects[self._current]
+        for _ in range(_MOST_PRESSES):
+            try:
+                return self._sensor.scene.press(thing, pose, rng)[1]
+            except UnstablePress as error:
+                last = error
+                self._sensor.time.pressed_again += 1
+        raise UnstablePress(f"none of {_MOST_PRESSES} presses for one touch settled; the last one: {last}") from last
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """Press the current object and read the image."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from activetouch.dataset import CollectionPlan, read_shard, record_shard, shard_path
+from activetouch.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
 from activetouch.errors import CorruptFile
 from activetouch.manifest import Manifest, parting, read_manifest, seal, write_manifest
 from belief.errors import ActiveTouchError
@@ -55,6 +55,8 @@ class Collect:
             folder = self.out if self.out is not None else collection_folder(self.choice.scene)
             manifest = collect(self.choice, self.plan, folder, self.jobs)
             print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
+            if manifest.redrawn:
+                print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
 
     def _again(self, source: Path) -> None:
         """Make the collection of a manifest in another folder, and compare."""
@@ -86,6 +88,7 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) 
     Raises:
         LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
         CorruptFile: a shard is damaged, foreign, or was changed after it was recorded.
+        UnstablePress: no object of some shape can be pressed in all poses.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
     scene = choice.named.scene
@@ -98,10 +101,11 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) 
     if missing:
         for _ in run_tasks([task for _, task in missing], jobs, f"touching objects → {folder}"):
             pass
-    checks = [partial(_digest, folder, manifest, *shard) for shard in manifest.shards()]
-    sha256 = dict(run_tasks(checks, jobs, f"checking shards in {folder}"))
+    checks = [partial(_check, folder, manifest, *shard) for shard in manifest.shards()]
+    checked = list(run_tasks(checks, jobs, f"checking shards in {folder}"))
+    sha256 = {name: digest for name, digest, _ in checked}
     if manifest.sha256 is None:
-        manifest = seal(folder, manifest, sha256)
+        manifest = seal(folder, manifest, sha256, sum(redrawn for *_, redrawn in checked))
     else:
         new = {path.relative_to(folder).as_posix() for path, _ in missing}
         _require_recorded(folder, manifest, Manifest.of(scene, plan), sha256, new)
@@ -110,9 +114,10 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) 
     return manifest
 
 
-def _digest(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[str, str]:
+def _check(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[str, str, int]:
+    """Path in the folder, SHA-256, and number of redrawn objects of a sound shard."""
     _, digest = read_shard(folder, manifest, split, shard, objects)
-    return shard_path(Path(), split, shard).as_posix(), digest
+    return shard_path(Path(), split, shard).as_posix(), digest, num_redrawn(shard_path(folder, split, shard))
 
 
 def _require_recorded(

@@ -199,7 +199,7 @@ def render_table(comparison: Comparison) -> Table:
 
 
 def describe_differences(comparison: Comparison) -> list[str]:
-    """One sentence for each decider that is compared with the reference."""
+    """One sentence for each decider that is compared with the reference, and on presses that were made again."""
     lines = []
     for name, difference in comparison.differences.items():
         mean, low, high = difference.success
@@ -208,4 +208,6 @@ def describe_differences(comparison: Comparison) -> list[str]:
             f"{name} against {comparison.reference}, paired over the same episodes: success {mean:+.3f} "
             f"[{low:+.3f}, {high:+.3f}], touches {touches:+.2f} [{touches_low:+.2f}, {touches_high:+.2f}]"
         )
+    if comparison.pressed_again:
+        lines.append(f"{comparison.pressed_again} presses did not settle and were made again")
     return lines

@@ -109,4 +109,5 @@ def play(
     total = time.perf_counter() - started
     touches = sum(episode.num_touches for episode in episodes)
     thinking = total - sensor.time.physics - sensor.time.network
-    return episodes, Seconds(sensor.time.physics, sensor.time.network, thinking, touches)
+    spent = sensor.time
+    return episodes, Seconds(spent.physics, spent.network, thinking, touches, spent.pressed_again)

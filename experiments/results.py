@@ -54,12 +54,13 @@ class ShardKey:
 
 @dataclass(frozen=True)
 class Seconds:
-    """Time a set of episodes took, by part, and the touches it bought."""
+    """Time a set of episodes took, by part, the touches it bought, and presses made again as they did not settle."""
 
     physics: float = 0.0
     network: float = 0.0
     decision: float = 0.0
     num_touches: int = 0
+    pressed_again: int = 0
 
     def __add__(self, other: Seconds) -> Seconds:
         """Time of both sets together."""
@@ -68,6 +69,7 @@ class Seconds:
             self.network + other.network,
             self.decision + other.decision,
             self.num_touches + other.num_touches,
+            self.pressed_again + other.pressed_again,
         )
 
     def ms_per_touch(self) -> dict[str, float]:

@@ -117,6 +117,11 @@ class Comparison:
         return list(dict.fromkeys(target for _, target in self.episodes))
 
     @property
+    def pressed_again(self) -> int:
+        """Presses, in all episodes, that did not settle and were made again."""
+        return sum(self.cells[decider, "all"].seconds.pressed_again for decider in self.deciders)
+
+    @property
     def floor(self) -> float:
         """Best success without touching, mean over targets: confirm any object, or none if that is likelier right."""
         problem = self.problem

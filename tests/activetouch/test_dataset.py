@@ -3,7 +3,7 @@
 import json
 import pickle
 import shutil
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from activetouch import Dynamic, Quasistatic, Scene
+from activetouch.contact import Contact
 from activetouch.dataset import (
     SPLITS,
     CollectionPlan,
+    num_redrawn,
     object_rng,
     read_manifest,
     read_shard,
@@ -25,10 +27,12 @@ from activetouch.dataset import (
 )
 from activetouch.deformable import Deformable
 from activetouch.distributions import Constant
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
 from activetouch.manifest import seal
 from activetouch.pad import Pad
+from activetouch.placement import Placement
 from activetouch.scene import Symmetry, Variation
+from activetouch.stage import Stage
 from belief.errors import UnknownName
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
@@ -54,7 +58,7 @@ def folder(original, tmp_path):
 
 
 def without_digests(folder):
-    replace(read_manifest(folder), sha256=None).write(folder)
+    replace(read_manifest(folder), sha256=None, redrawn=None).write(folder)
 
 
 def change_manifest(folder, **changes):
@@ -123,6 +127,56 @@ def test_a_shard_recorded_again_has_the_same_bytes(original, tmp_path):
     assert (tmp_path / "again.npz").read_bytes() == shard_path(original, split, shard).read_bytes()
 
 
+@dataclass(frozen=True)
+class Fragile:
+    """Presses like ``Quasistatic``, but does not settle on what is larger than ``limit``."""
+
+    limit: float
+
+    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+        if placement.scale > self.limit:
+            raise UnstablePress(f"{placement} is too large")
+        return Quasistatic().press(stage, placement, target_force)
+
+
+def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_touches(original, tmp_path):
+    split, shard, objects = list(PLAN.shards(4))[1]
+    path, fragile = shard_path(tmp_path, split, shard), replace(SCENE, press_model=Fragile(1.05))
+    record_shard(fragile, PLAN, split, objects, path)
+    record_shard(fragile, PLAN, split, objects, tmp_path / "again.npz")
+    assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
+    with np.load(path) as file, np.load(shard_path(original, split, shard)) as unlimited:
+        scales = [
+            [SCENE.sample_object(number % 4, object_rng(PLAN, split, number, draw)).scale for draw in range(10)]
+            for number in objects
+        ]
+        wanted = [next(draw for draw, scale in enumerate(some) if scale <= 1.05) for some in scales]
+        assert file["redrawn"].tolist() == wanted
+        assert "redrawn" not in unlimited.files
+        kept = np.repeat(file["redrawn"] == 0, 6)
+        assert 0 < kept.sum() < len(kept)
+        np.testing.assert_array_equal(file["images"][kept], unlimited["images"][kept])
+        assert not (file["images"] == unlimited["images"])[~kept].all(axis=(1, 2)).any()
+        for name in ("shapes", "poses", "object_ids"):
+            np.testing.assert_array_equal(file[name], unlimited[name])
+    assert num_redrawn(path) == np.count_nonzero(wanted)
+    assert num_redrawn(shard_path(original, split, shard)) == 0
+
+
+def test_a_scene_in_which_nothing_can_be_pressed_names_the_shape_and_the_last_press(tmp_path):
+    hopeless = replace(SCENE, press_model=Fragile(0.5))
+    with pytest.raises(UnstablePress, match=r"10 objects of the shape 'sphere' in turn .* cannot be collected.*Sphere"):
+        record_shard(hopeless, PLAN, "train", range(4), tmp_path / "never.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unreadable_count_of_replaced_objects_is_a_clear_error(tmp_path):
+    path = tmp_path / "00000.npz"
+    path.write_bytes(b"PK nothing")
+    with pytest.raises(CorruptFile, match=r"00000.npz is truncated or damaged"):
+        num_redrawn(path)
+
+
 def test_an_object_that_misses_the_pad_is_recorded_without_force():
     scene = Scene(press_model=Quasistatic(), variation=Variation(offset=Constant(0.5)))
     rng = np.random.default_rng(0)
@@ -172,6 +226,14 @@ def test_another_plan_or_scene_does_not_mix_into_the_folder(folder):
     softer = replace(SCENE, pad=Pad(num_taxels=16, stiffness=1e7))
     with pytest.raises(LabelMismatch, match=r"other scene .*stiffness=14500000.0.* there, .*stiffness=10000000.0"):
         write_manifest(folder, softer, PLAN)
+
+
+def test_complete_collections_of_before_objects_were_replaced_have_none(folder):
+    change_manifest(folder, redrawn=None)
+    assert read_manifest(folder).redrawn == 0
+    without_digests(folder)
+    change_manifest(folder, redrawn=None)
+    assert read_manifest(folder).redrawn is None
 
 
 def test_other_physics_does_not_mix_into_the_folder(folder):
@@ -230,6 +292,8 @@ DAMAGE = {
     "versions without MuJoCo": {"versions": {"numpy": "2.1.0"}},
     "too few digests": {"sha256": {"train/00000.npz": "0" * 64}},
     "format of text": {"format": "two"},
+    "objects replaced without number": {"redrawn": "some"},
+    "fewer than no objects replaced": {"redrawn": -1},
 }
 
 

@@ -15,8 +15,10 @@ import numpy as np
 import pytest
 import tyro
 
+from activetouch import Quasistatic
+from activetouch.contact import elastic_contact, surface_gap
 from activetouch.dataset import CollectionPlan, read_manifest, read_split
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
 from activetouch.manifest import Manifest
 from experiments.collect import Collect, NotReproduced, collect
 from experiments.scene_choice import SceneChoice
@@ -198,3 +200,22 @@ def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection
     assert (program, name) == ("activetouch", "collect")
     named = tyro.cli(Collect, args=arguments)
     assert (named.choice, named.plan, named.out) == (choice, PLAN, folder)
+
+
+def test_replaced_objects_are_counted_in_the_manifest_and_told(monkeypatch, tmp_path, capsys):
+    def press_what_is_small(self, stage, placement, target_force):
+        if placement.scale > 1.05:
+            raise UnstablePress(f"{placement} is too large")
+        return elastic_contact(stage.pad, surface_gap(stage.pad, placement), target_force)
+
+    choice = SceneChoice("coarse", fidelity="quasistatic")
+    Collect(choice, out=tmp_path / "plain", plan=PLAN, jobs=1).run()
+    assert "drawn anew" not in capsys.readouterr().out
+    assert read_manifest(tmp_path / "plain").redrawn == 0
+    monkeypatch.setattr(Quasistatic, "press", press_what_is_small)
+    Collect(choice, out=tmp_path / "replaced", plan=PLAN, jobs=1).run()
+    redrawn = read_manifest(tmp_path / "replaced").redrawn
+    assert 0 < redrawn < 15 * 4
+    assert f"{redrawn} objects were drawn anew" in capsys.readouterr().out
+    Collect(from_manifest=tmp_path / "replaced", out=tmp_path / "again", jobs=1).run()
+    assert contents(tmp_path / "again") == contents(tmp_path / "replaced")

@@ -45,7 +45,7 @@ def test_differences_are_paired_episode_by_episode(rng):
     comparison = compare_episodes(
         PROBLEM,
         {("good", "a"): good, ("bad", "a"): bad},
-        {("good", "a"): Seconds(), ("bad", "a"): Seconds()},
+        {("good", "a"): Seconds(pressed_again=2), ("bad", "a"): Seconds(pressed_again=3)},
         ceiling=(30, 30),
         reference="good",
         rng=rng,
@@ -55,6 +55,7 @@ def test_differences_are_paired_episode_by_episode(rng):
     # Standard error of the mean of 30 zeros and minus ones: .086; a 95 % interval is about ±.17.
     assert (low, high) == pytest.approx((-1 / 3 - 0.17, -1 / 3 + 0.17), abs=0.04)
     assert comparison.floor == 0.5
+    assert comparison.pressed_again == 5
 
 
 def test_no_touches_cost_no_time():
