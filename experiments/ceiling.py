@@ -12,8 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from belief import SceneBelief
+from belief.chance import touch_rng
 from experiments.episodes import Setting, episode_seed, load_sensor, make_world
-from planners.search import TouchRequest, touch_rng
+from planners.search import TouchRequest
 
 
 def full_information_successes(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> int:

@@ -9,19 +9,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.world import MODELS, POLICIES, TouchTime
 from belief import SearchProblem
+from belief.chance import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
 from experiments.scene_choice import SceneChoice
 from planners import Episode, make_decider, search_lockstep
 
 _TOUCHES_PER_OBJECT = 12  # until a search is cut off
-_WORLD = 2  # stream of an episode's seed that makes the objects; the search loop has its own
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def load_sensor(setting: Setting) -> TactileSensor:
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:
     """The objects of the episode with this seed."""
-    rng = np.random.default_rng([*seed, _WORLD])
+    rng = arrangement_rng(seed)
     return TouchWorld.sample(sensor, sample_arrangement(setting.problem, rng), rng)
 
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
 from belief import Confirm, Probe, Reject, SearchProblem
+from belief.chance import touch_rng
 from belief.problem import Action
 from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
 from planners import Episode, Step
-from planners.search import touch_rng
 
 
 @dataclass(frozen=True, eq=False)

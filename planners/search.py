@@ -16,12 +16,12 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.chance import touch_rng
 from belief.observation_model import ObservationModel
 from planners.decider import Decider, InformationState
 from planners.episode import Episode, Outcome, Step
 
-# Keep the streams of an episode apart; never zero, because a seed ending in zeros equals the one without them.
-_DECIDING, _TOUCHING = 3, 1
+_DECIDING = 3  # stream of an episode's seed, beside those of belief.chance
 
 
 class World(Protocol):
@@ -54,11 +54,6 @@ class TouchRequest(Generic[WorldT]):
 
 
 TouchMany: TypeAlias = Callable[[Sequence[TouchRequest[WorldT]]], Sequence[Touch]]
-
-
-def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) -> np.random.Generator:
-    """Source of chance of one touch: of an object in a pose, for the ``repeat``-th time (from 0)."""
-    return np.random.default_rng([*seed, _TOUCHING, object_index, pose, repeat])
 
 
 def search(

@@ -1,0 +1,172 @@
+"""What the environments share: probe, confirm or reject the object in front of the pad."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from scipy.special import softmax
+
+from activetouch.envs.touches import LiveTouches, Objects, Press, Touches
+from activetouch.world import TactileSensor
+from belief import Belief, SceneBelief, SearchProblem
+from belief.chance import arrangement_rng, touch_rng
+from belief.encoding import NO_ACTION, Situation, paper_state
+from belief.errors import ActiveTouchError, UnknownName
+
+State = NDArray[np.float32]
+
+
+class BadAction(ActiveTouchError, ValueError):
+    """An action that the environment does not have."""
+
+
+class TouchEnv(gymnasium.Env[State, int]):
+    """Objects that come one after the other, to be probed, confirmed or rejected.
+
+    Args:
+        problem: the rules.
+        touches: where touches come from.
+        target: label of the shape sought.
+        prior: belief about one object of an ``independent`` problem.
+        render_mode: None or "rgb_array".
+
+    Attributes:
+        problem: the rules.
+        touches: where touches come from.
+        target: index of the shape sought.
+        last_press: what the current object's last touch looked like; None before it, or without physics.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
+
+    def __init__(
+        self, problem: SearchProblem, touches: Touches, target: str, prior: Belief | None, render_mode: str | None
+    ) -> None:
+        labels = list(problem.shape_labels)
+        if target not in labels:
+            raise UnknownName("target", target, labels)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise UnknownName("render mode", render_mode, self.metadata["render_modes"])
+        self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
+        self.last_press: Press | None = None
+        self._prior = prior
+        self._is_over = True
+        self.action_space = spaces.Discrete(problem.num_poses + 2)
+        self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
+
+    @property
+    def _observation_size(self) -> int:
+        return self.problem.num_shapes + self.problem.num_poses + 3
+
+    @property
+    def confirm(self) -> int:
+        """The action CONFIRM; those before it are the poses."""
+        return self.problem.num_poses
+
+    @property
+    def reject(self) -> int:
+        """The action REJECT."""
+        return self.problem.num_poses + 1
+
+    @property
+    def _object_index(self) -> int:
+        return min(self._num_rejected, self.problem.num_objects - 1)  # the last one stays once it is rejected
+
+    @property
+    def belief(self) -> Belief:
+        """About the current object."""
+        return self._scene.belief(self._object_index)
+
+    @property
+    def situation(self) -> Situation:
+        """Where the episode stands, as the one row of a batch."""
+        problem, history = self.problem, self._scene.touches(self._object_index)
+        frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(problem.num_shapes)
+        poses = np.array([touch.pose for touch in history], np.int64)
+        return Situation(
+            softmax(frame)[None],
+            self.belief.log_probs[None],
+            np.array([self._previous]),
+            np.bincount(poses, minlength=problem.num_poses)[None],
+            np.array([self._num_touches / problem.touch_limit]),
+        )
+
+    def observe(self, state: NDArray[np.float64]) -> State:
+        """An observation from an encoded situation ``(1, …)``."""
+        return state[0].astype(np.float32)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions make sense, ``(P + 2,)``: no probe beyond the touch limit."""
+        return np.append(np.full(self.problem.num_poses, self._num_touches < self.problem.touch_limit), [True, True])
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
+        """A new episode; ``options={"seed": (0, 3, 17)}`` makes the very episode of that key, objects, touches and all.
+
+        Searches of ``activetouch compare`` have the keys (seed, target index, number).
+        """
+        super().reset(seed=seed)
+        key = (options or {}).get("seed")
+        self._key = tuple(key) if key is not None else (int(self.np_random.integers(2**32)),)
+        rng = arrangement_rng(self._key)
+        self._arrangement = self._sample_arrangement(rng)
+        self._objects: Objects = self.touches.objects(self._arrangement, rng)
+        self._scene = SceneBelief(self.problem, self.touches.model, self._prior)
+        self._num_rejected = self._num_touches = 0
+        self._previous = NO_ACTION
+        self._is_over = False
+        self.last_press = None
+        return self.observe(paper_state(self.situation, self.target)), self._info(False)
+
+    def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
+        """Probe, confirm or reject."""
+        if self._is_over:
+            raise gymnasium.error.ResetNeeded("the episode is over, or none has begun: call reset()")
+        if not self.action_space.contains(action):
+            raise BadAction(f"action must be an integer in [0, {self.reject}], got {action!r}")
+        reward, terminated, truncated, success = self._act(int(action))
+        self._is_over = terminated or truncated
+        return (
+            self.observe(paper_state(self.situation, self.target)),
+            reward,
+            terminated,
+            truncated,
+            self._info(success),
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The scene, the touch image and the belief, side by side, ``(H, W, 3)`` uint8."""
+        if self.render_mode is None:
+            return None
+        from activetouch.envs.picture import draw
+
+        return draw(self.touches, self.last_press, self.belief, self.target)
+
+    @abstractmethod
+    def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
+        """Shapes of the objects."""
+
+    @abstractmethod
+    def _act(self, action: int) -> tuple[float, bool, bool, bool]:
+        """Reward, terminated, truncated, success."""
+
+    def _probe(self, pose: int) -> None:
+        """Touch the current object."""
+        repeat = sum(touch.pose == pose for touch in self._scene.touches(self._object_index))
+        touch, self.last_press = self._objects.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
+        self._scene.update(self._object_index, [touch])
+        self._num_touches += 1
+        self._previous = pose
+
+    def _info(self, success: bool) -> dict[str, Any]:
+        prob = float(np.exp(self.belief.log_probs[self.target]))
+        return {"is_success": success, "num_touches": self._num_touches, "target_prob": prob}
+
+
+def live_or_given(touches: Touches | None, scene: str) -> Touches:
+    """The touches given, or live ones of the sensor that comes with a scene."""
+    return touches if touches is not None else LiveTouches(TactileSensor.shipped(scene))

@@ -1,0 +1,146 @@
+"""Where an environment's touches come from: live presses, or an observation model that stands in for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.contact import Contact
+from activetouch.placement import Placement
+from activetouch.rendering import read_out
+from activetouch.world import TactileSensor
+from belief import Touch
+from belief.observation_model import ArrayModel
+from belief.synthetic import SyntheticWorld
+
+
+@dataclass(frozen=True, eq=False)
+class Press:
+    """A press that can be shown.
+
+    Attributes:
+        image: what the sensor saw, ``(H, W)`` or ``(H, W, 3)`` uint8.
+        placement: of the object in front of the pad.
+        contact: what the pad met.
+    """
+
+    image: NDArray[np.uint8]
+    placement: Placement
+    contact: Contact
+
+
+class Objects(Protocol):
+    """The objects of one episode, the current one in front of the pad."""
+
+    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, Press | None]:
+        """Touch the current object; the press too, where there is one."""
+
+    def advance(self) -> None:
+        """Put the current object aside and bring the next."""
+
+
+class Touches(Protocol):
+    """Where touches come from."""
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """Names of the poses."""
+
+    @property
+    def model(self) -> ArrayModel:
+        """What turns touches into evidence."""
+
+    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> Objects:
+        """New objects of these shapes."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveTouches:
+    """Presses in MuJoCo, read by the sensor's network.
+
+    Attributes:
+        sensor: scene, classifier and observation model.
+    """
+
+    sensor: TactileSensor
+
+    @property
+    def pose_labels(self) -> tuple[str, ...]:
+        """See :class:`Touches`."""
+        return self.sensor.scene.pose_labels
+
+    @property
+    def model(self) -> ArrayModel:
+        """See :class:`Touches`."""
+        return self.sensor.model
+
+    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> LiveObjects:
+        """See :class:`Touches`; the objects that :meth:`TouchWorld.sample` makes."""
+        return LiveObjects(self.sensor, arrangement, rng)
+
+
+class LiveObjects:
+    """Objects on their guides: :class:`activetouch.TouchWorld`, but for that presses can be shown.
+
+    Args:
+        sensor: presses and reads.
+        arrangement: shapes in order of visit.
+        rng: of sizes and orientations.
+    """
+
+    def __init__(self, sensor: TactileSensor, arrangement: Sequence[int], rng: np.random.Generator) -> None:
+        self._sensor = sensor
+        self._objects = [sensor.scene.sample_object(shape, rng) for shape in arrangement]
+
+    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, Press]:
+        """See :class:`Objects`."""
+        scene = self._sensor.scene
+        placement = scene.place(self._objects[0], pose, rng)
+        contact = scene.contact(placement, rng)
+        image = read_out(scene.renderer(contact), scene.faults, rng)
+        return self._sensor.read(image[None], [pose])[0], Press(image, placement, contact)
+
+    def advance(self) -> None:
+        """See :class:`Objects`."""
+        self._objects = self._objects[1:]
+
+
+@dataclass(frozen=True, eq=False)
+class SampledTouches:
+    """Touches drawn from an observation model: no physics, no network, and beliefs that are exactly right.
+
+    Attributes:
+        model: what touches are drawn from.
+        pose_labels: names of the poses.
+    """
+
+    model: ArrayModel
+    pose_labels: tuple[str, ...]
+
+    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> SampledObjects:
+        """See :class:`Touches`."""
+        return SampledObjects(self.model, arrangement)
+
+
+class SampledObjects:
+    """Objects that feel as the model says.
+
+    Args:
+        model: what touches are drawn from.
+        arrangement: shapes in order of visit.
+    """
+
+    def __init__(self, model: ArrayModel, arrangement: Sequence[int]) -> None:
+        self._world = SyntheticWorld(model, arrangement)
+
+    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, None]:
+        """See :class:`Objects`."""
+        return self._world.touch(pose, rng), None
+
+    def advance(self) -> None:
+        """See :class:`Objects`."""
+        self._world.advance()

@@ -1,0 +1,126 @@
+"""Other observations of the same episodes, and a reward for learning.
+
+    env = PosteriorState(gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone"))
+
+Observations are wrappers, not flags: what is learned from differs, what happens does not.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import RecordConstructorArgs
+from numpy.typing import NDArray
+
+from activetouch.envs.base import TouchEnv
+from belief.encoding import certainty, posterior_state
+from belief.errors import ActiveTouchError
+
+_SMALLEST = 36  # pixels that the convolutions of common libraries need
+
+
+class NoImage(ActiveTouchError, TypeError):
+    """Images were asked for where touches have none."""
+
+
+def _touch_env(env: gymnasium.Env) -> TouchEnv:
+    if not isinstance(env.unwrapped, TouchEnv):
+        raise TypeError(f"this wrapper is for the environments of activetouch.envs, got {env.unwrapped}")
+    return env.unwrapped
+
+
+class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
+    """What the touches add up to: :func:`belief.encoding.posterior_state`, a ``Box(-1, 1)`` of K + P + 2 numbers.
+
+    The belief about the current object, the log-odds of the target squashed to [-1, 1], for each pose how worn it is
+    (n/(n + 1) after n touches), the time; and of a whole search the share of objects left.
+    """
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        _touch_env(env)
+        size = cast(spaces.Box, env.observation_space).shape[0] - 1  # P poses and the log-odds for P + 2 actions
+        self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+    def observation(self, observation: Any) -> NDArray[np.float32]:
+        """The state in place of the paper's."""
+        env = _touch_env(self.env)
+        return env.observe(posterior_state(env.situation, env.target))
+
+
+class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
+    """The touch as the sensor saw it, for policies that read it themselves.
+
+    A `Dict` of ``image``, ``(H, W, 1)`` or ``(H, W, 3)`` uint8, black before an object's first touch, and ``state``:
+    the previous action, one-hot, the time, and of a whole search the share of objects left. Pixels of images smaller
+    than 36 × 36 are repeated until they are not.
+    """
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        touches = _touch_env(env).touches
+        sensor = getattr(touches, "sensor", None)
+        if sensor is None:
+            raise NoImage(f"only live touches have images, these are {type(touches).__name__}")
+        height, width, *channels = sensor.scene.image_shape
+        self._repeat = -(-_SMALLEST // min(height, width)) if min(height, width) < _SMALLEST else 1
+        shape = (height * self._repeat, width * self._repeat, *(channels or [1]))
+        old = cast(spaces.Box, env.observation_space)
+        self._num_shapes = _touch_env(env).problem.num_shapes
+        self.observation_space = spaces.Dict(
+            image=spaces.Box(0, 255, shape, np.uint8),
+            state=spaces.Box(0.0, 1.0, (old.shape[0] - self._num_shapes,), np.float32),
+        )
+
+    def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
+        """Image and state."""
+        box = cast(spaces.Dict, self.observation_space)["image"]
+        press = _touch_env(self.env).last_press
+        if press is None:
+            image = np.zeros(box.shape, np.uint8)
+        else:
+            image = press.image.repeat(self._repeat, axis=0).repeat(self._repeat, axis=1).reshape(box.shape)
+        return {"image": image, "state": observation[self._num_shapes :]}
+
+
+class BeliefShaping(gymnasium.Wrapper, RecordConstructorArgs):
+    """A small reward for becoming sure: the paper's β, which it names and does not define (decision 0031).
+
+    F = β (γ Φ(s') - Φ(s)) with Φ = |:func:`belief.encoding.certainty`|, and Φ = 0 once the episode has terminated:
+    a difference of potentials, which leaves the best policy the best (Ng, Harada & Russell 1999).
+
+    Args:
+        env: the environment.
+        beta: β, ≥ 0.
+        discount: γ of the learner.
+    """
+
+    def __init__(self, env: gymnasium.Env, beta: float, discount: float) -> None:
+        RecordConstructorArgs.__init__(self, beta=beta, discount=discount)
+        gymnasium.Wrapper.__init__(self, env)
+        if not (0.0 <= beta < np.inf and 0.0 <= discount <= 1.0):
+            raise ValueError(f"need a finite beta ≥ 0 and a discount in [0, 1], got {beta} and {discount}")
+        self._beta, self._discount = beta, discount
+        self._potential = 0.0
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """See :class:`gymnasium.Env`."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._potential = self._of_belief()
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """See :class:`gymnasium.Env`; ``info["reward"]`` is the reward without shaping."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        before, self._potential = self._potential, 0.0 if terminated else self._of_belief()
+        shaped = float(reward) + self._beta * (self._discount * self._potential - before)
+        return observation, shaped, terminated, truncated, {**info, "reward": float(reward)}
+
+    def _of_belief(self) -> float:
+        env = _touch_env(self.env)
+        return float(abs(certainty(env.belief.log_probs, env.target)))

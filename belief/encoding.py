@@ -1,0 +1,85 @@
+"""What a learned policy sees: the situation of an episode as a row of numbers, one way or another.
+
+The paper's state is the classifier's last output, the last action and the time (paper §5.8): single frames, so a policy
+that sees it can fuse nothing. The posterior state has what touches add up to, and which poses are used up.
+
+>>> here = Situation(
+...     frame_probs=np.array([[0.7, 0.3]]),
+...     log_probs=np.log([[0.9, 0.1]]),
+...     previous=np.array([1]),
+...     uses=np.array([[0, 2]]),
+...     time=np.array([0.5]),
+... )
+>>> paper_state(here, target=0).tolist()        # frame, previous action (2 poses, CONFIRM, REJECT), time
+[[0.7, 0.3, 0.0, 1.0, 0.0, 0.0, 0.5]]
+>>> posterior_state(here, target=0).round(2).tolist()             # belief, its target's log-odds, uses, time
+[[0.9, 0.1, 0.5, 0.0, 0.67, 0.5]]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.problem import Floats
+
+NO_ACTION = -1
+"""``previous`` before the first action."""
+_SCALE = 4.0  # log-odds that count as large: odds of 55 to 1 become .76
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Where B episodes stand.
+
+    Attributes:
+        frame_probs: the classifier's softmax of the current object's last touch, ``(B, K)``; uniform before it.
+        log_probs: log posterior of the current object, ``(B, K)``.
+        previous: last action, ``(B,)``: a pose, P for CONFIRM, P + 1 for REJECT, :data:`NO_ACTION` for none.
+        uses: how often the current object was touched in each pose, ``(B, P)``.
+        time: touches made, as a share of those allowed, ``(B,)``.
+    """
+
+    frame_probs: Floats
+    log_probs: Floats
+    previous: NDArray[np.int64]
+    uses: NDArray[np.int64]
+    time: Floats
+
+
+def paper_state(situation: Situation, target: int) -> Floats:
+    """The paper's ``[p_t, e(a_{t-1}), t/T_max]`` (§5.8), ``(B, K + P + 3)``, in [0, 1]; the target is not in it."""
+    num_actions = situation.uses.shape[1] + 2
+    one_hot = (situation.previous[:, None] == np.arange(num_actions)).astype(np.float64)
+    return np.concatenate([situation.frame_probs, one_hot, situation.time[:, None]], axis=1)
+
+
+def posterior_state(situation: Situation, target: int) -> Floats:
+    """Belief, :func:`certainty` of the target, n/(n + 1) of every pose's n uses, time: ``(B, K + P + 2)``, in [-1, 1].
+
+    Near certainty log-odds tell apart what probabilities no longer do.
+    """
+    worn = situation.uses / (1.0 + situation.uses)
+    sure = certainty(situation.log_probs, target)[:, None]
+    return np.concatenate([np.exp(situation.log_probs), sure, worn, situation.time[:, None]], axis=1)
+
+
+def certainty(log_probs: Floats, target: int) -> Floats:
+    """The target's log-odds ℓ as tanh(ℓ/4), ``(...)``: -1 if it certainly is another shape, 0 at even odds, 1 if it is.
+
+    >>> certainty(np.log([[0.5, 0.5], [0.99, 0.01]]), target=0).round(2).tolist()
+    [0.0, 0.82]
+    """
+    others = np.delete(log_probs, target, axis=-1)
+    return np.asarray(np.tanh((log_probs[..., target] - np.logaddexp.reduce(others, axis=-1)) / _SCALE))
+
+
+Encoding: TypeAlias = Callable[[Situation, int], Floats]
+
+ENCODINGS: Mapping[str, Encoding] = MappingProxyType({"paper": paper_state, "posterior": posterior_state})
+"""The states a policy may be trained on, by name."""
