@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
-from belief.observation_model.model import ArrayModel, calibration_arrays, labels_or_default
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
 
@@ -48,6 +49,8 @@ class ConfusionModel(ArrayModel):
 
     def __post_init__(self) -> None:
         probs = OutcomeTable(self.probs).probs
+        if len(self.shape_labels) < 2:
+            raise ValueError(f"one shape is no choice: need at least two names, got {self.shape_labels}")
         expected = len(self.shape_labels) * (len(self.confidence_edges) + 1)
         if probs.shape[1:] != (len(self.shape_labels), expected):
             raise ValueError(
@@ -89,26 +92,20 @@ class ConfusionModel(ArrayModel):
             pooling: weight of the pooled matrix in each pose, in touches.
 
         Raises:
-            ValueError: no touches, labels out of range, or a length that does not fit.
+            ValueError: see :meth:`LabelledTouches.of`; smoothing that is not above zero, or negative pooling.
         """
-        batch, truth, _ = calibration_arrays(touches, shapes, object_ids)
-        logits, poses = batch.logits[0], batch.poses[0]
-        num_shapes = logits.shape[1]
-        if not smoothing > 0.0 or not pooling >= 0.0:
-            raise ValueError(f"smoothing must be > 0 and pooling ≥ 0, got {smoothing} and {pooling}")
-        labels = labels_or_default(shape_labels, num_shapes)
-        size = (int(poses.max()) + 1 if num_poses is None else num_poses, num_shapes)
-        if poses.max() >= size[0]:
-            raise ValueError(f"touch {poses.argmax()} has pose {poses.max()}, num_poses is {size[0]}")
-        calibration = TemperatureScaling().fit(logits, truth)
-        outcomes = _outcomes(calibration, logits, confidence_edges)
-        counts = np.zeros((*size, num_shapes * (len(confidence_edges) + 1)))
-        np.add.at(counts, (poses, truth, outcomes), 1.0)
+        if not 0.0 < smoothing < np.inf or not 0.0 <= pooling < np.inf:
+            raise ValueError(f"smoothing must be > 0, pooling ≥ 0, both finite; got {smoothing} and {pooling}")
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        calibration = TemperatureScaling().fit(data.logits, data.shapes)
+        outcomes = _outcomes(calibration, data.logits, confidence_edges)
+        counts = np.zeros((data.num_poses, data.num_shapes, data.num_shapes * (len(confidence_edges) + 1)))
+        np.add.at(counts, (data.poses, data.shapes, outcomes), 1.0)
         pooled = counts.sum(axis=0) + smoothing
         pooled /= pooled.sum(axis=1, keepdims=True)
         probs = counts + pooling * pooled + np.finfo(float).tiny
         probs /= probs.sum(axis=2, keepdims=True)
-        return cls(labels, probs, calibration, tuple(float(edge) for edge in confidence_edges))
+        return cls(data.shape_labels, probs, calibration, tuple(float(edge) for edge in confidence_edges))
 
     @property
     def num_poses(self) -> int:
@@ -116,7 +113,11 @@ class ConfusionModel(ArrayModel):
         return len(self.probs)
 
     def outcomes(self, touches: Sequence[Touch]) -> NDArray[np.int64]:
-        """Outcome index of each touch, ``(n,)``: bin · K + predicted shape."""
+        """Outcome index of each touch, ``(n,)``: bin · K + predicted shape.
+
+        Raises:
+            ValueError: no touches, or one that does not fit the model.
+        """
         batch = TouchBatch.of([touches])
         self.require_fit(batch)
         return self.outcomes_of(batch.logits[0])
@@ -125,12 +126,12 @@ class ConfusionModel(ArrayModel):
         """Outcome indices ``(...)`` of logits ``(..., K)``."""
         return _outcomes(self.calibration, logits, self.confidence_edges)
 
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; the sum over touches, which are independent given the shape here."""
         outcomes = self.outcomes_of(batch.logits)
         return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
 
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; the logits claim what the sampled outcome is worth, within its bin."""
         cumulative = self.probs[:, shape].cumsum(axis=1)  # (P, M)
         drawn = rng.random(poses.shape)[..., None] * cumulative[poses][..., -1:]
@@ -152,17 +153,22 @@ class ConfusionModel(ArrayModel):
         right = self.probs[:, predicted, np.arange(self.probs.shape[2])]  # (P, M)
         margin = 1e-9  # bins are open below, and a claim of certainty has no finite logits
         low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
-        confidence = np.clip(right / self.probs.sum(axis=1), low, high)
+        confidence = np.clip(right / np.maximum(self.probs.sum(axis=1), np.finfo(float).tiny), low, high)
         floor = self.calibration.floor  # which the calibration will add again
         confidence = np.minimum((confidence - floor / num_shapes) / (1.0 - floor), 1.0 - margin)
-        rest = (1.0 - confidence) / max(num_shapes - 1, 1)
+        rest = (1.0 - confidence) / (num_shapes - 1)
         probs = np.where(predicted[:, None] == np.arange(num_shapes), confidence[..., None], rest[..., None])
-        return np.log(probs) * self.calibration.temperature
+        with np.errstate(over="ignore"):  # of a temperature near the largest float; real logits end there too
+            return np.clip(np.log(probs) * self.calibration.temperature, -np.finfo(float).max, 0.0)
 
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+    @property
+    def default_outcomes(self) -> int:
+        """All M that there are."""
+        return self.probs.shape[2]
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; exact, and merged where fewer outcomes are asked for than there are."""
-        table = OutcomeTable(self.probs)
-        return table if num_outcomes is None else table.merged(num_outcomes)
+        return OutcomeTable(self.probs).merged(num_outcomes)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""
@@ -181,6 +187,8 @@ class ConfusionModel(ArrayModel):
 
 def _outcomes(calibration: TemperatureScaling, logits: Floats, confidence_edges: Sequence[float]) -> NDArray[np.int64]:
     """Outcome indices ``(...)`` of logits ``(..., K)``."""
+    if not len(confidence_edges):
+        return logits.argmax(axis=-1)
     confidence = calibration.predict_proba(logits).max(axis=-1)
     bins = np.searchsorted(np.asarray(confidence_edges, np.float64), confidence)
     return np.asarray(bins * logits.shape[-1] + logits.argmax(axis=-1), np.int64)

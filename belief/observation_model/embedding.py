@@ -1,10 +1,16 @@
-"""Where Gaussian models look at a touch: a few numbers that say what the classifier saw."""
+"""Where Gaussian models look at a touch: a few numbers that say what the classifier saw.
+
+Both embeddings cut off what is beyond all experience, so that one touch (a logit of 1e308, say) never outweighs all
+others: at the extremes that the calibration touches showed, and there at ten times the size that all but a tenth stay
+below. That size is the unit too, so the numbers are neither huge nor tiny, whatever a classifier's scale.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,15 +20,22 @@ from scipy.linalg import helmert
 from belief.batch import TouchBatch
 from belief.problem import Floats
 
+_LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
+_MOST_UNITS = 10.0
+
 
 class Embedding(Protocol):
     """Turns touches into vectors, and vectors into touches."""
 
+    @property
+    def num_components(self) -> int:
+        """D."""
+
     def __call__(self, batch: TouchBatch) -> Floats:
         """Vectors ``(S, n, D)`` of touches."""
 
-    def to_logits(self, vectors: Floats) -> Floats:
-        """Logits ``(..., K)`` that such vectors ``(..., D)`` come with."""
+    def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
+        """Touches in ``poses (S, n)`` that such vectors ``(S, n, D)`` are of."""
 
     def to_fields(self) -> dict[str, Any]:
         """All attributes, as JSON types; :func:`embedding_from_fields` reads them."""
@@ -32,55 +45,91 @@ class Embedding(Protocol):
 class LogitEmbedding:
     """The logits without their mean, which no softmax feels: K - 1 numbers in an orthonormal basis.
 
-    Vectors are cut off at the extremes that the calibration touches showed, so that one touch beyond all experience
-    (or a logit of 1e308) never outweighs the others.
-
     Attributes:
-        lowest, highest: of every component, ``(K - 1,)``.
+        lowest, highest: of the logits without their mean, ``(K,)``; what is beyond is cut off.
+        unit: logits that make one unit of the vectors, > 0.
+
+    Raises:
+        ValueError: bounds that are NaN, cross, or are not of at least two shapes; a unit that is not above zero.
 
     Example:
+        >>> embedding = LogitEmbedding(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
         >>> batch = TouchBatch(np.zeros((1, 2), int), np.array([[[2.0, 0.0], [1e308, 0.0]]]))
-        >>> LogitEmbedding(np.array([-3.0]), np.array([3.0]))(batch).round(3).ravel()
-        array([1.414, 3.   ])
+        >>> embedding(batch).round(3).ravel()
+        array([1.414, 4.243])
+        >>> embedding.to_touches(batch.poses, embedding(batch)).logits.round(3).tolist()
+        [[[1.0, -1.0], [3.0, -3.0]]]
     """
 
     lowest: Floats
     highest: Floats
+    unit: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_bounds(self.lowest, self.highest, self.unit)
+        if len(self.lowest) < 2:
+            raise ValueError("an embedding of logits needs at least two shapes, got one")
 
     @classmethod
     def fit(cls, batch: TouchBatch) -> LogitEmbedding:
-        """With the extremes of these touches."""
-        num_shapes = batch.logits.shape[2]
-        if num_shapes < 2:
-            raise ValueError("a Gaussian model needs logits of at least two shapes, got one")
-        unbounded = np.full(num_shapes - 1, np.inf)
-        vectors = cls(-unbounded, unbounded)(batch).reshape(-1, num_shapes - 1)
-        return cls(vectors.min(axis=0), vectors.max(axis=0))
+        """With the extremes of these touches.
+
+        >>> rng = np.random.default_rng(0)
+        >>> embedding = LogitEmbedding.fit(TouchBatch(np.zeros((1, 99), int), rng.normal(size=(1, 99, 3))))
+        >>> embedding.num_components, embedding.highest.round(1).tolist()
+        (2, [2.7, 2.1, 1.7])
+        """
+        away = _centred(batch.logits).reshape(-1, batch.num_shapes)
+        unit = _typical_size(away)
+        return cls(*_extremes(away, unit), unit)
+
+    @property
+    def num_components(self) -> int:
+        """K - 1."""
+        return len(self.lowest) - 1
 
     def __call__(self, batch: TouchBatch) -> Floats:
         """See :class:`Embedding`."""
-        z = np.clip(batch.logits, -_LARGEST, _LARGEST)
-        return np.clip(z @ helmert(z.shape[2]).T, self.lowest, self.highest)
+        return self.cut(batch.logits) @ _basis(len(self.lowest)).T / self.unit
 
-    def to_logits(self, vectors: Floats) -> Floats:
+    def cut(self, logits: Floats) -> Floats:
+        """Logits ``(..., K)`` without their mean, cut off."""
+        return np.minimum(np.maximum(_centred(logits), self.lowest), self.highest)
+
+    def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
         """See :class:`Embedding`; the logits' mean is zero."""
-        return vectors @ helmert(vectors.shape[-1] + 1)
+        return TouchBatch(poses, vectors @ _basis(len(self.lowest)) * self.unit)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`Embedding`."""
-        return _arrays_to_fields(self)
+        return _to_fields(self)
 
 
 @dataclass(frozen=True, eq=False)
 class FeatureEmbedding:
-    """The leading principal components of the classifier's features, cut off as those of :class:`LogitEmbedding`.
+    """The leading principal components of the classifier's features.
 
     Attributes:
         centre: mean of the features, ``(F,)``.
         components: orthonormal rows ``(D, F)``.
-        lowest, highest: of every component, ``(D,)``.
-        readout: from components to logits, the last layer as far as they span it, ``(D, K)``.
+        lowest, highest: of every component, ``(D,)``, in units of the features; what is beyond is cut off.
+        readout: from vectors to logits, the last layer as far as the components span it, ``(D, K)``.
         offset: logits at the centre, ``(K,)``.
+        unit: what makes one unit of the vectors, in those of the features, > 0.
+
+    Raises:
+        ValueError: arrays that do not fit each other or are not finite, crossing bounds, a unit not above zero.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> features = rng.normal(size=(1, 500, 2)) @ np.array([[3.0, 0.0, 3.0], [0.0, 0.1, 0.0]])
+        >>> batch = TouchBatch(np.zeros((1, 500), int), features[..., :2], features)
+        >>> embedding = FeatureEmbedding.fit(batch, num_components=1)
+        >>> np.abs(embedding.components).round(2).tolist()
+        [[0.71, 0.0, 0.71]]
+        >>> again = embedding.to_touches(batch.poses, embedding(batch)).features
+        >>> float(np.abs(again - features).max().round(1))            # what the second component had to say
+        0.4
     """
 
     centre: Floats
@@ -89,6 +138,19 @@ class FeatureEmbedding:
     highest: Floats
     readout: Floats
     offset: Floats
+    unit: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_bounds(self.lowest, self.highest, self.unit)
+        arrays = (self.centre, self.components, self.readout, self.offset)
+        sizes = (len(self.lowest), len(self.centre), len(self.offset))
+        if [part.shape for part in arrays] != [sizes[1:2], sizes[:2], sizes[::2], sizes[2:]]:
+            raise ValueError(
+                "need centre (F,), components (D, F), bounds (D,), readout (D, K) and offset (K,), got "
+                f"{', '.join(str(part.shape) for part in arrays)}, bounds {self.lowest.shape}"
+            )
+        if not all(np.isfinite(part).all() for part in arrays):
+            raise ValueError("centre, components, readout and offset must be finite")
 
     @classmethod
     def fit(cls, batch: TouchBatch, num_components: int) -> FeatureEmbedding:
@@ -97,53 +159,104 @@ class FeatureEmbedding:
         Raises:
             ValueError: the touches have no features, or not so many as components are asked for.
         """
-        features = _features(batch).reshape(-1, _features(batch).shape[2])
+        features = _features(batch).reshape(batch.poses.size, -1)
         if not 1 <= num_components <= min(features.shape):
             raise ValueError(f"need between 1 and {min(features.shape)} components, got {num_components}")
-        centre = features.mean(axis=0)
-        _, components = np.linalg.eigh(np.cov(features, rowvar=False).reshape(features.shape[1], -1))
-        components = components[:, ::-1][:, :num_components].T
-        vectors = (features - centre) @ components.T
-        logits = batch.logits.reshape(len(vectors), -1)
+        away = features - np.median(features, axis=0)
+        unit = _typical_size(away)
+        cut = np.clip(away, *_extremes(away, unit)) / unit
+        scaled_centre = cut.mean(axis=0)
+        cut -= scaled_centre
+        _, basis = np.linalg.eigh(cut.T @ cut)
+        components = basis[:, ::-1][:, :num_components].T
+        vectors = cut @ components.T
+        logits = LogitEmbedding.fit(batch).cut(batch.logits.reshape(len(vectors), -1))
         design = np.column_stack([vectors, np.ones(len(vectors))])
         readout = np.linalg.lstsq(design, logits, rcond=None)[0]
-        return cls(centre, components, vectors.min(axis=0), vectors.max(axis=0), readout[:-1], readout[-1])
+        centre = np.median(features, axis=0) + scaled_centre * unit
+        lowest, highest = vectors.min(axis=0) * unit, vectors.max(axis=0) * unit
+        return cls(centre, components, lowest, highest, readout[:-1], readout[-1], unit)
+
+    @property
+    def num_components(self) -> int:
+        """D."""
+        return len(self.lowest)
 
     def __call__(self, batch: TouchBatch) -> Floats:
         """See :class:`Embedding`."""
-        features = np.clip(_features(batch), -_LARGEST, _LARGEST)
-        return np.clip((features - self.centre) @ self.components.T, self.lowest, self.highest)
+        features = _features(batch)
+        if features.shape[2] != len(self.centre):
+            raise ValueError(f"the embedding is of {len(self.centre)} features, touch 0 has {features.shape[2]}")
+        vectors = (features - self.centre) @ self.components.T
+        return np.minimum(np.maximum(vectors, self.lowest), self.highest) / self.unit
 
-    def to_logits(self, vectors: Floats) -> Floats:
-        """See :class:`Embedding`; as the classifier's last layer would, from these components alone."""
-        return vectors @ self.readout + self.offset
+    def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
+        """See :class:`Embedding`; logits as the classifier's last layer would give, from these components alone."""
+        features = vectors * self.unit @ self.components + self.centre
+        return TouchBatch(poses, vectors @ self.readout + self.offset, features)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`Embedding`."""
-        return _arrays_to_fields(self)
-
-
-_LARGEST = 1e300  # sums and differences of a few hundred such numbers are finite
-
-
-def _features(batch: TouchBatch) -> NDArray[np.float64]:
-    if batch.features is None:
-        raise ValueError("the touches carry no features; use an embedding of logits, or keep the features")
-    return np.asarray(batch.features, np.float64)
+        return _to_fields(self)
 
 
 def embedding_from_fields(fields: Mapping[str, Any]) -> LogitEmbedding | FeatureEmbedding:
     """The embedding that wrote these fields.
 
     Raises:
-        ValueError: there is no such embedding.
+        ValueError: there is no such embedding, or its numbers do not fit.
+
+    >>> fields = {"embedding": "LogitEmbedding", "lowest": [-1.0, -2.0], "highest": [1.0, 2.0], "unit": 2.0}
+    >>> embedding_from_fields(fields).to_fields() == fields
+    True
     """
     for kind in (LogitEmbedding, FeatureEmbedding):
         if fields["embedding"] == kind.__name__:
-            return kind(*(np.array(fields[field.name], np.float64) for field in dataclasses.fields(kind)))
+            names = [field.name for field in dataclasses.fields(kind) if field.name != "unit"]
+            values: dict[str, Any] = {name: np.array(fields[name], np.float64) for name in names}
+            return kind(**values, unit=float(fields["unit"]))
     raise ValueError(f"unknown embedding {fields['embedding']!r}")
 
 
-def _arrays_to_fields(embedding: LogitEmbedding | FeatureEmbedding) -> dict[str, Any]:
-    arrays = {field.name: getattr(embedding, field.name).tolist() for field in dataclasses.fields(embedding)}
-    return {"embedding": type(embedding).__name__, **arrays}
+def _to_fields(embedding: LogitEmbedding | FeatureEmbedding) -> dict[str, Any]:
+    values = {
+        field.name: np.asarray(getattr(embedding, field.name)).tolist() for field in dataclasses.fields(embedding)
+    }
+    return {"embedding": type(embedding).__name__, **values}
+
+
+@lru_cache
+def _basis(num_shapes: int) -> Floats:
+    """Orthonormal rows ``(K - 1, K)`` that are orthogonal to a constant."""
+    return helmert(num_shapes)
+
+
+def _centred(logits: Floats) -> Floats:
+    z = np.minimum(np.maximum(logits, -_LARGEST), _LARGEST)
+    return np.asarray(z - z.mean(axis=-1, keepdims=True))
+
+
+def _features(batch: TouchBatch) -> Floats:
+    if batch.features is None:
+        raise ValueError("the touches carry no features; use an embedding of logits, or keep the features")
+    return np.clip(np.asarray(batch.features, np.float64), -_LARGEST, _LARGEST)
+
+
+def _typical_size(away: Floats) -> float:
+    """Which size all but a tenth of the rows ``(n, …)`` stay below, by their largest entry; 1 where all are zero."""
+    sizes = np.sort(np.abs(away).max(axis=1))
+    typical = sizes[int(0.9 * (len(sizes) - 1))]
+    typical = typical if typical > 0.0 else sizes[np.searchsorted(sizes, 0.0, "right") % len(sizes)]
+    return max(float(typical), np.finfo(float).tiny) if typical > 0.0 else 1.0
+
+
+def _extremes(away: Floats, unit: float) -> tuple[Floats, Floats]:
+    most = min(_MOST_UNITS * unit, _LARGEST)
+    return np.maximum(away.min(axis=0), -most), np.minimum(away.max(axis=0), most)
+
+
+def _check_bounds(lowest: Floats, highest: Floats, unit: float) -> None:
+    if lowest.ndim != 1 or lowest.shape != highest.shape or lowest.size == 0 or not (lowest <= highest).all():
+        raise ValueError(f"need lowest ≤ highest for every component, got {lowest} and {highest}")
+    if not 0.0 < unit < np.inf:
+        raise ValueError(f"unit must be finite and > 0, got {unit}")

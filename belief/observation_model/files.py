@@ -31,8 +31,13 @@ def read_observation_model(text: str) -> ArrayModel:
         fields = json.loads(text)
         if fields["model"] not in _KINDS:
             raise ValueError(f"unknown kind {fields['model']!r}, known are {', '.join(_KINDS)}")
-        return _KINDS[fields["model"]].from_fields(tuple(fields["shape_labels"]), fields)
+        labels = fields["shape_labels"]
+        if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
+            raise ValueError(f"shape_labels must be a list of names, got {labels!r}")
+        if len(set(labels)) < len(labels):
+            raise ValueError(f"shape_labels must differ from each other, got {labels}")
+        return _KINDS[fields["model"]].from_fields(tuple(labels), fields)
     except ValueError as error:
         raise ValueError(f"not an observation model: {error}") from error
-    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+    except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:
         raise ValueError(f"not an observation model: {error!r}") from error

@@ -18,14 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
-from belief.observation_model.model import ArrayModel, calibration_arrays, labels_or_default
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
 
 MEAN_POOLING = 30.0
 """Weight of a shape's mean over all poses in that of each pose, in touches."""
-_SMALLEST_VARIANCE = 1e-12  # of logits
+_SMALLEST_VARIANCE = 1e-12  # in units of the embedding, whose typical touch is about one away from the centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,9 @@ class GaussianModel(ArrayModel):
         embedding: where it looks at a touch.
         means: ``(P, K, D)``.
         covariances: ``(K, D, D)``.
+
+    Raises:
+        ValueError: arrays that do not fit each other, or covariances that are not positive definite.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -53,6 +57,10 @@ class GaussianModel(ArrayModel):
     embedding: Embedding
     means: Floats
     covariances: Floats
+
+    def __post_init__(self) -> None:
+        require_means(self.means, len(self.shape_labels), self.embedding.num_components)
+        require_covariances("covariances", self.covariances, self.means, definite=True)
 
     @classmethod
     def fit(
@@ -79,45 +87,43 @@ class GaussianModel(ArrayModel):
                 ``inf`` for linear discriminant analysis.
 
         Raises:
-            ValueError: no touches, labels out of range, or lengths that do not fit.
+            ValueError: see :meth:`LabelledTouches.of`; negative pooling.
         """
-        batch, truth, _ = calibration_arrays(touches, shapes, object_ids)
-        embedding = embedding if embedding is not None else LogitEmbedding.fit(batch)
-        vectors, poses = embedding(batch)[0], batch.poses[0]
-        num_shapes = batch.logits.shape[2]
-        means = pose_means(vectors, truth, poses, num_shapes, num_poses)
-        rest = vectors - means[poses, truth]
-        scatter = np.stack([rest[truth == k].T @ rest[truth == k] for k in range(num_shapes)])
-        covariances = positive_definite(pooled(scatter, np.bincount(truth, minlength=num_shapes), pooling))
-        return cls(labels_or_default(shape_labels, num_shapes), embedding, means, covariances)
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
+        means, rest = pose_means(embedding(data.batch)[0], data)
+        covariances = positive_definite(pooled(scatter_of_shapes(rest, data), data.counts, pooling))
+        return cls(data.shape_labels, embedding, means, covariances)
 
     @property
     def num_poses(self) -> int:
         """P."""
         return len(self.means)
 
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; the sum over touches."""
-        rest = self.embedding(batch)[:, :, None] - self.means[batch.poses]  # (S, n, K, D)
-        white = np.einsum("snkd,ked->snke", rest, self._whitening)
-        log_density = -0.5 * (white**2).sum(axis=-1) + self._log_determinants
-        return np.asarray(log_density.sum(axis=1))
+        white = whitened(self.embedding(batch), self._whitening) - self._white_means[batch.poses]  # (S, n, K, D)
+        return np.asarray((self._log_determinants - 0.5 * (white**2).sum(axis=-1)).sum(axis=1))
 
     @cached_property
     def _whitening(self) -> Floats:
-        """``(K, D, D)``: W with Wᵀ W = Σ⁻¹."""
+        """``(K, D, D)``: A with Aᵀ A = Σ⁻¹."""
         return np.linalg.inv(np.linalg.cholesky(self.covariances))
+
+    @cached_property
+    def _white_means(self) -> Floats:
+        return np.einsum("ked,pkd->pke", self._whitening, self.means)
 
     @cached_property
     def _log_determinants(self) -> Floats:
         return np.asarray(np.log(np.diagonal(self._whitening, axis1=1, axis2=2)).sum(axis=1))
 
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`."""
         noise = rng.standard_normal((*poses.shape, self.means.shape[2])) @ np.linalg.cholesky(self.covariances[shape]).T
-        return TouchBatch(poses, self.embedding.to_logits(self.means[poses, shape] + noise))
+        return self.embedding.to_touches(poses, self.means[poses, shape] + noise)
 
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; from touches that the model samples."""
         return sampled_table(self, num_outcomes, rng)
 
@@ -133,31 +139,25 @@ class GaussianModel(ArrayModel):
         return cls(shape_labels, embedding_from_fields(fields["embedding"]), *arrays)
 
 
-def pose_means(
-    vectors: Floats,
-    shapes: NDArray[np.int64],
-    poses: NDArray[np.int64],
-    num_shapes: int,
-    num_poses: int | None,
-    pooling: float = MEAN_POOLING,
-) -> Floats:
-    """Mean vector of each shape in each pose, ``(P, K, D)``, shrunk towards the shape's mean over all poses.
+def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = MEAN_POOLING) -> tuple[Floats, Floats]:
+    """Mean vector of each shape in each pose, ``(P, K, D)``, and what touches ``(n, D)`` are away from theirs.
 
-    A shape without touches gets the mean of all: it then explains every touch equally badly.
-
-    Raises:
-        ValueError: a pose beyond ``num_poses``.
+    Each is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all.
     """
-    num_poses = int(poses.max()) + 1 if num_poses is None else num_poses
-    if poses.max() >= num_poses:
-        raise ValueError(f"touch {poses.argmax()} has pose {poses.max()}, num_poses is {num_poses}")
-    sums = np.zeros((num_poses, num_shapes, vectors.shape[1]))
-    counts = np.zeros((num_poses, num_shapes, 1))
-    np.add.at(sums, (poses, shapes), vectors)
-    np.add.at(counts, (poses, shapes), 1.0)
+    sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
+    counts = np.zeros((data.num_poses, data.num_shapes, 1))
+    np.add.at(sums, (data.poses, data.shapes), vectors)
+    np.add.at(counts, (data.poses, data.shapes), 1.0)
     seen = counts.sum(axis=0)
     overall = np.where(seen > 0.0, sums.sum(axis=0) / np.maximum(seen, 1.0), vectors.mean(axis=0))
-    return (sums + pooling * overall) / (counts + pooling)
+    means = (sums + pooling * overall) / (counts + pooling)
+    return means, vectors - means[data.poses, data.shapes]
+
+
+def scatter_of_shapes(rest: Floats, data: LabelledTouches) -> Floats:
+    """Sums of squares of ``rest (n, D)`` over the touches of each shape, ``(K, D, D)``."""
+    of_shapes = (rest[data.shapes == k] for k in range(data.num_shapes))
+    return np.stack([some.T @ some for some in of_shapes])
 
 
 def pooled(sums: Floats, numbers: ArrayLike, pooling: float) -> Floats:
@@ -186,3 +186,39 @@ def positive_definite(covariances: Floats) -> Floats:
     values, basis = np.linalg.eigh((covariances + np.swapaxes(covariances, 1, 2)) / 2)
     values = np.maximum(values, np.maximum(1e-6 * values[:, -1:], _SMALLEST_VARIANCE))
     return np.asarray((basis * values[:, None]) @ np.swapaxes(basis, 1, 2))
+
+
+def whitened(vectors: Floats, bases: Floats) -> Floats:
+    """Vectors ``(..., D)`` in the basis A of every shape, ``(..., K, D)``, from all A, ``(K, D, D)``."""
+    flat = bases.reshape(-1, bases.shape[2])
+    return (vectors @ flat.T).reshape(*vectors.shape[:-1], *bases.shape[:2])
+
+
+def require_means(means: Floats, num_shapes: int, num_components: int) -> None:
+    """Refuse what is not ``(P, K, D)`` for these K and D, and finite.
+
+    Raises:
+        ValueError: it says what was given.
+    """
+    if means.ndim != 3 or means.shape[1:] != (num_shapes, num_components) or len(means) == 0:
+        raise ValueError(f"means must be (P, {num_shapes}, {num_components}), got {means.shape}")
+    if not np.isfinite(means).all():
+        raise ValueError("means must be finite")
+
+
+def require_covariances(name: str, covariances: Floats, means: Floats, *, definite: bool) -> None:
+    """Refuse what are no covariances ``(K, D, D)``, one for each shape of ``means (P, K, D)``.
+
+    Raises:
+        ValueError: wrong shape, NaN, not symmetric, or an eigenvalue below zero (not above zero, if ``definite``).
+    """
+    size = means.shape[2]
+    if covariances.shape != (means.shape[1], size, size) or not np.isfinite(covariances).all():
+        raise ValueError(f"{name} must be finite and of shape {(means.shape[1], size, size)}, got {covariances.shape}")
+    scale = np.abs(covariances).max(axis=(1, 2))
+    if (np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2)) > 1e-9 * scale).any():
+        raise ValueError(f"{name} must be symmetric")
+    least = np.linalg.eigvalsh(covariances)[:, 0]
+    if not (least > 0.0 if definite else least >= -1e-9 * scale).all():
+        kind = "definite" if definite else "semidefinite"
+        raise ValueError(f"{name} must be positive {kind}, the least eigenvalue of each is {least}")

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from belief.batch import TouchBatch
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
+
+_BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alone has more
 
 
 class ObservationModel(Protocol):
@@ -35,9 +38,25 @@ class ObservationModel(Protocol):
 class ArrayModel(ABC):
     """An observation model that computes with arrays; the models of this package derive from it.
 
+    A model of its own has :attr:`num_poses`, :meth:`to_fields`, :meth:`from_fields`, and
+
+    - ``_log_likelihoods(batch)``: what :meth:`log_likelihood_batch` returns, of at least one touch that fits;
+    - ``_sample(shape, poses, rng)``: what :meth:`sample_batch` returns, for a shape and poses that there are;
+    - ``_tabulate(num_outcomes, rng)``: what :meth:`outcome_table` returns, of at most so many outcomes, at least one.
+
     Attributes:
         name: what it is called in files.
         shape_labels: names of the K shapes.
+
+    Example:
+        >>> from belief.synthetic import random_model
+        >>> rng = np.random.default_rng(0)
+        >>> model = random_model(rng, num_shapes=3)
+        >>> batch = model.sample_batch(shape=2, poses=np.zeros((500, 4), int), rng=rng)   # 500 objects, four touches
+        >>> float(np.mean(model.log_likelihood_batch(batch).argmax(axis=1) == 2).round(1))
+        0.6
+        >>> bool((model.log_likelihood(batch.sequence(7)) == model.log_likelihood_batch(batch)[7]).all())
+        True
     """
 
     name: ClassVar[str]
@@ -49,21 +68,16 @@ class ArrayModel(ABC):
         """P."""
 
     @abstractmethod
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
-        """Log p(touches of a sequence | shape) up to a constant of the sequence, ``(S, K)``."""
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        """See :meth:`log_likelihood_batch`."""
 
     @abstractmethod
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """What S objects of a shape might give, each touched in its row of ``poses (S, n)``."""
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        """See :meth:`sample_batch`."""
 
     @abstractmethod
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
-        """The model with touches discretised into at most so many outcomes, for planners.
-
-        Args:
-            num_outcomes: at most so many; the model's own number by default.
-            rng: for models that have to sample their table; seed 0 by default, so that a model has one table.
-        """
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        """See :meth:`outcome_table`."""
 
     @abstractmethod
     def to_fields(self) -> dict[str, Any]:
@@ -85,17 +99,78 @@ class ArrayModel(ABC):
         Raises:
             ValueError: a touch does not fit the model; the message names it.
         """
-        if not touches:
+        if len(touches) == 0:
             return np.zeros(len(self.shape_labels))
-        batch = TouchBatch.of([touches])
+        return self.log_likelihood_batch(TouchBatch.of([touches]))[0]
+
+    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+        """Log p(touches of a sequence | shape) up to a constant of the sequence, ``(S, K)``; zeros for no touches.
+
+        Raises:
+            ValueError: a touch does not fit the model; the message names it.
+        """
         self.require_fit(batch)
-        return self.log_likelihood_batch(batch)[0]
+        if batch.poses.size == 0:
+            return np.zeros((len(batch), len(self.shape_labels)))
+        size = max(1, _BLOCK // batch.logits[0].size)
+        if len(batch) <= size:
+            return self._log_likelihoods(batch)
+        blocks = (batch.sequences(slice(first, first + size)) for first in range(0, len(batch), size))
+        return np.concatenate([self._log_likelihoods(block) for block in blocks])
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """Touches that one object of this shape might give in these poses."""
-        if not poses:
+        """Touches that one object of this shape might give in these poses.
+
+        Raises:
+            ValueError: there is no such shape or pose.
+        """
+        if len(poses) == 0:
             return []
-        return self.sample_batch(shape, np.asarray(poses, np.int64)[None], rng).sequence(0)
+        return self.sample_batch(shape, np.asarray(poses)[None], rng).sequence(0)
+
+    def sample_batch(self, shape: int, poses: NDArray[np.integer], rng: np.random.Generator) -> TouchBatch:
+        """What S objects of a shape might give, each touched in its row of ``poses (S, n)``.
+
+        Raises:
+            ValueError: there is no such shape or pose.
+        """
+        if not 0 <= shape < len(self.shape_labels):
+            raise ValueError(f"shape must be in [0, {len(self.shape_labels)}), got {shape}")
+        rows = np.asarray(poses)
+        if rows.ndim != 2 or not np.issubdtype(rows.dtype, np.integer):
+            raise ValueError(f"poses must be integers (S, n), got {rows.dtype} {rows.shape}")
+        if rows.size and not (rows.min() >= 0 and rows.max() < self.num_poses):
+            raise ValueError(f"poses must be in [0, {self.num_poses}), got {rows.min()} to {rows.max()}")
+        return self._sample(shape, rows.astype(np.int64), rng)
+
+    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+        """The model with touches discretised into at most so many outcomes, for planners.
+
+        Args:
+            num_outcomes: at most so many; :attr:`default_outcomes` by default.
+            rng: for models that have to sample their table. By default seed 0, so that a model has one table of each
+                size, which is then kept.
+
+        Raises:
+            ValueError: no outcome is asked for.
+        """
+        wanted = self.default_outcomes if num_outcomes is None else num_outcomes
+        if wanted < 1:
+            raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+        if rng is not None:
+            return self._tabulate(wanted, rng)
+        if wanted not in self._tables:
+            self._tables[wanted] = self._tabulate(wanted, np.random.default_rng(0))
+        return self._tables[wanted]
+
+    @property
+    def default_outcomes(self) -> int:
+        """Outcomes of a table unless asked otherwise: 3 K, to say which shape and how surely, but at least 12."""
+        return max(12, 3 * len(self.shape_labels))
+
+    @cached_property
+    def _tables(self) -> dict[int, OutcomeTable]:
+        return {}
 
     def require_fit(self, batch: TouchBatch) -> None:
         """Refuse touches of other shapes or poses than the model knows.
@@ -103,57 +178,14 @@ class ArrayModel(ABC):
         Raises:
             ValueError: the message names the first touch that does not fit.
         """
-        if batch.logits.shape[2] != len(self.shape_labels):
+        if batch.num_shapes != len(self.shape_labels):
             raise ValueError(
-                f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), the touches have "
-                f"{batch.logits.shape[2]} logits"
+                f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), touch 0 and all "
+                f"others have {batch.num_shapes} logits"
             )
-        beyond = np.argwhere(batch.poses >= self.num_poses)
-        if beyond.size:
-            sequence, touch = (int(i) for i in beyond[0])
+        if batch.poses.size and batch.poses.max() >= self.num_poses:
+            sequence, touch = (int(i) for i in np.argwhere(batch.poses >= self.num_poses)[0])
             raise ValueError(
-                f"touch {touch} has pose {batch.poses[sequence, touch]}, the model knows poses 0 to {self.num_poses}, "
-                "exclusive"
+                f"touch {touch} of sequence {sequence} has pose {batch.poses[sequence, touch]}, the model knows poses "
+                f"0 to {self.num_poses}, exclusive"
             )
-
-
-def calibration_arrays(
-    touches: Sequence[Touch], shapes: ArrayLike, object_ids: ArrayLike | None
-) -> tuple[TouchBatch, NDArray[np.int64], NDArray[np.int64]]:
-    """Calibration touches as one long sequence, with shape and object (from 0, without gaps) of each, ``(n,)``.
-
-    Raises:
-        ValueError: no touches, labels out of range, lengths that do not fit, or an object of two shapes.
-    """
-    truth = np.asarray(shapes)
-    ids = np.arange(len(touches)) if object_ids is None else np.asarray(object_ids)
-    if len(touches) == 0 or truth.shape != (len(touches),) or ids.shape != truth.shape:
-        raise ValueError(
-            f"need at least one touch, and one shape and object for each, got {len(touches)} touches, {truth.shape} "
-            f"shapes and {ids.shape} objects"
-        )
-    batch = TouchBatch.of([touches])
-    num_shapes = batch.logits.shape[2]
-    if not np.issubdtype(truth.dtype, np.integer) or truth.min() < 0 or truth.max() >= num_shapes:
-        raise ValueError(
-            f"shapes must be integers in [0, {num_shapes}), got {truth.dtype} from {truth.min()} to {truth.max()}"
-        )
-    _, first, index = np.unique(ids, return_index=True, return_inverse=True)
-    if (truth[first][index] != truth).any():
-        row = int(np.argmax(truth[first][index] != truth))
-        raise ValueError(
-            f"object {ids[row]} has two shapes, {truth[first][index][row]} and, in touch {row}, {truth[row]}"
-        )
-    return batch, truth.astype(np.int64), index.astype(np.int64)
-
-
-def labels_or_default(shape_labels: Sequence[str] | None, num_shapes: int) -> tuple[str, ...]:
-    """The names given, or ``shape_0`` and so on.
-
-    Raises:
-        ValueError: there are not as many names as shapes.
-    """
-    labels = tuple(shape_labels) if shape_labels is not None else tuple(f"shape_{k}" for k in range(num_shapes))
-    if len(labels) != num_shapes:
-        raise ValueError(f"the touches have {num_shapes} logits, shape_labels names {len(labels)}: {list(labels)}")
-    return labels

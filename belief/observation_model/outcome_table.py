@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import entr
 
 from belief.bayes import expected_information_gain
 from belief.problem import Floats
@@ -35,7 +36,7 @@ class OutcomeTable:
         probs = np.array(self.probs, np.float64)
         if probs.ndim != 3 or probs.size == 0:
             raise ValueError(f"probs must be (P, K, M) with no axis empty, got shape {probs.shape}")
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             bad = ~((probs >= 0.0).all(axis=2) & (np.abs(probs.sum(axis=2) - 1.0) <= 2e-3))
         if bad.any():
             pose, shape = (int(i) for i in np.argwhere(bad)[0])
@@ -76,22 +77,31 @@ class OutcomeTable:
 
         Raises:
             ValueError: no outcome is asked for.
+
+        >>> table = OutcomeTable(np.array([[[0.7, 0.2, 0.1], [0.1, 0.2, 0.7]]]))
+        >>> table.merged(2).probs.round(1).tolist(), table.merged(2).num_outcomes
+        ([[[0.9, 0.1], [0.3, 0.7]]], 2)
         """
         if num_outcomes < 1:
             raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
         columns = np.moveaxis(self.probs, 2, 0)  # (M, P, K)
+        if len(columns) <= num_outcomes:
+            return self
+        told = _told(columns)
+        loss = np.stack([told + mine - _told(columns + column) for mine, column in zip(told, columns, strict=True)])
+        np.fill_diagonal(loss, np.inf)
         while len(columns) > num_outcomes:
-            pairs = columns[:, None] + columns[None]  # (M, M, P, K)
-            loss = _told(columns)[:, None] + _told(columns)[None] - _told(pairs)
-            loss[np.tril_indices(len(columns))] = np.inf
-            one, other = np.unravel_index(int(loss.argmin()), loss.shape)
-            rest = np.delete(columns, [one, other], axis=0)
-            columns = np.concatenate([rest, pairs[one, other][None]])
+            one, other = sorted(int(i) for i in np.unravel_index(int(loss.argmin()), loss.shape))
+            both = columns[one] + columns[other]
+            columns, told = np.delete(columns, other, axis=0), np.delete(told, other)
+            loss = np.delete(np.delete(loss, other, axis=0), other, axis=1)
+            columns[one], told[one] = both, _told(both)
+            loss[one] = loss[:, one] = told + told[one] - _told(columns + both)
+            loss[one, one] = np.inf
         return OutcomeTable(np.moveaxis(columns, 0, 2))
 
 
 def _told(joint: Floats) -> Floats:
     """Part of the information that outcomes carry, ``(...)``, from p(outcome | pose, shape), ``(..., P, K)``."""
-    mean = joint.mean(axis=-1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(joint > 0.0, joint * np.log(joint / mean), 0.0).mean(axis=-1).sum(axis=-1)
+    total = np.maximum(joint.sum(axis=-1, keepdims=True), np.finfo(float).smallest_subnormal)
+    return np.asarray(-entr(joint / total) * total + joint * np.log(joint.shape[-1])).mean(axis=-1).sum(axis=-1)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,17 @@ from scipy.linalg import eigh
 
 from belief.batch import TouchBatch
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
-from belief.observation_model.gaussian import pooled, pose_means, positive_definite
-from belief.observation_model.model import ArrayModel, calibration_arrays, labels_or_default
+from belief.observation_model.gaussian import (
+    pooled,
+    pose_means,
+    positive_definite,
+    require_covariances,
+    require_means,
+    scatter_of_shapes,
+    whitened,
+)
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.observation_model.variance_components import Components, estimate_components
@@ -45,6 +54,9 @@ class PLDAModel(ArrayModel):
         status: ``ok``; ``no_repeats``: no object was touched twice in a pose, so half of what a pose's touches do not
             share with others is *taken* to repeat; ``one_touch_per_object``: nor in two poses, and a third each is
             taken for B, V and W.
+
+    Raises:
+        ValueError: arrays that do not fit each other, are no covariances, or an unknown status.
 
     Example:
         Five touches of one object in one pose, all the same, are hardly more than one:
@@ -69,6 +81,13 @@ class PLDAModel(ArrayModel):
     means: Floats
     components: Components
     status: Status = "ok"
+
+    def __post_init__(self) -> None:
+        require_means(self.means, len(self.shape_labels), self.embedding.num_components)
+        for name, part in self.components._asdict().items():
+            require_covariances(name, part, self.means, definite=name == "of_touch")
+        if self.status not in get_args(Status):
+            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
 
     @classmethod
     def fit(
@@ -96,84 +115,85 @@ class PLDAModel(ArrayModel):
                 estimated from; by default there is one set of covariances for all shapes.
 
         Raises:
-            ValueError: no touches, labels out of range, or lengths that do not fit.
+            ValueError: see :meth:`LabelledTouches.of`; negative pooling.
         """
-        batch, truth, objects = calibration_arrays(touches, shapes, object_ids)
-        embedding = embedding if embedding is not None else LogitEmbedding.fit(batch)
-        vectors, poses, num_shapes = embedding(batch)[0], batch.poses[0], batch.logits.shape[2]
-        means = pose_means(vectors, truth, poses, num_shapes, num_poses)
-        rest = vectors - means[poses, truth]
-        scatter = np.stack([rest[truth == k].T @ rest[truth == k] for k in range(num_shapes)])
-        total = positive_definite(pooled(scatter, np.bincount(truth, minlength=num_shapes), pooling))
-        num_pairs, num_objects = np.unique(objects * len(means) + poses).size, int(objects.max()) + 1
-        status: Status = "ok" if num_pairs < len(poses) else "no_repeats"
-        if num_objects == len(poses):
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
+        means, rest = pose_means(embedding(data.batch)[0], data)
+        total = positive_definite(pooled(scatter_of_shapes(rest, data), data.counts, pooling))
+        has_repeats = np.unique(data.objects * data.num_poses + data.poses).size < len(data.poses)
+        status: Status = "ok" if has_repeats else "no_repeats"
+        if data.num_objects == len(data.poses):
             status, components = "one_touch_per_object", Components(total / 3, total / 3, total / 3)
         else:
-            components = estimate_components(rest, truth, objects, poses, total, pooling, has_repeats=status == "ok")
-        return cls(labels_or_default(shape_labels, num_shapes), embedding, means, components, status)
+            components = estimate_components(rest, data, total, pooling, has_repeats=has_repeats)
+        return cls(data.shape_labels, embedding, means, components, status)
 
     @property
     def num_poses(self) -> int:
         """P."""
         return len(self.means)
 
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`."""
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        """See :class:`ArrayModel`; sums over poses of what their number of touches, mean and scatter say."""
         vectors, (num_sequences, n) = self.embedding(batch), batch.poses.shape
         used, poses = np.unique(batch.poses, return_inverse=True)
-        membership = (poses.reshape(num_sequences, n)[..., None] == np.arange(len(used))).astype(float)  # (S, n, p)
+        poses = poses.reshape(num_sequences, n)
+        membership = (poses[..., None] == np.arange(len(used))).astype(np.float64)  # (S, n, p)
         counts = membership.sum(axis=1)  # (S, p)
-        means = np.einsum("snp,snd->spd", membership, vectors) / np.maximum(counts, 1.0)[..., None]
-        spread = vectors - np.einsum("snp,spd->snd", membership, means)  # of touches about their pose's mean
-        shifts = means[:, :, None] - self.means[used]  # (S, p, K, D), zero weight where there is no touch
-        found = np.empty((num_sequences, len(self.shape_labels)))
-        for k, (whiten, log_scale, shared_pose, shared_object) in enumerate(self._bases):
-            # In this basis W is the identity, V is diagonal, and each pose's mean has variance V + 1 / count.
-            within = ((spread @ whiten.T) ** 2).sum(axis=(1, 2))
-            y = shifts[:, :, k] @ whiten.T  # (S, p, D)
-            weight = np.where(counts[..., None] > 0.0, 1.0, 0.0) / (
-                shared_pose + 1.0 / np.maximum(counts, 1.0)[..., None]
-            )
-            between = (weight * y**2).sum(axis=(1, 2))
-            precision, pull = weight.sum(axis=1), (weight * y).sum(axis=1)  # (S, D)
-            inner = np.eye(len(whiten)) + shared_object * precision[:, None, :]  # I + B M, M diagonal
-            gain = np.einsum("sd,sd->s", pull, np.linalg.solve(inner, (pull @ shared_object)[..., None])[..., 0])
-            log_det = np.log1p(counts[..., None] * shared_pose).sum(axis=(1, 2)) + np.linalg.slogdet(inner)[1]
-            found[:, k] = -0.5 * (within + between - gain + log_det) + n * log_scale
-        return found
+        present = np.maximum(counts, 1.0)
+        means = np.swapaxes(membership, 1, 2) @ vectors / present[..., None]  # (S, p, D)
+        spread = vectors - means[np.arange(num_sequences)[:, None], poses]
+        scatter = np.swapaxes(spread, 1, 2) @ spread  # (S, D, D)
+        basis = self._basis
+        within = scatter.reshape(num_sequences, -1) @ basis.precision.reshape(len(basis.precision), -1).T
+        # In the basis of a shape W is the identity, V is diagonal, and each pose's mean has variance V + 1 / count.
+        y = whitened(means, basis.whiten) - basis.means[used]  # (S, p, K, D)
+        weight = np.where(counts > 0.0, 1.0, 0.0)[..., None, None] / (basis.of_pose + 1.0 / present[..., None, None])
+        between = (weight * y**2).sum(axis=(1, 3))
+        pull = (weight * y).sum(axis=1)  # (S, K, D)
+        # The rest depends on how many touches there were in how many poses only, and few such patterns occur.
+        _, example, pattern = np.unique(np.sort(counts, axis=1), axis=0, return_index=True, return_inverse=True)
+        inner = np.eye(y.shape[3]) + basis.of_object * weight[example].sum(axis=1)[..., None, :]  # I + B M, M diagonal
+        gain = np.linalg.solve(inner, np.broadcast_to(basis.of_object, inner.shape))  # (patterns, K, D, D)
+        log_det = np.linalg.slogdet(inner)[1] + np.log1p(counts[example][..., None, None] * basis.of_pose).sum(
+            axis=(1, 3)
+        )
+        explained, pattern = np.empty((num_sequences, y.shape[2])), pattern.ravel()
+        for i, of_pattern in enumerate(gain):
+            some = np.swapaxes(pull[pattern == i], 0, 1)  # (K, s, D)
+            explained[pattern == i] = ((some @ of_pattern) * some).sum(axis=2).T
+        return n * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
 
     @cached_property
-    def _bases(self) -> list[tuple[Floats, float, Floats, Floats]]:
-        """For each shape: A with A W Aᵀ = I and A V Aᵀ diagonal, log |det A|, that diagonal, and A B Aᵀ."""
-        bases = []
-        for shared_object, shared_pose, own in zip(*self.components, strict=True):
-            values, vectors = eigh(shared_pose, own)
-            whiten = vectors.T
-            bases.append(
-                (
-                    whiten,
-                    float(np.linalg.slogdet(whiten)[1]),
-                    np.maximum(values, 0.0),
-                    whiten @ shared_object @ whiten.T,
-                )
-            )
-        return bases
+    def _basis(self) -> _Basis:
+        pairs = zip(self.components.of_pose, self.components.of_touch, strict=True)
+        values, vectors = (np.stack(parts) for parts in zip(*(eigh(*pair) for pair in pairs), strict=True))
+        whiten = np.swapaxes(vectors, 1, 2)
+        return _Basis(
+            whiten,
+            np.linalg.slogdet(whiten)[1],
+            vectors @ whiten,
+            np.einsum("ked,pkd->pke", whiten, self.means),
+            np.maximum(values, 0.0),
+            whiten @ self.components.of_object @ vectors,
+        )
 
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`."""
         num_sequences, n = poses.shape
         size = self.means.shape[2]
-        shared_object, shared_pose, own = (_root(part[shape]) for part in self.components)
-        of_object = rng.standard_normal((num_sequences, 1, size)) @ shared_object
-        of_pose = rng.standard_normal((num_sequences, self.num_poses, size)) @ shared_pose
-        alone = rng.standard_normal((num_sequences, n, size)) @ own
+        used, index = np.unique(poses, return_inverse=True)
+        of_object, of_pose, of_touch = (_root(part[shape]) for part in self.components)
+        shared = rng.standard_normal((num_sequences, 1, size)) @ of_object
+        in_pose = rng.standard_normal((num_sequences, len(used), size)) @ of_pose
+        alone = rng.standard_normal((num_sequences, n, size)) @ of_touch
         rows = np.arange(num_sequences)[:, None]
-        return TouchBatch(
-            poses, self.embedding.to_logits(self.means[poses, shape] + of_object + of_pose[rows, poses] + alone)
+        return self.embedding.to_touches(
+            poses, self.means[poses, shape] + shared + in_pose[rows, index.reshape(poses.shape)] + alone
         )
 
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; from touches that the model samples. A table cannot say how far touches repeat."""
         return sampled_table(self, num_outcomes, rng)
 
@@ -189,6 +209,26 @@ class PLDAModel(ArrayModel):
         means, *parts = (np.array(fields[name], np.float64) for name in ("means", *Components._fields))
         embedding = embedding_from_fields(fields["embedding"])
         return cls(shape_labels, embedding, means, Components(*parts), fields["status"])
+
+
+class _Basis(NamedTuple):
+    """For every shape a basis in which its W is the identity and its V diagonal.
+
+    Attributes:
+        whiten: A with A W Aᵀ = I, ``(K, D, D)``.
+        log_scale: log |det A|, ``(K,)``.
+        precision: Aᵀ A = W⁻¹, ``(K, D, D)``.
+        means: A m, ``(P, K, D)``.
+        of_pose: the diagonal of A V Aᵀ, ``(K, D)``.
+        of_object: A B Aᵀ, ``(K, D, D)``.
+    """
+
+    whiten: Floats
+    log_scale: Floats
+    precision: Floats
+    means: Floats
+    of_pose: Floats
+    of_object: Floats
 
 
 def _root(covariance: Floats) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import log_softmax
 
 from belief.batch import TouchBatch
@@ -19,30 +20,46 @@ from belief.problem import Floats
 if TYPE_CHECKING:
     from belief.observation_model.model import ArrayModel
 
-DEFAULT_OUTCOMES = 12
 _SAMPLES = 2000  # touches of each shape in each pose
-_SMOOTHING = 0.5  # pseudo-counts an outcome, so that none is impossible
+_CLUSTERED = 20_000  # touches, of all, that the clusters are found from
+_SMOOTHING = 0.1  # touches, spread over all outcomes, so that none is impossible
 
 
 def sampled_table(
-    model: ArrayModel, num_outcomes: int | None, rng: np.random.Generator | None, num_samples: int = _SAMPLES
+    model: ArrayModel, num_outcomes: int, rng: np.random.Generator, num_samples: int = _SAMPLES
 ) -> OutcomeTable:
-    """The table of a model's own touches, clustered by what they tell.
-
-    Raises:
-        ValueError: no outcome is asked for.
-    """
-    rng = rng if rng is not None else np.random.default_rng(0)
-    wanted = DEFAULT_OUTCOMES if num_outcomes is None else num_outcomes
-    if wanted < 1:
-        raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+    """The table of touches that the model samples, as many of each shape in each pose."""
     log_posteriors = sampled_posteriors(model, rng, num_samples)  # (P, K, n, K)
-    num_poses, num_shapes, n, _ = log_posteriors.shape
-    centroids = cluster(log_posteriors.reshape(-1, num_shapes), wanted, rng)
-    outcomes = nearest(log_posteriors, centroids)  # (P, K, n)
-    rows = np.arange(num_poses * num_shapes).repeat(n) * wanted + outcomes.ravel()
-    counts = np.bincount(rows, minlength=num_poses * num_shapes * wanted).reshape(num_poses, num_shapes, wanted)
-    return OutcomeTable((counts + _SMOOTHING) / (n + _SMOOTHING * wanted))
+    log_posteriors = log_posteriors.reshape(model.num_poses, -1, log_posteriors.shape[-1])
+    shares = np.exp(log_posteriors)
+    shares /= shares.sum(axis=1, keepdims=True)
+    table = tabulate(log_posteriors, shares, num_outcomes, rng)
+    return OutcomeTable(smoothed(table, num_samples))
+
+
+def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.random.Generator) -> Floats:
+    """p(outcome | pose, shape), ``(P, K, M)``, of touches clustered by what they tell.
+
+    A touch counts for every shape as far as it may be of that shape. So the table tells exactly as much as the touches
+    do by their clusters' mean posteriors: no more than by their own, and no chance of the draw is taken for knowledge.
+
+    Args:
+        log_posteriors: of N touches in each pose under a uniform prior, ``(P, N, K)``.
+        shares: of each touch in those of a shape in a pose, ``(P, N, K)``; sums to one over N.
+        num_outcomes: M.
+        rng: to start the clusters from.
+    """
+    every = log_posteriors.reshape(-1, log_posteriors.shape[2])
+    some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]
+    outcomes = nearest(log_posteriors, cluster(some, num_outcomes, rng))  # (P, N)
+    is_outcome = outcomes[..., None] == np.arange(num_outcomes)
+    return np.swapaxes(shares, 1, 2) @ is_outcome.astype(np.float64)
+
+
+def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:
+    """A table ``(..., M)`` from so many touches (broadcast) with a tenth of one spread over all outcomes."""
+    number = np.asarray(num_touches, np.float64)
+    return np.asarray((number * table + _SMOOTHING / table.shape[-1]) / (number + _SMOOTHING))
 
 
 def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from functools import cached_property
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,16 +20,16 @@ from numpy.typing import ArrayLike, NDArray
 from belief.batch import TouchBatch
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.folds import object_folds
-from belief.observation_model.model import ArrayModel, calibration_arrays, labels_or_default
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import DEFAULT_OUTCOMES, cluster, nearest
-from belief.observation_model.repeats import effective_touches, fit_correlation, repeats
+from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.repeats import ASSUMED_CORRELATION, effective_touches, fit_correlation, repeats
 from belief.problem import Floats, Touch
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 _REFERENCES = 500  # touches kept of each pose
 _POOLING = 100.0  # weight of all poses' table in one pose's, in touches
-_SMOOTHING = 0.5  # pseudo-counts an outcome in the table of all poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,9 @@ class RatioModel(ArrayModel):
         references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
             tabulate only.
         status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and ρ is assumed.
+
+    Raises:
+        ValueError: a prior, correlation, references or status that cannot be; the message says which.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -74,6 +78,10 @@ class RatioModel(ArrayModel):
             raise ValueError(f"references must be (P, N, {num_shapes}), none of them empty, got {references.shape}")
         if not np.isfinite(references).all():
             raise ValueError("references must be finite logits")
+        if self.calibration.num_shapes not in (None, num_shapes):
+            raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
+        if self.status not in get_args(Status):
+            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
         object.__setattr__(self, "training_prior", prior / prior.sum())
         object.__setattr__(self, "references", references)
 
@@ -102,42 +110,26 @@ class RatioModel(ArrayModel):
             num_folds: in which ρ is cross-fitted.
 
         Raises:
-            ValueError: no touches, labels out of range, or lengths that do not fit.
+            ValueError: see :meth:`LabelledTouches.of`.
         """
-        batch, truth, objects = calibration_arrays(touches, shapes, object_ids)
-        logits, poses = batch.logits[0], batch.poses[0]
-        num_shapes = logits.shape[1]
-        labels = labels_or_default(shape_labels, num_shapes)
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
         # A shape without touches counts as half a touch: its prior must not be zero.
-        prior = np.maximum(np.bincount(truth, minlength=num_shapes), 0.5)
+        prior = np.maximum(data.counts, 0.5)
         prior = prior / prior.sum()
-        found = repeats(truth, objects, poses)
-        log_ratio = np.empty_like(logits)
+        found, correlation, is_known = repeats(data), ASSUMED_CORRELATION, False
         if found is not None:
-            folds = object_folds(truth, objects, min(num_folds, int(objects.max()) + 1))
-            for fold in range(int(folds.max()) + 1):
-                kept, held = folds != fold, folds == fold
-                fitted = unfitted.fit(logits[kept], truth[kept]) if kept.any() else unfitted
-                log_ratio[held] = fitted.predict_log_proba(logits[held]) - np.log(prior)
-
-        def log_likelihoods(correlation: float) -> Floats:
-            assert found is not None, "there is nothing to compare otherwise"
-            inside = (found.rows >= 0)[..., None]
-            sums = np.where(inside, log_ratio[found.rows], 0.0).cumsum(axis=1)
-            number = np.arange(1, sums.shape[1] + 1)
-            return (sums * (effective_touches(number, correlation) / number)[:, None])[:, 1:]
-
-        correlation, is_known = fit_correlation(log_likelihoods, found)
-        total_poses = int(poses.max()) + 1 if num_poses is None else num_poses
-        if poses.max() >= total_poses:
-            raise ValueError(f"touch {poses.argmax()} has pose {poses.max()}, num_poses is {total_poses}")
+            log_ratio = _cross_fitted(unfitted, data, num_folds) - np.log(prior)
+            sums = np.where((found.rows >= 0)[..., None], log_ratio[found.rows], 0.0).cumsum(axis=1)[:, 1:]
+            number = np.arange(2, sums.shape[1] + 2)
+            correlation = fit_correlation(lambda rho: sums * (effective_touches(number, rho) / number)[:, None], found)
+            is_known = True
         return cls(
-            labels,
-            unfitted.fit(logits, truth),
+            data.shape_labels,
+            unfitted.fit(data.logits, data.shapes),
             prior,
             correlation,
-            _references(logits, poses, total_poses),
+            _references(data),
             "ok" if is_known else "no_repeats",
         )
 
@@ -146,43 +138,36 @@ class RatioModel(ArrayModel):
         """P."""
         return len(self.references)
 
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`."""
-        log_ratio = self.calibration.predict_log_proba(batch.logits) - np.log(self.training_prior)
+        log_ratio = self.calibration.predict_log_proba(batch.logits) - self._log_prior
+        if batch.num_touches == 1:
+            return log_ratio[:, 0]
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
         counts = membership.sum(axis=1)
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
-        return np.einsum("sn,snk->sk", np.take_along_axis(weight, batch.poses, axis=1), log_ratio)
+        return np.asarray((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; references, drawn in proportion to what they say for the shape.
 
         They are drawn independently of each other: how touches repeat is in ``correlation`` as a discount on evidence,
         not as a density that could be sampled.
         """
-        cumulative = self._weights()[:, :, shape].cumsum(axis=1)  # (P, N)
+        cumulative = self._weights[:, :, shape].cumsum(axis=1)  # (P, N)
         drawn = np.empty(poses.shape, np.int64)
         for pose in np.unique(poses).tolist():
             here = poses == pose
             drawn[here] = np.searchsorted(cumulative[pose], rng.random(here.sum()) * cumulative[pose, -1], "right")
         return TouchBatch(poses, self.references[poses, np.minimum(drawn, self.references.shape[1] - 1)])
 
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; the references, clustered by what they tell, each pose's shrunk towards all."""
-        wanted = DEFAULT_OUTCOMES if num_outcomes is None else num_outcomes
-        if wanted < 1:
-            raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
-        log_posteriors = self.calibration.predict_log_proba(self.references) - np.log(self.training_prior)
+        log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
         log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
-        rng = rng if rng is not None else np.random.default_rng(0)
-        outcomes = nearest(log_posteriors, cluster(log_posteriors.reshape(-1, log_posteriors.shape[-1]), wanted, rng))
-        weights = self._weights()
-        table = np.zeros((self.num_poses, weights.shape[2], wanted))
-        pose = np.arange(self.num_poses)[:, None]
-        np.add.at(table.transpose(0, 2, 1), (pose, outcomes), weights)
+        table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
-        pooled = number * table.sum(axis=0) + _SMOOTHING
-        pooled /= pooled.sum(axis=1, keepdims=True)
+        pooled = smoothed(table.mean(axis=0), self.num_poses * number)
         return OutcomeTable((number * table + _POOLING * pooled) / (number + _POOLING))
 
     def to_fields(self) -> dict[str, Any]:
@@ -213,19 +198,38 @@ class RatioModel(ArrayModel):
             fields["status"],
         )
 
+    @cached_property
+    def _log_prior(self) -> Floats:
+        return np.log(self.training_prior)
+
+    @cached_property
     def _weights(self) -> Floats:
         """Share of each reference in the touches of each shape, ``(P, N, K)``; sums to one over N."""
         probs = self.calibration.predict_proba(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
 
 
-def _references(logits: Floats, poses: NDArray[np.int64], num_poses: int) -> Floats:
+def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) -> Floats:
+    """Log probabilities ``(n, K)`` of touches, each calibrated by other objects than its own, if there are others."""
+    folds = object_folds(data.shapes, data.objects, min(num_folds, data.num_objects))
+    found = np.empty_like(data.logits)
+    for fold in np.unique(folds).tolist():
+        kept, held = folds != fold, folds == fold
+        fitted = unfitted.fit(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
+        found[held] = fitted.predict_log_proba(data.logits[held])
+    return found
+
+
+def _references(data: LabelledTouches) -> Floats:
     """As many touches of each pose, evenly spread over those there are, in single precision; all for an unseen pose."""
     rows = []
-    for pose in range(num_poses):
-        here = np.flatnonzero(poses == pose)
-        here = here if here.size else np.arange(len(poses))
+    for pose in range(data.num_poses):
+        here = np.flatnonzero(data.poses == pose)
+        here = here if here.size else np.arange(len(data.poses))
         rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
+    chosen = data.logits[np.stack(rows)]
+    # Beyond single precision only what logits are below their row's largest is kept, which is all a softmax feels.
     with np.errstate(over="ignore"):
-        single = logits[np.stack(rows)].astype(np.float32).astype(np.float64)
-    return np.where(np.isfinite(single), single, logits[np.stack(rows)])
+        below = np.maximum(chosen - chosen.max(axis=-1, keepdims=True), np.finfo(np.float32).min)
+    fits = (np.abs(chosen) <= np.finfo(np.float32).max).all(axis=-1, keepdims=True)
+    return np.where(fits, chosen, below).astype(np.float32).astype(np.float64)

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from belief.bayes import update
+from belief.observation_model.labelled import LabelledTouches
 from belief.problem import Floats
 
 ASSUMED_CORRELATION = 0.5  # where no object was touched twice in a pose
@@ -30,7 +31,7 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
 
 
 class Repeats(NamedTuple):
-    """Touches of one object in one pose, as G groups of at most n; shorter ones are filled up with rows of zeros.
+    """Touches of one object in one pose, as G groups of at most n; shorter ones are filled up.
 
     Attributes:
         rows: index of each touch, ``(G, n)``; -1 where there is none.
@@ -41,11 +42,17 @@ class Repeats(NamedTuple):
     shapes: NDArray[np.int64]
 
 
-def repeats(shapes: NDArray[np.int64], objects: NDArray[np.int64], poses: NDArray[np.int64]) -> Repeats | None:
-    """The groups of at least two touches of one object in one pose, in the order they came; None if there are none."""
-    _, group = np.unique(np.stack([objects, poses]), axis=1, return_inverse=True)
-    order = np.argsort(group.ravel(), kind="stable")
-    sizes = np.bincount(group.ravel())
+def repeats(data: LabelledTouches) -> Repeats | None:
+    """The groups of at least two touches of one object in one pose, in the order they came; None if there are none.
+
+    >>> from belief import Touch
+    >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1)]
+    >>> repeats(LabelledTouches.of(touches, [1, 1, 1, 0, 1], ["mug", "mug", "mug", "ball", "mug"])).rows.tolist()
+    [[0, 2], [1, 4]]
+    """
+    _, group = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    sizes = np.bincount(group)
     first = np.concatenate([[0], sizes.cumsum()[:-1]])
     kept = np.flatnonzero(sizes > 1)
     if kept.size == 0:
@@ -53,28 +60,23 @@ def repeats(shapes: NDArray[np.int64], objects: NDArray[np.int64], poses: NDArra
     steps = np.arange(sizes.max())
     inside = steps < sizes[kept, None]
     rows = np.where(inside, order[np.minimum(first[kept, None] + steps, len(order) - 1)], -1)
-    return Repeats(rows, shapes[rows[:, 0]])
+    return Repeats(rows, data.shapes[rows[:, 0]])
 
 
-def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats | None) -> tuple[float, bool]:
+def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) -> float:
     """The ρ in [0, 1) under which groups of repeated touches predict their shapes best.
 
     Args:
         log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
         found: the groups.
-
-    Returns:
-        ρ, and whether there was anything to learn it from; without, it is :data:`ASSUMED_CORRELATION`.
     """
-    if found is None:
-        return ASSUMED_CORRELATION, False
     inside = (found.rows >= 0)[:, 1:]
-    group = np.nonzero(inside)[0]
+    truth = found.shapes[np.nonzero(inside)[0]]
 
     def loss(correlation: float) -> float:
         values = log_likelihoods(correlation)[inside]
         log_posterior, _ = update(np.full(values.shape[1], -np.log(values.shape[1])), values)
-        return -float(log_posterior[np.arange(len(values)), found.shapes[group]].mean())
+        return -float(log_posterior[np.arange(len(values)), truth].mean())
 
     best = minimize_scalar(loss, bounds=(0.0, _LARGEST), method="bounded", options={"xatol": 1e-4})
-    return min((0.0, float(best.x), _LARGEST), key=loss), True
+    return min((0.0, float(best.x), _LARGEST), key=loss)

@@ -14,16 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeAlias
+from functools import cached_property
+from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.model import ArrayModel, calibration_arrays
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.repeats import fit_correlation, repeats
+from belief.observation_model.repeats import ASSUMED_CORRELATION, fit_correlation, repeats
 from belief.problem import Floats, Touch
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
@@ -37,6 +39,9 @@ class SignatureModel(ArrayModel):
         confusion: the model of single touches.
         repeat_probability: ρ, in [0, 1).
         status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and ρ is assumed.
+
+    Raises:
+        ValueError: a probability out of range, or an unknown status.
 
     Example:
         >>> from belief.calibration import TemperatureScaling
@@ -57,6 +62,8 @@ class SignatureModel(ArrayModel):
     def __post_init__(self) -> None:
         if not 0.0 <= self.repeat_probability < 1.0:
             raise ValueError(f"repeat_probability must be in [0, 1), got {self.repeat_probability}")
+        if self.status not in get_args(Status):
+            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
 
     @classmethod
     def fit(
@@ -73,25 +80,23 @@ class SignatureModel(ArrayModel):
 
         Arguments and errors are those of :meth:`ConfusionModel.fit`; ``object_ids`` counts here.
         """
-        batch, truth, objects = calibration_arrays(touches, shapes, object_ids)
         confusion = ConfusionModel.fit(
-            touches, truth, shape_labels=shape_labels, num_poses=num_poses, confidence_edges=confidence_edges
+            touches, shapes, shape_labels=shape_labels, num_poses=num_poses, confidence_edges=confidence_edges
         )
-        found = repeats(truth, objects, batch.poses[0])
-
-        def log_likelihoods(correlation: float) -> Floats:
-            assert found is not None, "there is nothing to compare otherwise"
-            found_likelihoods = np.empty((*counts.shape[:2], len(confusion.shape_labels)))
-            for pose, probs in enumerate(confusion.probs):
-                found_likelihoods[poses == pose] = _log_repeats(counts[poses == pose], probs, correlation)
-            return found_likelihoods
-
-        if found is not None:
-            poses, outcomes = batch.poses[0, found.rows[:, 0]], confusion.outcomes_of(batch.logits[0])
-            shown = outcomes[found.rows][..., None] == np.arange(confusion.probs.shape[2])
-            counts = (shown & (found.rows >= 0)[..., None]).cumsum(axis=1)[:, 1:]  # (G, n - 1, M)
-        correlation, is_known = fit_correlation(log_likelihoods, found)
-        return cls(confusion, correlation, "ok" if is_known else "no_repeats")
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        found = repeats(data)
+        if found is None:
+            return cls(confusion, ASSUMED_CORRELATION, "no_repeats")
+        outcomes = np.where(found.rows >= 0, confusion.outcomes_of(data.logits)[found.rows], -1)
+        same = outcomes[:, :, None] == outcomes[:, None]  # (G, n, n)
+        is_first = same.argmax(axis=2) == np.arange(outcomes.shape[1])  # of its kind in its group
+        # How often the outcome of a touch has occurred after two, three, … touches; counted once for all of its kind.
+        counts = np.where(is_first[:, None], same.cumsum(axis=1), 0)[:, 1:]  # (G, n - 1, n)
+        poses = data.poses[found.rows[:, 0], None, None]
+        correlation = fit_correlation(
+            lambda rho: cls(confusion, rho)._log_repeats(poses, outcomes[:, None], counts), found
+        )
+        return cls(confusion, correlation)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -103,16 +108,51 @@ class SignatureModel(ArrayModel):
         """P."""
         return self.confusion.num_poses
 
-    def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`."""
-        outcomes, probs = self.confusion.outcomes_of(batch.logits), self.confusion.probs
+        outcomes, every = self.confusion.outcomes_of(batch.logits), np.arange(self.confusion.probs.shape[2])
         total = np.zeros((len(batch), len(self.shape_labels)))
         for pose in np.unique(batch.poses).tolist():
-            shown = (outcomes[..., None] == np.arange(probs.shape[2])) & (batch.poses == pose)[..., None]
-            total += _log_repeats(shown.sum(axis=1), probs[pose], self.repeat_probability)
+            counts = ((outcomes[..., None] == every) & (batch.poses == pose)[..., None]).sum(axis=1)  # (S, M)
+            total += self._log_repeats(pose, every, counts)
         return total
 
-    def sample_batch(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+    def _log_repeats(
+        self, poses: NDArray[np.int64] | int, outcomes: NDArray[np.int64], counts: NDArray[np.int64]
+    ) -> Floats:
+        """Log-likelihoods ``(..., K)`` of outcomes that occurred so many times in one pose.
+
+        Args:
+            poses: ``(..., 1)``.
+            outcomes: ``(..., m)``, different ones wherever their count is not zero.
+            counts: ``(..., m)``; an outcome that did not occur says nothing.
+        """
+        anew, of_signature = self._logs
+        number, occurred = counts[..., None], (counts > 0)[..., None]  # (..., m, 1)
+        independent = np.where(occurred, number * anew[poses, outcomes], 0.0).sum(axis=-2)
+        # The signature is one of the outcomes that occurred, which were then likelier, or any other.
+        probs = np.where(occurred, self._probs_by_outcome[poses, outcomes], 0.0)
+        likelier = np.where(probs > 0.0, number * of_signature[poses, outcomes], 0.0)  # log factors
+        most = np.maximum(likelier.max(axis=-2), 0.0)
+        shown = (probs * np.exp(likelier - most[..., None, :])).sum(axis=-2)
+        others = np.maximum(1.0 - probs.sum(axis=-2), 0.0) * np.exp(-most)
+        return np.asarray(independent + most + np.log(shown + others))
+
+    @cached_property
+    def _probs_by_outcome(self) -> Floats:
+        """``(P, M, K)``."""
+        return np.swapaxes(self.confusion.probs, 1, 2)
+
+    @cached_property
+    def _logs(self) -> tuple[Floats, Floats]:
+        """Log of (1 - ρ) T, and of how many times likelier an outcome is as the signature; both ``(P, M, K)``."""
+        rho, probs = self.repeat_probability, self._probs_by_outcome
+        with np.errstate(divide="ignore"):
+            anew = np.log1p(-rho) + np.log(probs)
+        again = np.log(rho + (1.0 - rho) * probs, where=probs > 0.0, out=np.zeros_like(probs))
+        return anew, again - np.where(probs > 0.0, anew, 0.0)
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`."""
         every = np.broadcast_to(np.arange(self.num_poses), (len(poses), self.num_poses))
         signatures = self.confusion.sample_batch(shape, every, rng).logits[np.arange(len(poses))[:, None], poses]
@@ -120,9 +160,14 @@ class SignatureModel(ArrayModel):
         shows = rng.random(poses.shape) < self.repeat_probability
         return TouchBatch(poses, np.where(shows[..., None], signatures, anew))
 
-    def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
+    @property
+    def default_outcomes(self) -> int:
+        """All M that single touches have."""
+        return self.confusion.default_outcomes
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; that of single touches."""
-        return self.confusion.outcome_table(num_outcomes, rng)
+        return self.confusion.outcome_table(num_outcomes)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""
@@ -137,18 +182,3 @@ class SignatureModel(ArrayModel):
         """See :class:`ArrayModel`."""
         confusion = ConfusionModel.from_fields(shape_labels, fields["confusion"])
         return cls(confusion, float(fields["repeat_probability"]), fields["status"])
-
-
-def _log_repeats(counts: NDArray[np.int64], probs: Floats, rho: float) -> Floats:
-    """Log-likelihoods ``(..., K)`` of how often outcomes occurred in a pose, ``(..., M)``, by its table ``(K, M)``."""
-    with np.errstate(divide="ignore"):
-        log_signature, anew, again = np.log(probs), np.log((1.0 - rho) * probs), np.log(rho + (1.0 - rho) * probs)
-    occurred, number = counts[..., None, :] > 0, counts[..., None, :]
-    # An outcome that did not occur says nothing, however impossible it is: 0 · -∞ counts as 0.
-    impossible = occurred & np.isneginf(anew)
-    of_others = np.where(occurred & ~impossible, number * np.where(np.isneginf(anew), 0.0, anew), 0.0)
-    of_signature = np.where(occurred, number * np.maximum(again, -np.finfo(float).max), 0.0)
-    terms = log_signature + of_others.sum(axis=-1, keepdims=True) - of_others + of_signature
-    # For a signature m, no outcome but m itself may be one that is never drawn anew.
-    others_impossible = impossible.sum(axis=-1, keepdims=True) > impossible
-    return np.asarray(np.logaddexp.reduce(np.where(others_impossible, -np.inf, terms), axis=-1))

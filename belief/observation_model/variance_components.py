@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.observation_model.gaussian import pooled
+from belief.observation_model.labelled import LabelledTouches
 from belief.problem import Floats
 
 
@@ -27,46 +28,30 @@ class Components(NamedTuple):
 
 def estimate_components(
     rest: Floats,
-    shapes: NDArray[np.int64],
-    objects: NDArray[np.int64],
-    poses: NDArray[np.int64],
+    data: LabelledTouches,
     total: Floats,
     pooling: float,
     *,
     has_repeats: bool,
-    num_rounds: int = 60,
+    num_rounds: int = 300,
 ) -> Components:
-    """Penalised maximum likelihood of the components.
+    """Maximum likelihood of the components, shrunk towards what shapes have in common.
 
     Args:
         rest: touches less the mean of their shape and pose, ``(n, D)``.
-        shapes: of each touch, ``(n,)``.
-        objects: of each touch, ``(n,)``, from 0 without gaps.
-        poses: of each touch, ``(n,)``.
+        data: what is known about these touches.
         total: covariance of ``rest`` for each shape, ``(K, D, D)``, from which the search starts, a third each.
         pooling: weight of what all shapes have in common, see :func:`pooled`.
         has_repeats: whether some object was touched twice in a pose; if not, V and W stay equal.
-        num_rounds: of expectation maximisation.
+        num_rounds: of expectation maximisation, at most.
     """
-    num_poses, num_objects, size = int(poses.max()) + 1, int(objects.max()) + 1, rest.shape[1]
-    counts = np.zeros((num_objects, num_poses))
-    np.add.at(counts, (objects, poses), 1.0)
-    means = np.zeros((num_objects, num_poses, size))
-    np.add.at(means, (objects, poses), rest)
-    means /= np.maximum(counts, 1.0)[..., None]
-    spread = rest - means[objects, poses]
-    shape_of = np.zeros(num_objects, np.int64)
-    shape_of[objects] = shapes
-    members = [np.flatnonzero(shape_of == k) for k in range(len(total))]
-    scatter = [spread[shapes == k].T @ spread[shapes == k] for k in range(len(total))]
+    statistics = _statistics(rest, data)
     parts = np.stack([total / 3.0] * 3)  # (3, K, D, D)
     for _ in range(num_rounds):
-        sums = np.zeros_like(parts)
-        numbers = np.zeros((3, len(total)))
-        for k, rows in enumerate(members):
-            if rows.size:
-                sums[:, k], numbers[:, k] = _expect(counts[rows], means[rows], parts[:, k])
-                sums[2, k] += scatter[k]
+        sums, numbers = np.zeros_like(parts), np.zeros((3, len(total)))
+        for k, of_shape in enumerate(statistics):
+            if of_shape is not None:
+                sums[:, k], numbers[:, k] = _expect(of_shape, parts[:, k])
         updated = np.stack([pooled(sums[i], numbers[i], pooling) for i in range(3)])
         if not has_repeats:
             updated[1:] = updated[1:].mean(axis=0)
@@ -74,35 +59,93 @@ def estimate_components(
         parts = updated
         if done:
             break
+    size = rest.shape[1]
     floor = 1e-6 * np.trace(total, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
     return Components(parts[0], parts[1], parts[2] + floor)
 
 
-def _expect(counts: Floats, means: Floats, parts: Floats) -> tuple[Floats, Floats]:
+class _Statistics(NamedTuple):
+    """All that expectation maximisation needs to know of the N touched objects of one shape.
+
+    A *level* is a number of touches in a pose. Few of them occur, whatever the number of objects, and the posterior
+    covariance of an object's part depends on its *pattern* alone: how many of its poses are on each level.
+
+    Attributes:
+        levels: numbers of touches that occur, ``(L,)``.
+        patterns: those that occur, ``(U, L)``.
+        pattern: which each object has, ``(N,)``.
+        sums: of the means of an object's poses on a level, ``(N, L, D)``.
+        squares: of those means, summed over all objects, ``(L, D, D)``.
+        scatter: of touches about their pose's mean, ``(D, D)``.
+    """
+
+    levels: Floats
+    patterns: Floats
+    pattern: NDArray[np.intp]
+    sums: Floats
+    squares: Floats
+    scatter: Floats
+
+
+def _statistics(rest: Floats, data: LabelledTouches) -> list[_Statistics | None]:
+    """Of every shape; None where it has no touches."""
+    counts = np.zeros((data.num_objects, data.num_poses))
+    np.add.at(counts, (data.objects, data.poses), 1.0)
+    means = np.zeros((*counts.shape, rest.shape[1]))
+    np.add.at(means, (data.objects, data.poses), rest)
+    means /= np.maximum(counts, 1.0)[..., None]
+    spread = rest - means[data.objects, data.poses]
+    found: list[_Statistics | None] = []
+    for k in range(data.num_shapes):
+        members = data.shape_of_object == k
+        if not members.any():
+            found.append(None)
+            continue
+        levels = np.unique(counts[members])
+        levels = levels[levels > 0.0]
+        at_level = (counts[members][:, None] == levels[:, None]).astype(np.float64)  # (N, L, P)
+        patterns, pattern = np.unique(at_level.sum(axis=2), axis=0, return_inverse=True)
+        of_shape = means[members]
+        squares = np.stack(
+            [(of_shape * at_level[:, i, :, None]).reshape(-1, rest.shape[1]) for i in range(len(levels))]
+        )
+        about = spread[data.shapes == k]
+        found.append(
+            _Statistics(
+                levels,
+                patterns,
+                pattern.ravel(),
+                at_level @ of_shape,
+                np.swapaxes(squares, 1, 2) @ squares,
+                about.T @ about,
+            )
+        )
+    return found
+
+
+def _expect(of: _Statistics, parts: Floats) -> tuple[Floats, Floats]:
     """Expected sums of squares of u, v and e over the objects of one shape, ``(3, D, D)``, and how many each has."""
     shared_object, shared_pose, own = parts
-    seen = counts > 0.0
     identity = np.eye(len(own))
-    levels, level = np.unique(counts, return_inverse=True)  # few numbers of touches occur, whatever the objects
-    level = level.reshape(counts.shape)
-    gains = np.stack([shared_pose @ np.linalg.inv(shared_pose + own / n) if n else 0.0 * own for n in levels])
-    precisions = np.stack([np.linalg.inv(shared_pose + own / n) if n else 0.0 * own for n in levels])
-    precision = precisions[level]  # (S, P, D, D), zero where there is no touch
+    precision = np.linalg.inv(shared_pose + own / of.levels[:, None, None])  # of a pose's mean, given u; (L, D, D)
+    gain = shared_pose @ precision  # from that mean, less u, to v
     # Posterior of u: precision B⁻¹ + ∑ C⁻¹, written without B⁻¹ because B may vanish.
-    inner = identity + shared_object @ precision.sum(axis=1)
-    spread_u = np.linalg.solve(inner, np.broadcast_to(shared_object, inner.shape))
-    spread_u = (spread_u + np.swapaxes(spread_u, 1, 2)) / 2
-    pull = np.einsum("spde,spe->sd", precision, means)
-    mean_u = np.einsum("sde,se->sd", spread_u, pull)
-    gain = gains[level]
-    left = means - mean_u[:, None]
-    mean_v = np.einsum("spde,spe->spd", gain, left)
-    error = (left - mean_v)[seen]
-    of_v = np.einsum("spde,sef,spgf->spdg", gain, spread_u, gain) + shared_pose - gain @ shared_pose
-    away = identity - gain
-    of_e = np.einsum("spde,sef,spgf->spdg", away, spread_u, away) + shared_pose - gain @ shared_pose
-    sum_u = mean_u.T @ mean_u + spread_u.sum(axis=0)
-    sum_v = mean_v[seen].T @ mean_v[seen] + of_v[seen].sum(axis=0)
-    weight = counts[seen]
-    sum_e = (weight[:, None] * error).T @ error + (weight[:, None, None] * of_e[seen]).sum(axis=0)
-    return np.stack([sum_u, sum_v, sum_e]), np.array([len(counts), seen.sum(), counts.sum()], float)
+    inner = identity + shared_object @ np.einsum("ul,lde->ude", of.patterns, precision)
+    spread = np.linalg.solve(inner, np.broadcast_to(shared_object, inner.shape))  # (U, D, D)
+    spread = (spread + np.swapaxes(spread, 1, 2)) / 2
+    pull = np.einsum("lde,nle->nd", precision, of.sums)
+    mean = (spread[of.pattern] @ pull[..., None])[..., 0]  # (N, D)
+    objects = np.bincount(of.pattern, minlength=len(of.patterns))
+    poses = of.patterns[of.pattern]  # (N, L)
+    # Expected squares of a pose's mean less u, summed over the poses on a level; then of v and e, given those.
+    cross = np.einsum("nld,ne->lde", of.sums, mean)
+    away = of.squares - cross - np.swapaxes(cross, 1, 2) + np.einsum("nl,nd,ne->lde", poses, mean, mean, optimize=True)
+    away += np.einsum("u,ul,ude->lde", objects, of.patterns, spread)
+    number = poses.sum(axis=0)
+    left = number[:, None, None] * (shared_pose - gain @ shared_pose)
+    rest = identity - gain
+    sum_u = mean.T @ mean + np.einsum("u,ude->de", objects, spread)
+    sum_v = (gain @ away @ np.swapaxes(gain, 1, 2) + left).sum(axis=0)
+    of_mean = rest @ away @ np.swapaxes(rest, 1, 2) + left
+    sum_e = of.scatter + np.einsum("l,lde->de", of.levels, of_mean)
+    return np.stack([sum_u, sum_v, sum_e]), np.array([len(mean), number.sum(), of.levels @ number])
