@@ -97,9 +97,12 @@ def plda_correlation(model: PLDAModel) -> float:
     the shape is the trace of the means' scatter between shapes over that covariance. Under equal correlation a repeat
     adds (1 - ρ)/(1 + ρ) of what another pose adds; this is solved for ρ.
 
+    >>> from belief.observation_model import LogitEmbedding
     >>> from belief.observation_model.variance_components import Components
-    >>> identity, means = np.eye(2)[None], np.eye(2)[None]
-    >>> model = PLDAModel(("a", "b"), None, means, Components(0 * identity, 0.3 * identity, 0.7 * identity))
+    >>> identity, means = np.stack([np.eye(2)] * 3), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
+    >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
+    >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
+    >>> model = PLDAModel(("a", "b", "c"), embedding, means, parts)
     >>> round(plda_correlation(model), 6)
     0.3
     """

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from belief.calibration import TemperatureScaling
-from belief.observation_model import ConfusionModel, PLDAModel, RatioModel, SignatureModel
+from belief.observation_model import ConfusionModel, LogitEmbedding, PLDAModel, RatioModel, SignatureModel
 from belief.observation_model.repeats import effective_touches
 from belief.observation_model.variance_components import Components
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst, plda_correlation, repeat_discount
@@ -49,9 +49,10 @@ def test_every_model_says_what_its_repeats_are_worth(model):
 
 
 def plda(of_object, of_pose, of_touch):
-    eye = np.eye(3)[None]
-    means = np.random.default_rng(0).normal(size=(2, 3, 3))
-    return PLDAModel(("a", "b", "c"), None, means, Components(of_object * eye, of_pose * eye, of_touch * eye))
+    eye = np.stack([np.eye(3)] * 4)
+    means = np.random.default_rng(0).normal(size=(2, 4, 3))
+    embedding = LogitEmbedding(np.full(4, -9.0), np.full(4, 9.0))
+    return PLDAModel(tuple("abcd"), embedding, means, Components(of_object * eye, of_pose * eye, of_touch * eye))
 
 
 def test_the_correlation_of_plda_is_that_of_touches_beyond_their_object():
@@ -65,7 +66,7 @@ def test_the_correlation_of_plda_is_that_of_touches_beyond_their_object():
 
 def test_shapes_that_feel_alike_have_no_repeats_to_discount():
     model = plda(1.0, 1.0, 1.0)
-    alike = PLDAModel(model.shape_labels, None, np.zeros_like(model.means), model.components)
+    alike = PLDAModel(model.shape_labels, model.embedding, np.zeros_like(model.means), model.components)
     assert plda_correlation(alike) == 0.0
 
 
