@@ -17,10 +17,10 @@ from experiments.episodes import Setting, episode_seed, load_sensor, make_world
 from planners.search import TouchRequest
 
 
-def full_information_successes(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> int:
-    """How many of these episodes are solved by touching everything first."""
+def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
+    """Which of these episodes are solved by touching everything first."""
     sensor, problem = load_sensor(setting), setting.problem
-    successes = 0
+    solved = []
     for number in numbers:
         key = episode_seed(seed, target, number)
         world = make_world(setting, sensor, key)
@@ -35,7 +35,7 @@ def full_information_successes(setting: Setting, target: int, seed: int, numbers
                 world.advance()
         here = scene.marginals()[:, target]
         if 1.0 - scene.prob_present(target) > here.max():
-            successes += target not in world.arrangement
+            solved.append(target not in world.arrangement)
         else:
-            successes += world.arrangement[int(np.argmax(here))] == target
-    return successes
+            solved.append(world.arrangement[int(np.argmax(here))] == target)
+    return solved

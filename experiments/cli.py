@@ -27,6 +27,7 @@ def commands() -> dict[str, type]:
     from experiments.leak import Leak
     from experiments.learning_curve import LearningCurve
     from experiments.limit import Limit
+    from experiments.merge import Merge
     from experiments.replay import Replay
     from experiments.reproduce import Reproduce
     from experiments.robustness import Robustness
@@ -35,6 +36,7 @@ def commands() -> dict[str, type]:
 
     return {
         "compare": Compare,
+        "merge": Merge,
         "replay": Replay,
         "explain": Explain,
         "touch": Touch,

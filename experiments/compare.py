@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
+import json
 import math
+import re
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from functools import partial
-from itertools import chain
+import textwrap
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import tyro
@@ -18,17 +18,20 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+from activetouch.rendering import RENDERERS
 from belief import SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
-from experiments.ceiling import full_information_successes
-from experiments.episodes import Setting, play
-from experiments.parallel import default_jobs, run_tasks
-from experiments.results import EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
+from experiments.episodes import Setting
+from experiments.parallel import default_jobs, run_lazily
+from experiments.results import CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
+from experiments.shards import ShardTask, identity
+from experiments.sheets import ALL
 from experiments.summary import Comparison, compare_episodes
+from experiments.verdict import verdict
 from planners import DECIDERS
 
 _CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
+_ROWS_PER_TARGET = 40  # in a terminal; more, and targets are left to the report
 
 
 class BadArgument(ActiveTouchError, ValueError):
@@ -40,17 +43,23 @@ class Compare:
     """Search live in MuJoCo with several deciders on identical episodes; print a table, write a report.
 
     Finished episodes are kept: interrupt with Ctrl-C whenever you like, the same command goes on from there, and a
-    larger ``--episodes`` extends a finished run.
+    larger ``--episodes`` extends a finished run. Several machines may work on one folder at once, on a Dask cluster
+    (``--backend dask``), or each on its part (``--part 1/2``), to be united by ``activetouch merge``.
 
     For example:
 
         activetouch compare
         activetouch compare --deciders threshold information_gain --targets cone --episodes 1000 --out runs/cone
         activetouch compare --scene coarse
+        activetouch compare --scenes coarse gel
+        activetouch compare --renderers pressure gelsight --sensors 'runs/sensor-{scene}-{renderer}'
+        activetouch compare --backend dask --scheduler tcp://10.0.0.1:8786
     """
 
     deciders: tuple[str, ...] = ("information_gain", "threshold", "random_confirm")
-    """Who searches; differences are taken to the first."""
+    """Who searches."""
+    reference: str | None = None
+    """The decider that differences are taken to; the first by default."""
     targets: tuple[str, ...] = ()
     """Shapes to search for; all by default."""
     episodes: int = 250
@@ -59,10 +68,22 @@ class Compare:
     """Of the whole comparison."""
     setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
     """What the episodes have in common."""
+    scenes: tuple[str, ...] = ()
+    """Several scenes, one comparison each, and a page that shows them side by side; instead of --scene."""
+    renderers: tuple[str, ...] = ()
+    """Several renderers of every scene; instead of --renderer."""
+    sensors: str | None = None
+    """Where their sensors are, with {scene} and {renderer}; those that come with the scenes by default."""
     out: Path | None = None
     """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
+    backend: Literal["loky", "dask"] = "loky"
+    """Processes of this machine, or workers of a Dask cluster; the results do not depend on it."""
+    scheduler: str | None = None
+    """Address of the Dask scheduler, such as tcp://10.0.0.1:8786."""
+    part: str = "1/1"
+    """Play only the i-th of n parts, such as 2/8, and summarise nothing."""
 
     @property
     def folder(self) -> Path:
@@ -72,15 +93,57 @@ class Compare:
 
     def run(self) -> None:
         """Play what is missing, then summarise everything."""
+        console = Console()
+        worlds = self.worlds()
+        found = {name: compare._run_one(console) for name, compare in worlds.items()}
+        if len(worlds) > 1 and all(found.values()):
+            from experiments.overview import write_overview  # loads jinja2
+
+            root = next(iter(worlds.values())).folder.parent
+            page = write_overview(root, {name: comparison for name, comparison in found.items() if comparison})
+            console.print(f"all of them side by side: {page}", soft_wrap=True)
+
+    def worlds(self) -> dict[str, Compare]:
+        """A comparison for every scene and renderer that was asked for, by name; only this one if none was.
+
+        Raises:
+            BadArgument: --scene beside --scenes, or the like.
+            UnknownName: a scene or renderer that does not exist.
+        """
+        choice = self.setting.choice
+        if not self.scenes and not self.renderers:
+            return {choice.scene: self}
+        for plural, chosen in ((self.scenes, choice.scene != "gel"), (self.renderers, choice.renderer is not None)):
+            if plural and chosen:
+                raise BadArgument("give either --scene or --scenes, and either --renderer or --renderers")
+        for name in self.renderers:
+            if name not in RENDERERS:
+                raise UnknownName("renderer", name, list(RENDERERS))
+        root, found = self.out if self.out is not None else Path("runs/compare-scenes"), {}
+        for scene in dict.fromkeys(self.scenes or (choice.scene,)):
+            for renderer in dict.fromkeys(self.renderers) or (choice.renderer,):
+                name = scene if renderer is None else f"{scene}-{renderer}"
+                sensor = self.setting.sensor
+                if self.sensors is not None:
+                    sensor = Path(self.sensors.format(scene=scene, renderer=renderer))
+                setting = replace(self.setting, choice=replace(choice, scene=scene, renderer=renderer), sensor=sensor)
+                found[name] = replace(self, scenes=(), renderers=(), setting=setting, out=root / name)
+        return found
+
+    def _run_one(self, console: Console) -> Comparison | None:
         from experiments.report import write_report  # loads matplotlib
 
+        if self.part != "1/1":
+            self.fill()
+            console.print(f"{self.folder} has its part; unite the parts with: activetouch merge A B --out C")
+            return None
         comparison = self.play()
-        console = Console()
         console.print(render_table(comparison))
-        for line in describe_differences(comparison):
-            console.print(line)
+        for sentence in verdict(comparison):
+            console.print(textwrap.fill(sentence, 78), markup=False, highlight=False)
         report = write_report(self.folder, comparison, self.setting, self.seed)
         console.print(f"report: {report}", soft_wrap=True)
+        return comparison
 
     def play(self) -> Comparison:
         """Play what is missing and read everything back.
@@ -89,38 +152,65 @@ class Compare:
             BadArgument: there is nothing to play, or no such search.
             UnknownName: a decider or target that does not exist.
             RunMismatch: the folder holds another run.
+            CannotWrite: the disk is full.
+            NoCluster: there is no cluster.
+            WorkerMismatch: a worker of the cluster has other versions.
         """
-        problem, targets = self._check()
-        labels = list(problem.shape_labels)
+        problem, targets = self.fill()
+        labels = tuple(problem.shape_labels)
         folder, shards = RunFolder(self.folder), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
-        keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
-        num_ceiling = min(self.episodes, _CEILING_EPISODES)
-        warning = folder.open(self._identity(), self._arguments())
-        if warning:
-            print(warning, file=sys.stderr)
-        tasks: list[Callable[[], None]] = [
-            partial(_play_shard, folder, key, self.setting, labels.index(key.target), self.seed)
-            for key in keys
-            if not folder.has(key)
-        ]
-        tasks += [
-            partial(_play_ceiling, folder, target, self.setting, labels.index(target), self.seed, num_ceiling)
-            for target in targets
-            if not folder.has_ceiling(target, num_ceiling)
-        ]
-        for _ in run_tasks(tasks, self.jobs, "searching"):
-            pass
         lines: dict[tuple[str, str], list[str]] = {}
         seconds: dict[tuple[str, str], Seconds] = {}
-        for key in keys:
-            cell = (key.decider, key.target)
-            lines[cell] = (lines.get(cell, []) + folder.lines(key))[: self.episodes]
-            seconds[cell] = seconds.get(cell, Seconds()) + folder.seconds(key)
-        folder.merge(chain.from_iterable(lines.values()))
-        episodes = {cell: [read_episode(line, tuple(labels)) for line in some] for cell, some in lines.items()}
-        ceiling = (sum(folder.read_ceiling(target, num_ceiling) for target in targets), num_ceiling * len(targets))
+        for decider in dict.fromkeys(self.deciders):
+            for target in targets:
+                keys, cell = [ShardKey(decider, target, number) for number in shards], (decider, target)
+                lines[cell] = [line for key in keys for line in folder.lines(key)][: self.episodes]
+                seconds[cell] = sum(map(folder.seconds, keys), Seconds())
+        folder.write_episodes(line for some in lines.values() for line in some)
+        episodes = {cell: [read_episode(line, labels) for line in some] for cell, some in lines.items()}
+        solved = {
+            target: [json.loads(line)["solved"] for key in keys for line in folder.lines(key)][: self._num_ceiling]
+            for target in targets
+            if (keys := [key for key in self._ceiling_keys(targets) if key.target == target])
+        }
         rng = np.random.default_rng(self.seed)
-        return compare_episodes(problem, episodes, seconds, ceiling, self.deciders[0], rng)
+        return compare_episodes(problem, episodes, seconds, solved, self.reference or self.deciders[0], rng)
+
+    def fill(self) -> tuple[SearchProblem, list[str]]:
+        """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
+        problem, targets = self._check()
+        first, parts = self._part()
+        setting = self.setting.resolved()
+        folder, shards = RunFolder(self.folder), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
+        warning = folder.open(dict(identity(setting, self.seed)), self._arguments())
+        if warning:
+            print(warning, file=sys.stderr)
+        keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
+        keys = [key for key in (keys + self._ceiling_keys(targets))[first::parts] if not folder.has(key)]
+        # Whoever else fills this folder now should not be one step behind all the time, doing everything again.
+        np.random.default_rng().shuffle(keys)
+
+        def missing() -> Iterator[ShardTask]:
+            return (ShardTask.of(key, setting, self.seed) for key in keys if not folder.has(key))
+
+        for played in run_lazily(missing(), len(keys), self.jobs, "searching", self.scheduler):
+            folder.write(*played)
+        return problem, targets
+
+    @property
+    def _num_ceiling(self) -> int:
+        return min(self.episodes, _CEILING_EPISODES)
+
+    def _ceiling_keys(self, targets: list[str]) -> list[ShardKey]:
+        shards = range(math.ceil(self._num_ceiling / EPISODES_PER_SHARD))
+        return [ShardKey(CEILING, target, number) for target in targets for number in shards]
+
+    def _part(self) -> tuple[int, int]:
+        """Number of this part, from 0, and of all."""
+        found = re.fullmatch(r"(\d+)/(\d+)", self.part)
+        if found is None or not 1 <= int(found[1]) <= int(found[2]):
+            raise BadArgument(f"--part must be i/n with 1 ≤ i ≤ n, such as 2/8; got {self.part!r}")
+        return int(found[1]) - 1, int(found[2])
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
         """The search and the targets, or an error before anything is started or written."""
@@ -135,38 +225,21 @@ class Compare:
             )
         if self.episodes < 1 or self.jobs < 1 or not self.deciders:
             raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
+        if (self.backend == "dask") != (self.scheduler is not None):
+            raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
+        self._part()
         for name in self.deciders:
             if name not in DECIDERS:
                 raise UnknownName("decider", name, list(DECIDERS))
+        if self.reference is not None and self.reference not in self.deciders:
+            raise UnknownName("reference among --deciders", self.reference, list(self.deciders))
         for target in self.targets:
             if target not in problem.shape_labels:
                 raise UnknownName("target", target, list(problem.shape_labels))
         return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
 
-    def _identity(self) -> dict[str, object]:
-        """What decides an episode; the sensor by content, wherever it lies."""
-        digest = hashlib.sha256()
-        for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
-            digest.update((self.setting.sensor_folder / name).read_bytes())
-        problem = repr(self.setting.problem)
-        scene = repr(self.setting.scene)
-        return {"seed": self.seed, "problem": problem, "scene": scene, "sensor_sha256": digest.hexdigest()}
-
     def _arguments(self) -> dict[str, object]:
         return {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
-
-
-def _play_ceiling(folder: RunFolder, label: str, setting: Setting, target: int, seed: int, episodes: int) -> None:
-    folder.write_ceiling(label, full_information_successes(setting, target, seed, range(episodes)), episodes)
-
-
-def _play_shard(folder: RunFolder, key: ShardKey, setting: Setting, target: int, seed: int) -> None:
-    try:
-        episodes, seconds = play(setting, key.decider, target, seed, key.episodes)
-    except ActiveTouchError as error:
-        error.add_note(f"in one of the episodes {key.episodes} of {key.decider}, target {key.target}, seed {seed}")
-        raise
-    folder.write_shard(key, episodes, seconds)
 
 
 def render_table(comparison: Comparison) -> Table:
@@ -179,9 +252,10 @@ def render_table(comparison: Comparison) -> Table:
     )
     for heading in ("target", "success", "95 %", "wrong", "none", "touches", "ms/touch"):
         table.add_column(heading, justify="left" if heading == "target" else "right", no_wrap=True)
+    by_target = len(comparison.deciders) * (len(comparison.targets) + 1) <= _ROWS_PER_TARGET
     for decider in comparison.deciders:
         table.add_row(decider, style="bold")
-        for target in [*comparison.targets, "all"]:
+        for target in [*(comparison.targets if by_target else ()), ALL]:
             cell = comparison.cells[decider, target]
             low, high = cell.success_interval
             ms = cell.seconds.ms_per_touch()
@@ -193,21 +267,6 @@ def render_table(comparison: Comparison) -> Table:
                 str(cell.none + cell.truncated),
                 f"{cell.touches:.2f}",
                 f"{ms['physics']:.1f}+{ms['network']:.1f}+{ms['decision']:.1f}" if cell.touches else "–",
-                end_section=target == "all",
+                end_section=target == ALL,
             )
     return table
-
-
-def describe_differences(comparison: Comparison) -> list[str]:
-    """One sentence for each decider that is compared with the reference, and on presses that were made again."""
-    lines = []
-    for name, difference in comparison.differences.items():
-        mean, low, high = difference.success
-        touches, touches_low, touches_high = difference.touches
-        lines.append(
-            f"{name} against {comparison.reference}, paired over the same episodes: success {mean:+.3f} "
-            f"[{low:+.3f}, {high:+.3f}], touches {touches:+.2f} [{touches_low:+.2f}, {touches_high:+.2f}]"
-        )
-    if comparison.pressed_again:
-        lines.append(f"{comparison.pressed_again} presses did not settle and were made again")
-    return lines

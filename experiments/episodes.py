@@ -47,6 +47,12 @@ class Setting:
         sensor = None if fields["sensor"] is None else Path(fields["sensor"])
         return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
 
+    def resolved(self) -> Setting:
+        """The same setting with absolute paths, for workers that were started elsewhere."""
+        meshes = tuple(path.resolve() for path in self.choice.meshes)
+        sensor = None if self.sensor is None else self.sensor.resolve()
+        return replace(self, choice=replace(self.choice, meshes=meshes), sensor=sensor)
+
     @property
     def scene(self) -> Scene:
         """The scene the episodes play in."""

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from belief import SearchProblem
-from experiments.replay import Frame, action_words
+from activetouch.atomic import atomic_path
+from experiments.sheets import ALL
 from experiments.summary import Comparison
-from planners import Episode
 
 # Colour-blind safe (Okabe and Ito 2008).
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
@@ -28,92 +31,192 @@ STYLE = {
 } | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK)
 
 
-def success_figure(comparison: Comparison) -> str:
-    """Success by target and decider, with Wilson intervals and the floor, as SVG."""
+_WIDTH = 5.8  # inches; narrow, so that letters stay readable on a phone
+_MARKERS = "osD^vP*X"
+_SMALLEST_ERROR = 1e-4
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its name and what is to be seen."""
+
+    name: str
+    caption: str
+    figure: Figure
+
+    @property
+    def inline(self) -> str:
+        """SVG for a page."""
+        with matplotlib.rc_context(STYLE):
+            return svg(self.figure, self.name)
+
+    def write(self, folder: Path) -> None:
+        """Write NAME.svg and NAME.png."""
+        with matplotlib.rc_context(STYLE):
+            for suffix in ("svg", "png"):
+                with atomic_path(folder / f"{self.name}.{suffix}") as temporary:
+                    self.figure.savefig(temporary, dpi=150, metadata={"Date": None} if suffix == "svg" else None)
+
+
+def pictures(comparison: Comparison) -> list[Picture]:
+    """All figures of a comparison."""
+    num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
+    tall = 0.9 + 0.2 * num_deciders
+    return [
+        _draw("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16), success, comparison),
+        _draw("frontier", _FRONTIER, 3.4, frontier, comparison),
+        _draw("positions", _POSITIONS, 2.6 + 0.1 * num_deciders, positions, comparison),
+        _draw("touches", _TOUCHES, 2.6 + 0.1 * num_deciders, touches, comparison),
+        _draw("promises", _PROMISES, tall + 0.3, promises, comparison),
+        _draw("times", _TIMES, tall + 0.2, times, comparison),
+    ]
+
+
+_SUCCESS = "Success by target; whiskers are 95 % Wilson intervals, dotted lines the floor and the ceiling."
+_FRONTIER = "Success against touches of a whole search, over all targets; up and to the left is better."
+_POSITIONS = "Success by the place of the target in the order of visit; whiskers are 95 % Wilson intervals."
+_TOUCHES = "Share of searches that took at most so many touches."
+_PROMISES = (
+    "Error of confirmations: promised (open), achieved with 95 % Clopper-Pearson intervals (filled). Errors below "
+    f"{_SMALLEST_ERROR:g} are drawn there."
+)
+_TIMES = "Where the time of a touch goes."
+
+
+def _draw(
+    name: str, caption: str, height: float, panel: Callable[[Axes, Comparison], None], comparison: Comparison
+) -> Picture:
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.5, 3.6), layout="constrained")
-        axes = figure.subplots()
-        _grouped(axes, comparison, lambda cell: (cell.success, cell.success_interval))
-        ceiling = comparison.ceiling[0] / comparison.ceiling[1]
-        for level, name in ((comparison.floor, "floor"), (ceiling, "ceiling")):
-            axes.axhline(level, color=INK, linestyle=":", linewidth=1)
-            axes.annotate(f"{name} {level:.2f}", (1.005, level), xycoords=("axes fraction", "data"), va="center")
-        axes.set(ylabel="success", ylim=(0, 1.03))
-        return svg(figure)
+        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+        panel(figure.subplots(), comparison)
+        return Picture(name, caption, figure)
 
 
-def touches_figure(comparison: Comparison) -> str:
-    """Mean touches per search by target and decider, as SVG; the floor needs none."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(7.5, 3.0), layout="constrained")
-        axes = figure.subplots()
-        _grouped(axes, comparison, lambda cell: (cell.touches, None))
-        axes.set(ylabel="touches per search", xlabel=f"target (floor: success {comparison.floor:.2f} without a touch)")
-        return svg(figure)
-
-
-def time_figure(comparison: Comparison) -> str:
-    """Milliseconds per touch, split into physics, network and decision, as SVG."""
-    with matplotlib.rc_context(STYLE):
-        names = [name for name in comparison.deciders if comparison.cells[name, "all"].seconds.num_touches]
-        figure = Figure(figsize=(7.5, 0.8 + 0.45 * len(names)), layout="constrained")
-        axes = figure.subplots()
-        left = np.zeros(len(names))
-        for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):
-            width = np.array([comparison.cells[name, "all"].seconds.ms_per_touch()[part] for name in names])
-            axes.barh(names, width, left=left, color=colour, label=part, height=0.6)
-            left += width
-        axes.set(xlabel=f"ms per touch (floor: success {comparison.floor:.2f} without a touch)")
-        axes.invert_yaxis()
-        axes.legend(frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1, 1))
-        return svg(figure)
-
-
-def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
-    """Write a picture of one search: every touch image, and the belief it left."""
-    touched = [number for number, frame in enumerate(frames) if frame.image is not None]
-    labels = problem.shape_labels
-    with matplotlib.rc_context({"font.size": 9.0, "font.family": "sans-serif"}):
-        figure = Figure(figsize=(1.75 * max(len(touched), 3) + 0.9, 4.2), layout="constrained")
-        grid = figure.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
-        for column, number in enumerate(touched):
-            frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
-            pose = problem.pose_labels[frame.step.touch.pose]
-            top, bottom = grid[0, column], grid[1, column]
-            top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
-            top.set(xticks=[], yticks=[])
-            top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\npose {pose}")
-            colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in range(len(labels))]
-            bottom.barh(labels, frame.posterior, color=colours)
-            bottom.set(xlim=(0, 1), xticks=(0, 0.5, 1))
-            bottom.invert_yaxis()
-            bottom.spines[["top", "right"]].set_visible(False)
-            if column:
-                bottom.set_yticks([])
-            bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
-        verdict = "found" if episode.success else "failed"
-        figure.suptitle(f"Searching for a {labels[episode.target]}: {verdict} after {episode.num_touches} touches")
-        figure.savefig(path, dpi=130)
-
-
-def _grouped(axes, comparison: Comparison, value) -> None:
-    groups = [*comparison.targets, "all"]
-    width = 0.8 / len(comparison.deciders)
+def success(axes: Axes, comparison: Comparison) -> None:
+    """Success by target and decider, with intervals, floor and ceiling."""
+    groups = [*comparison.targets, ALL]
+    _floor_and_ceiling(axes.axvline, comparison)
     for index, decider in enumerate(comparison.deciders):
-        x = np.arange(len(groups)) + (index - (len(comparison.deciders) - 1) / 2) * width
-        values, intervals = zip(*(value(comparison.cells[decider, group]) for group in groups), strict=True)
-        axes.bar(x, values, width * 0.92, color=PALETTE[index % len(PALETTE)], label=decider)
-        if intervals[0] is not None:
-            low, high = np.array(intervals).T
-            axes.errorbar(x, values, [values - low, high - values], fmt="none", ecolor=INK, elinewidth=1, capsize=2)
-    crowded = {"rotation": 35, "ha": "right", "rotation_mode": "anchor"} if len(groups) > 6 else {}
-    axes.set_xticks(np.arange(len(groups)), groups, **crowded)
-    axes.legend(frameon=False, ncols=len(comparison.deciders), loc="lower center", bbox_to_anchor=(0.5, 1))
+        y = np.arange(len(groups)) + _offset(index, len(comparison.deciders))
+        cells = [comparison.cells[decider, group] for group in groups]
+        _whiskers(axes, [c.success for c in cells], y, [c.success_interval for c in cells], index, decider)
+    axes.set(xlabel="success", xlim=(-0.02, 1.02), yticks=np.arange(len(groups)), yticklabels=groups)
+    axes.invert_yaxis()
+    _legend(axes, comparison)
 
 
-def svg(figure: Figure) -> str:
-    """A figure as inline SVG, its text in the colour of the page's."""
+def frontier(axes: Axes, comparison: Comparison) -> None:
+    """Success against touches."""
+    _floor_and_ceiling(axes.axhline, comparison)
+    for index, decider in enumerate(comparison.deciders):
+        cell = comparison.cells[decider, ALL]
+        low, high = cell.success_interval
+        axes.errorbar(
+            cell.touches, cell.success, [[cell.success - low], [high - cell.success]], **_style(index), label=decider
+        )
+    axes.set(xlabel="touches a search", ylabel="success", ylim=(-0.02, 1.04))
+    axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
+    _legend(axes, comparison)
+
+
+def positions(axes: Axes, comparison: Comparison) -> None:
+    """Success by place of the target."""
+    labels = list(dict.fromkeys(place.label for places in comparison.positions.values() for place in places))
+    labels.sort(key=lambda label: (label == "absent", label.zfill(4)))
+    for index, (decider, places) in enumerate(comparison.positions.items()):
+        x = [labels.index(p.label) + _offset(index, len(comparison.deciders)) / 2 for p in places]
+        bars = np.array([p.interval for p in places]).T
+        values = np.array([p.success for p in places])
+        axes.errorbar(x, values, [values - bars[0], bars[1] - values], **_style(index), label=decider)
+    axes.set(xlabel="place of the target", ylabel="success", ylim=(-0.02, 1.04))
+    axes.set_xticks(range(len(labels)), labels)
+    _legend(axes, comparison)
+
+
+def touches(axes: Axes, comparison: Comparison) -> None:
+    """Distribution of touches."""
+    for index, decider in enumerate(comparison.deciders):
+        numbers = np.sort([episode.num_touches for episode in comparison.of(decider)])
+        shares = np.arange(1, len(numbers) + 1) / len(numbers)
+        axes.step([0, *numbers], [0, *shares], where="post", color=_colour(index), label=decider)
+    axes.set(xlabel="touches", ylabel="share of searches", ylim=(0, 1.02))
+    axes.set_xlim(left=0)
+    _legend(axes, comparison)
+
+
+def promises(axes: Axes, comparison: Comparison) -> None:
+    """Promised and achieved error of confirmations."""
+    names = [name for name, found in comparison.claims.items() if found is not None]
+    for y, name in enumerate(names):
+        score, index = comparison.claims[name].overall, comparison.deciders.index(name)
+        achieved = max(1.0 - score.share_right, _SMALLEST_ERROR)
+        bounds = (max(1.0 - score.high, _SMALLEST_ERROR), max(1.0 - score.low, _SMALLEST_ERROR))
+        _whiskers(axes, [achieved], [y], [bounds], index, name)
+        promised = max(1.0 - score.mean_claim, _SMALLEST_ERROR)
+        axes.plot(promised, y, marker="D", markerfacecolor="none", markersize=8, color=_colour(index))
+    axes.set(xscale="log", xlim=(_SMALLEST_ERROR / 1.3, 1.2), xlabel="error when confirming")
+    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
+
+
+def times(axes: Axes, comparison: Comparison) -> None:
+    """Milliseconds per touch, split into physics, network and decision."""
+    names = [name for name in comparison.deciders if comparison.cells[name, ALL].seconds.num_touches]
+    left = np.zeros(len(names))
+    for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):
+        width = np.array([comparison.cells[name, ALL].seconds.ms_per_touch()[part] for name in names])
+        axes.barh(names, width, left=left, color=colour, label=part, height=0.6)
+        left += width
+    axes.set(xlabel="ms a touch", ylim=(len(names) - 0.4, -0.6))
+    axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
+
+
+def _floor_and_ceiling(line: Callable[..., object], comparison: Comparison) -> None:
+    solved, tried = comparison.ceiling
+    for level in (comparison.floor, solved / tried):
+        line(level, color=INK, linestyle=":", linewidth=1)
+
+
+def _whiskers(
+    axes: Axes,
+    values: Sequence[float],
+    y: Sequence[float],
+    intervals: Sequence[tuple[float, float]],
+    index: int,
+    label: str,
+) -> None:
+    x, (low, high) = np.array(values), np.array(intervals).T
+    axes.errorbar(x, y, xerr=[x - low, high - x], **_style(index), label=label)
+
+
+def _style(index: int) -> dict[str, object]:
+    """Of one decider: a colour, and a marker for those who see none."""
+    marker = _MARKERS[index % len(_MARKERS)]
+    return {"color": _colour(index), "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}
+
+
+def _colour(index: int) -> str:
+    return PALETTE[index % len(PALETTE)]
+
+
+def _offset(index: int, count: int) -> float:
+    """Where the mark of one of several deciders stands, around 0."""
+    return 0.7 * ((index + 0.5) / count - 0.5)
+
+
+def _legend(axes: Axes, comparison: Comparison) -> None:
+    columns = min(len(comparison.deciders), 3)
+    axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=9)
+
+
+def svg(figure: Figure, prefix: str = "") -> str:
+    """A figure as inline SVG, its text in the colour of the page's.
+
+    Args:
+        figure: to draw.
+        prefix: for its ids, which must differ from those of other figures of the page.
+    """
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
-    return text[text.index("<svg") :].replace(INK, "currentColor")
+    text = text[text.index("<svg") :].replace(INK, "currentColor")
+    return re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{prefix}-", text) if prefix else text

@@ -17,6 +17,8 @@ from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
 from planners import Episode, Step
 
+_ANIMATED = (".gif", ".webp")
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -63,11 +65,12 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
 
 @dataclass(frozen=True)
 class Replay:
-    """Draw one recorded search: touch images, belief after each touch, decisions.
+    """Draw one recorded search: touch images, belief after each touch, decisions; as a picture or animated.
 
     For example:
 
         activetouch replay --folder runs/compare --decider information_gain --target cone --number 3 --out search.png
+        activetouch replay --target cone --out search.gif
     """
 
     folder: Path = Path("runs/compare")
@@ -79,17 +82,18 @@ class Replay:
     number: int = 0
     """Which of its episodes, from 0."""
     out: Path = Path("runs/search.png")
-    """Picture to write; the ending decides the format."""
+    """Picture to write; the ending decides the format: .png, .svg, .pdf, or .gif and .webp for an animation."""
 
     def run(self) -> None:
         """Press the touches again and draw."""
-        from experiments.figures import draw_search
+        from experiments.search_figures import animate_search, draw_search
 
         run = RunFolder(self.folder)
         setting = Setting.from_dict(run.read_run()["arguments"]["setting"])
         shard, place = divmod(self.number, EPISODES_PER_SHARD)
         line = run.lines(ShardKey(self.decider, self.target, shard))[place]
         episode = read_episode(line, tuple(setting.problem.shape_labels))
+        draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:
-            draw_search(episode, replay(setting, episode), setting.problem, temporary)
+            draw(episode, replay(setting, episode), setting.problem, temporary)
         print(f"wrote {self.out}")

@@ -1,10 +1,10 @@
-"""One self-contained HTML page for a comparison: table, figures, and a few searches picture by picture."""
+"""One self-contained HTML page for a comparison: verdict, tables, figures, and a few searches to step through."""
 
 from __future__ import annotations
 
 import base64
 import io
-import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,13 +17,22 @@ from PIL import Image
 from activetouch.atomic import write_text
 from belief import SearchProblem
 from experiments.episodes import Setting
-from experiments.figures import success_figure, time_figure, touches_figure
+from experiments.figures import Picture, pictures
 from experiments.replay import Frame, action_words, replay
 from experiments.results import RunFolder
+from experiments.sheets import Sheet, sheets
 from experiments.summary import Comparison
+from experiments.verdict import verdict
 from planners import Episode, Outcome
 
-_REPLAYS_PER_DECIDER = 2
+_MOST_BYTES = 3_500_000  # of all searches shown, so that the page stays below 5 MB
+_SECTIONS = {
+    "Success": (("success", "frontier"), ("results", "differences", "returns")),
+    "Where the target lay": (("positions",), ("positions",)),
+    "Touches": (("touches",), ("touches",)),
+    "Promised and kept": (("promises",), ("promises", "claims")),
+    "Time": (("times",), ("times",)),
+}
 _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
     Outcome.EXHAUSTED: "rejected everything",
@@ -31,23 +40,62 @@ _FAILURES = {
 }
 
 
-def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int) -> Path:
-    """Write ``report.html`` into the run's folder and return its path."""
-    environment = Environment(
+def environment() -> Environment:
+    """Where templates are."""
+    return Environment(
         loader=PackageLoader("experiments"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )
-    html = environment.get_template("report.html").render(
-        comparison=comparison,
-        figures=[success_figure(comparison), touches_figure(comparison), time_figure(comparison)],
-        stories=[_story(setting, name, episode) for name, episode in _choose(comparison)],
-        run=RunFolder(folder).read_run(),
-        seed=seed,
-        scene=setting.choice.scene,
-        longest_label=max(map(len, comparison.problem.shape_labels)),
+
+
+def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int) -> Path:
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder; return the path of the page."""
+    drawn = {picture.name: picture for picture in pictures(comparison)}
+    tables = {sheet.name: sheet for sheet in sheets(comparison)}
+    for picture in drawn.values():
+        picture.write(folder / "figures")
+    for sheet in tables.values():
+        write_text(folder / "tables" / f"{sheet.name}.csv", sheet.csv())
+    stories, left_out = _stories(setting, comparison)
+    html = (
+        environment()
+        .get_template("report.html")
+        .render(
+            comparison=comparison,
+            composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
+            verdict=verdict(comparison),
+            sections=[_section(title, *names, drawn, tables) for title, names in _SECTIONS.items()],
+            stories=stories,
+            left_out=left_out,
+            run=RunFolder(folder).read_run(),
+            seed=seed,
+            scene=setting.choice.scene,
+            longest_label=max(map(len, comparison.problem.shape_labels)),
+        )
     )
     path = folder / "report.html"
     write_text(path, html)
     return path
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: figures, and tables each with its CSV."""
+
+    title: str
+    pictures: Sequence[Picture]
+    sheets: Sequence[tuple[Sheet, str]]
+
+
+def _section(
+    title: str, figures: Sequence[str], names: Sequence[str], drawn: dict[str, Picture], tables: dict[str, Sheet]
+) -> Section:
+    found = [tables[name] for name in names if tables[name].rows]
+    return Section(title, [drawn[name] for name in figures], [(sheet, csv_link(sheet)) for sheet in found])
+
+
+def csv_link(sheet: Sheet) -> str:
+    """A table as the address of a download that needs no network."""
+    return _data_uri("text/csv", sheet.csv().encode())
 
 
 @dataclass(frozen=True)
@@ -69,26 +117,41 @@ class Story:
     success: bool
     panels: list[Panel]
 
+    @property
+    def num_bytes(self) -> int:
+        """What its images add to the page, about."""
+        return sum(len(panel.picture or "") + 600 for panel in self.panels)
 
-def _choose(comparison: Comparison) -> list[tuple[str, Episode]]:
-    """For each decider that touches: its longest failure if it has one, and a success among its longer ones."""
+
+def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], list[str]]:
+    """The searches to show, and the titles of those that the page has no room for."""
+    stories, left_out, total = [], [], 0
+    for decider, episode in choose(comparison):
+        story = _story(setting, decider, episode)
+        if total + story.num_bytes > _MOST_BYTES:
+            left_out.append(story.title)
+            continue
+        total += story.num_bytes
+        stories.append(story)
+    return stories, left_out
+
+
+def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
+    """For each decider that touches: its longest failure, a success of median length, and its longest search."""
     chosen = []
     for decider in comparison.deciders:
-        episodes = list(
-            itertools.chain.from_iterable(comparison.episodes[decider, target] for target in comparison.targets)
-        )
-        touched = sorted((e for e in episodes if e.num_touches), key=lambda e: e.num_touches)
+        touched = sorted((e for e in comparison.of(decider) if e.num_touches), key=lambda e: e.num_touches)
         failures = [e for e in touched if not e.success]
         successes = [e for e in touched if e.success]
-        picks = failures[-1:] + successes[-len(successes) // 4 :][:_REPLAYS_PER_DECIDER]
-        chosen += [(decider, episode) for episode in picks[:_REPLAYS_PER_DECIDER]]
+        picks = failures[-1:] + successes[len(successes) // 2 :][:1] + touched[-1:]
+        chosen += [(decider, episode) for episode in dict.fromkeys(picks)]
     return chosen
 
 
 def _story(setting: Setting, decider: str, episode: Episode) -> Story:
     problem = setting.problem
     labels = problem.shape_labels
-    verdict = "found it" if episode.success else _FAILURES[episode.outcome]
+    verdict = "right" if episode.success else _FAILURES[episode.outcome]
     number = episode.seed[-1]
     title = (
         f"{decider} looks for a {labels[episode.target]}: {verdict}, {episode.num_touches} touches (episode {number})"
@@ -103,14 +166,18 @@ def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> Panel:
     return Panel(
         heading=f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         action=action_words(frame.step.decision.action, problem),
-        picture=None if frame.image is None else _data_uri(frame.image),
+        picture=None if frame.image is None else _picture(frame.image),
         bars=bars,
         scores=[(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],
     )
 
 
-def _data_uri(image: NDArray[np.uint8]) -> str:
+def _picture(image: NDArray[np.uint8]) -> str:
     colours = image if image.ndim == 3 else (colormaps["magma"](image)[:, :, :3] * 255).astype(np.uint8)
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return _data_uri("image/png", buffer.getvalue())
+
+
+def _data_uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -3,8 +3,12 @@
 run.json            what decides an episode (seed, setting, sensor, versions), the latest arguments, the commit
 shards/*.jsonl      one line an episode, 25 of them, written whole or not at all
 shards/*.time.json  seconds the shard took, by part (kept apart: episodes are reproducible, seconds are not)
-shards/ceiling-*    how many episodes full information solves
+shards/ceiling-*    whether full information solves the episodes; shards like all others
 episodes.jsonl      the episodes last asked for, in a fixed order, once all are there
+
+Shards are keyed by what they hold, and what they hold follows from the run's identity. So it does not matter who writes
+one, how often, or in which order: several machines may fill one folder at once, or folders of their own that
+:mod:`experiments.merge` unites. A shard that is not whole, as a copy that broke off leaves it, counts as missing.
 """
 
 from __future__ import annotations
@@ -13,8 +17,10 @@ import importlib.metadata
 import json
 import platform
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +35,20 @@ class RunMismatch(ActiveTouchError, ValueError):
     """A folder holds another run than the one that was asked for."""
 
 
+class CannotWrite(ActiveTouchError, OSError):
+    """The disk is full, or the folder may not be written to."""
+
+
 EPISODES_PER_SHARD = 25
 """Fixed, because the network's last bits depend on what is read together."""
+
+CEILING = "ceiling"
+"""Stands for a decider in the keys of shards that say what full information solves."""
 
 
 @dataclass(frozen=True)
 class ShardKey:
-    """Which episodes a shard holds: the ``number``-th lot of one decider and target."""
+    """Which episodes a shard holds: the ``number``-th lot of one decider (or the ceiling) and target."""
 
     decider: str
     target: str
@@ -45,6 +58,13 @@ class ShardKey:
     def stem(self) -> str:
         """File name without its ending."""
         return f"{self.decider}-{self.target}-{self.number:05d}"
+
+    @classmethod
+    def from_stem(cls, stem: str) -> ShardKey:
+        """The key from its file name; names of deciders hold no hyphen, those of targets may."""
+        decider, rest = stem.split("-", 1)
+        target, number = rest.rsplit("-", 1)
+        return cls(decider, target, int(number))
 
     @property
     def episodes(self) -> range:
@@ -102,7 +122,7 @@ class RunFolder:
             RunMismatch: the folder holds a run with another identity.
         """
         file, commit, warning = self.path / "run.json", _commit(), None
-        wanted = json.loads(json.dumps({**identity, "versions": _versions()}))
+        wanted = json.loads(json.dumps({**identity, "versions": versions()}))
         if file.exists():
             earlier = self.read_run()
             found = earlier["identity"]
@@ -113,9 +133,13 @@ class RunFolder:
                 )
             if earlier["commit"] != commit:
                 warning = f"{self.path} has episodes of commit {earlier['commit']}, this is {commit}; they are kept"
-        run = {"identity": wanted, "arguments": arguments, "commit": commit}
-        write_text(file, json.dumps(run, indent=1) + "\n")
+        self.write_run({"identity": wanted, "arguments": arguments, "commit": commit})
         return warning
+
+    def write_run(self, run: dict[str, Any]) -> None:
+        """Write ``run.json``."""
+        with self._writing():
+            write_text(self.path / "run.json", json.dumps(run, indent=1) + "\n")
 
     def read_run(self) -> dict[str, Any]:
         """What ``run.json`` says."""
@@ -125,48 +149,62 @@ class RunFolder:
         return json.loads(file.read_text())
 
     def has(self, key: ShardKey) -> bool:
-        """Whether a shard is complete."""
-        return self._shard(key).exists()
+        """Whether a shard is there and whole."""
+        try:
+            self.seconds(key)
+            lines = self.lines(key)
+        except (OSError, ValueError, TypeError):
+            return False
+        return len(lines) == EPISODES_PER_SHARD and all(line.startswith("{") and line.endswith("}\n") for line in lines)
 
-    def write_shard(self, key: ShardKey, episodes: Iterable[Episode], seconds: Seconds) -> None:
-        """Write a finished shard; the episodes last, because they mark it complete."""
-        lines = "".join(json.dumps({"decider": key.decider, **episode.to_dict()}) + "\n" for episode in episodes)
-        write_text(self._shard(key).with_suffix(".time.json"), json.dumps(asdict(seconds)) + "\n")
-        write_text(self._shard(key), lines)
+    def complete_keys(self) -> list[ShardKey]:
+        """All whole shards, in the order of their names."""
+        stems = sorted(path.stem for path in (self.path / "shards").glob("[!.]*.jsonl"))
+        return [key for key in map(ShardKey.from_stem, stems) if self.has(key)]
 
-    def has_ceiling(self, target: str, episodes: int) -> bool:
-        """Whether the ceiling of a target is there, measured on this many episodes."""
-        return self._ceiling(target, episodes).exists()
+    def write(self, key: ShardKey, lines: Sequence[str], seconds: Seconds) -> None:
+        """Write a finished shard; the episodes last, because they mark it complete.
 
-    def write_ceiling(self, target: str, successes: int, episodes: int) -> None:
-        """Write how many of the first ``episodes`` searches for a target the ceiling solves."""
-        write_text(self._ceiling(target, episodes), json.dumps(successes) + "\n")
+        Raises:
+            CannotWrite: there is no room, or no permission; what was there before still is.
+        """
+        with self._writing():
+            write_text(self._shard(key).with_suffix(".time.json"), json.dumps(asdict(seconds)) + "\n")
+            write_text(self._shard(key), "".join(lines))
 
-    def read_ceiling(self, target: str, episodes: int) -> int:
-        """How many of the first ``episodes`` searches for a target the ceiling solves."""
-        return json.loads(self._ceiling(target, episodes).read_text())
-
-    def merge(self, lines: Iterable[str]) -> None:
+    def write_episodes(self, lines: Iterable[str]) -> None:
         """Write ``episodes.jsonl``."""
-        with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
+        with self._writing(), atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
             file.writelines(lines)
 
     def lines(self, key: ShardKey) -> list[str]:
-        """The episodes of a complete shard, a line of JSON each."""
+        """The episodes of a shard, a line of JSON each."""
         file = self._shard(key)
         if not file.exists():
             raise FileNotFoundError(f"{file} is not there; play it with: activetouch compare --out {self.path}")
-        return file.read_text().splitlines(keepends=True)
+        return file.read_text(encoding="utf-8").splitlines(keepends=True)
 
     def seconds(self, key: ShardKey) -> Seconds:
         """The time of a complete shard."""
         return Seconds(**json.loads(self._shard(key).with_suffix(".time.json").read_text()))
 
-    def _ceiling(self, target: str, episodes: int) -> Path:
-        return self.path / "shards" / f"ceiling-{target}-{episodes:06d}.json"
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise CannotWrite(
+                f"{self.path} cannot be written to: {error.strerror or error}. What is in it is kept; make room, and "
+                "run the same command to go on"
+            ) from error
 
     def _shard(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.jsonl"
+
+
+def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:
+    """A line of JSON for every episode."""
+    return [json.dumps({"decider": decider, **episode.to_dict()}) + "\n" for episode in episodes]
 
 
 def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
@@ -174,7 +212,9 @@ def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
     return Episode.from_dict(json.loads(line), shape_labels)
 
 
-def _versions() -> dict[str, str]:
+@lru_cache(maxsize=1)
+def versions() -> dict[str, str]:
+    """Versions of all that a touch depends on."""
     return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _PACKAGES}
 
 

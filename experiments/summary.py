@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief import SearchProblem
-from belief.statistics import paired_bootstrap, wilson_interval
+from belief.metrics import ClaimsAtStop
+from belief.statistics import wilson_interval
+from experiments.paired import Difference, differences, prob_best
 from experiments.results import Seconds
+from experiments.stops import Place, by_position, claims, regret
 from planners import Episode, Outcome
 
 
@@ -25,6 +28,7 @@ class Cell:
         none: rejected everything.
         truncated: ran into the touch limit.
         touches: mean per search.
+        touch_quantiles: touches that half and nine tenths of the searches do not exceed, and the most.
         reward: mean return.
         seconds: time spent.
     """
@@ -36,6 +40,7 @@ class Cell:
     none: int
     truncated: int
     touches: float
+    touch_quantiles: tuple[int, int, int]
     reward: float
     seconds: Seconds
 
@@ -50,6 +55,8 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
     successes = sum(episode.success for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
     count = {outcome: sum(episode.outcome is outcome for episode in failures) for outcome in Outcome}
+    touches = [episode.num_touches for episode in episodes]
+    median, most_of_them, all_of_them = np.quantile(touches, [0.5, 0.9, 1.0], method="inverted_cdf")
     return Cell(
         num_episodes=len(episodes),
         successes=successes,
@@ -57,33 +64,11 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
         wrong=count[Outcome.CONFIRMED],
         none=count[Outcome.EXHAUSTED],
         truncated=count[Outcome.TRUNCATED],
-        touches=float(np.mean([episode.num_touches for episode in episodes])),
+        touches=float(np.mean(touches)),
+        touch_quantiles=(int(median), int(most_of_them), int(all_of_them)),
         reward=float(np.mean([episode.reward(problem) for episode in episodes])),
         seconds=seconds,
     )
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Paired difference of a decider to the reference, mean and 95 % bootstrap interval."""
-
-    success: tuple[float, float, float]
-    touches: tuple[float, float, float]
-
-
-def differences(
-    by_decider: Mapping[str, Sequence[Episode]], reference: str, rng: np.random.Generator
-) -> dict[str, Difference]:
-    """Each other decider against the reference, on the same episodes in the same order."""
-    base = by_decider[reference]
-    return {
-        name: Difference(
-            paired_bootstrap([e.success for e in episodes], [e.success for e in base], rng),
-            paired_bootstrap([e.num_touches for e in episodes], [e.num_touches for e in base], rng),
-        )
-        for name, episodes in by_decider.items()
-        if name != reference
-    }
 
 
 @dataclass(frozen=True)
@@ -95,7 +80,11 @@ class Comparison:
         episodes: by (decider, target label).
         cells: by (decider, target label), and by (decider, "all").
         differences: to ``reference``, over all targets.
-        ceiling: successes and episodes with full information (:mod:`experiments.ceiling`).
+        positions: success by where the target lay, by decider.
+        claims: at the stop, by decider; None for one that never confirmed.
+        regret: to the best reader of all touches, by decider: mean and 95 % interval.
+        prob_best: probability of the highest mean return, by decider.
+        solved: whether full information solves the first episodes, by target (:mod:`experiments.ceiling`).
         reference: the decider the others are compared with.
     """
 
@@ -103,7 +92,11 @@ class Comparison:
     episodes: Mapping[tuple[str, str], Sequence[Episode]]
     cells: Mapping[tuple[str, str], Cell]
     differences: Mapping[str, Difference]
-    ceiling: tuple[int, int]
+    positions: Mapping[str, Sequence[Place]]
+    claims: Mapping[str, ClaimsAtStop | None]
+    regret: Mapping[str, tuple[float, float, float]]
+    prob_best: Mapping[str, float]
+    solved: Mapping[str, Sequence[bool]]
     reference: str
 
     @property
@@ -122,27 +115,57 @@ class Comparison:
         return sum(self.cells[decider, "all"].seconds.pressed_again for decider in self.deciders)
 
     @property
+    def ceiling(self) -> tuple[int, int]:
+        """Episodes that full information solves, and how many it was tried on."""
+        return sum(sum(some) for some in self.solved.values()), sum(len(some) for some in self.solved.values())
+
+    @property
     def floor(self) -> float:
         """Best success without touching, mean over targets: confirm any object, or none if that is likelier right."""
         problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
 
+    def of(self, decider: str) -> list[Episode]:
+        """All episodes of a decider, target by target: the same ones in the same order for every decider."""
+        return [episode for target in self.targets for episode in self.episodes[decider, target]]
+
 
 def compare_episodes(
     problem: SearchProblem,
     episodes: Mapping[tuple[str, str], Sequence[Episode]],
     seconds: Mapping[tuple[str, str], Seconds],
-    ceiling: tuple[int, int],
+    solved: Mapping[str, Sequence[bool]],
     reference: str,
     rng: np.random.Generator,
 ) -> Comparison:
-    """All numbers of a comparison."""
+    """All numbers of a comparison.
+
+    Args:
+        problem: the search.
+        episodes: by (decider, target label), the same ones in the same order for every decider.
+        seconds: time they took.
+        solved: whether full information solves the first episodes, by target.
+        reference: the decider the others are compared with.
+        rng: source of the bootstraps.
+    """
     cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
-    by_decider: dict[str, list[Episode]] = {}
-    for (decider, _), some in episodes.items():
-        by_decider.setdefault(decider, []).extend(some)
-    for decider, some in by_decider.items():
+    by_decider: dict[str, dict[str, Sequence[Episode]]] = {}
+    for (decider, target), some in episodes.items():
+        by_decider.setdefault(decider, {})[target] = some
+    together = {name: [e for some in by_target.values() for e in some] for name, by_target in by_decider.items()}
+    for decider, some in together.items():
         spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
         cells[decider, "all"] = summarise(some, spent, problem)
-    return Comparison(problem, episodes, cells, differences(by_decider, reference, rng), ceiling, reference)
+    return Comparison(
+        problem=problem,
+        episodes=episodes,
+        cells=cells,
+        differences=differences(together, reference, problem, rng),
+        positions={name: by_position(some) for name, some in together.items()},
+        claims={name: claims(some) for name, some in together.items()},
+        regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
+        prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
+        solved=solved,
+        reference=reference,
+    )

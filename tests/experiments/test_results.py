@@ -1,9 +1,27 @@
 """Nothing finished is lost, and a failed write leaves the old file."""
 
+import errno
+import multiprocessing
+
+import numpy as np
 import pytest
 
-from activetouch.atomic import atomic_path
-from experiments.results import RunFolder, RunMismatch, ShardKey
+from activetouch.atomic import atomic_path, write_text
+from experiments.merge import Conflict, merge
+from experiments.results import CannotWrite, RunFolder, RunMismatch, Seconds, ShardKey
+
+KEY = ShardKey("threshold", "hex-nut", 3)
+LINES = [f'{{"decider": "threshold", "number": {number}}}\n' for number in range(25)]
+TIME = Seconds(1.0, 2.0, 3.0, 40)
+
+
+def a_run(path, keys=(KEY,), identity=None):
+    """A folder with some shards."""
+    folder = RunFolder(path)
+    folder.open(identity or {"seed": 1}, {"deciders": ["threshold"], "targets": ["hex-nut"]})
+    for key in keys:
+        folder.write(key, LINES, TIME)
+    return folder
 
 
 def test_a_write_that_fails_leaves_the_old_file_and_no_debris(tmp_path):
@@ -45,3 +63,138 @@ def test_episodes_of_another_commit_are_kept_with_a_warning(tmp_path, monkeypatc
     assert folder.open({"seed": 1}, {}) is None
     monkeypatch.setattr("experiments.results._commit", lambda: "another")
     assert "another" in folder.open({"seed": 1}, {})
+
+
+def test_a_key_reads_back_from_its_file_name():
+    assert ShardKey.from_stem(KEY.stem) == KEY
+
+
+def test_a_shard_reads_back_as_it_was_written(tmp_path):
+    folder = a_run(tmp_path)
+    assert folder.has(KEY)
+    assert folder.complete_keys() == [KEY]
+    assert (folder.lines(KEY), folder.seconds(KEY)) == (LINES, TIME)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 40, 400, -1])
+def test_a_torn_shard_counts_as_missing_and_is_replaced(tmp_path, kept):
+    folder = a_run(tmp_path)
+    file = tmp_path / "shards" / f"{KEY.stem}.jsonl"
+    file.write_bytes(file.read_bytes()[:kept])  # as a copy that broke off leaves it
+    assert not folder.has(KEY)
+    assert folder.complete_keys() == []
+    folder.write(KEY, LINES, TIME)
+    assert folder.lines(KEY) == LINES
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"physics": 1'])
+def test_a_shard_without_its_whole_time_counts_as_missing(tmp_path, text):
+    folder = a_run(tmp_path)
+    (tmp_path / "shards" / f"{KEY.stem}.time.json").write_text(text)
+    assert not folder.has(KEY)
+
+
+def no_room(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
+    folder = a_run(tmp_path)
+    other = ShardKey("threshold", "hex-nut", 4)
+    monkeypatch.setattr("os.fsync", no_room)
+    with pytest.raises(CannotWrite, match=r"No space left on device\. What is in it is kept; make room"):
+        folder.write(other, LINES, TIME)
+    with pytest.raises(CannotWrite, match="No space left"):
+        folder.write_episodes(LINES)
+    with pytest.raises(CannotWrite, match="No space left"):
+        folder.write_run({})
+    monkeypatch.undo()
+    assert folder.complete_keys() == [KEY]
+    assert folder.read_run()["identity"]["seed"] == 1
+    assert not list(tmp_path.glob("**/.*"))  # no debris
+    folder.write(other, LINES, TIME)
+    assert folder.complete_keys() == [KEY, other]
+
+
+@pytest.mark.parametrize("name", ["time.json", "jsonl"])
+def test_a_disk_that_fills_up_between_time_and_episodes_leaves_no_half_shard(tmp_path, monkeypatch, name):
+    folder, write = a_run(tmp_path, keys=()), write_text
+
+    def until_full(path, text):
+        if path.name.endswith(name):
+            no_room()
+        write(path, text)
+
+    monkeypatch.setattr("experiments.results.write_text", until_full)
+    with pytest.raises(CannotWrite):
+        folder.write(KEY, LINES, TIME)
+    monkeypatch.undo()
+    assert not folder.has(KEY)
+    folder.write(KEY, LINES, TIME)
+    assert folder.has(KEY)
+
+
+def write_many(folder, keys, order):
+    for number in np.random.default_rng(order).permutation(len(keys)):
+        RunFolder(folder).write(keys[number], LINES, TIME)
+
+
+def test_two_writers_at_once_leave_every_shard_once_and_whole(tmp_path):
+    keys = [ShardKey("threshold", "hex-nut", number) for number in range(30)]
+    folder = a_run(tmp_path, keys=())
+    context = multiprocessing.get_context("spawn")
+    writers = [context.Process(target=write_many, args=(tmp_path, keys, order)) for order in (0, 1)]
+    for writer in writers:
+        writer.start()
+    seen = 0
+    while any(writer.is_alive() for writer in writers):  # a reader meanwhile never sees half a shard
+        there = sorted((tmp_path / "shards").glob("[!.]*.jsonl"))
+        assert all(file.read_text() == "".join(LINES) for file in there)
+        seen = max(seen, len(there))
+    for writer in writers:
+        writer.join()
+        assert writer.exitcode == 0
+    assert folder.complete_keys() == keys
+    assert len(list((tmp_path / "shards").iterdir())) == 2 * len(keys)
+
+
+def test_merging_takes_every_whole_shard_once(tmp_path):
+    keys = [ShardKey("threshold", "hex-nut", number) for number in range(4)]
+    a_run(tmp_path / "a", keys[:3])
+    a_run(tmp_path / "b", keys[2:])
+    torn = tmp_path / "a" / "shards" / f"{keys[0].stem}.jsonl"
+    torn.write_text(torn.read_text()[:-3])
+    assert merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c") == keys[1:]
+    assert (tmp_path / "c" / "episodes.jsonl").read_text() == "".join(LINES * 3)
+    assert RunFolder(tmp_path / "c").read_run()["arguments"]["targets"] == ["hex-nut"]
+    assert torn.exists()
+
+
+def test_merging_again_or_into_one_of_them_changes_nothing(tmp_path):
+    a_run(tmp_path / "a", [ShardKey("x", "t", 0)])
+    a_run(tmp_path / "b", [ShardKey("y", "t", 0)])
+    merge([tmp_path / "a", tmp_path / "b"], tmp_path / "a")
+    before = {path: path.read_bytes() for path in (tmp_path / "a").glob("**/*.json*")}
+    merge([tmp_path / "b", tmp_path / "a", tmp_path / "b"], tmp_path / "a")
+    assert {path: path.read_bytes() for path in before} == before
+    assert RunFolder(tmp_path / "a").read_run()["arguments"]["deciders"] == ["x", "y"]
+
+
+def test_runs_of_another_identity_are_not_merged(tmp_path):
+    a_run(tmp_path / "a")
+    a_run(tmp_path / "b", identity={"seed": 2})
+    with pytest.raises(RunMismatch, match=r"other seed\. Only runs of the same seed"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+    with pytest.raises(RunMismatch, match="b holds another run"):
+        merge([tmp_path / "a"], tmp_path / "b")
+    with pytest.raises(FileNotFoundError, match="holds no run"):
+        merge([tmp_path / "a", tmp_path / "nowhere"], tmp_path / "c")
+
+
+def test_different_episodes_under_one_key_are_a_conflict(tmp_path):
+    a_run(tmp_path / "a")
+    b = a_run(tmp_path / "b", keys=())
+    b.write(KEY, [line.replace("threshold", "threshoId") for line in LINES], TIME)
+    with pytest.raises(Conflict, match="threshold-hex-nut-00003"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")

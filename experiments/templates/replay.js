@@ -1,0 +1,23 @@
+// Shows the searches of a report one step at a time. Without it, and on paper, all steps are there side by side.
+document.documentElement.classList.add("js");
+for (const story of document.querySelectorAll(".story")) {
+  const panels = [...story.querySelectorAll(".panel")];
+  const [back, on, whole] = story.querySelectorAll("button");
+  const slider = story.querySelector("input"), label = story.querySelector("output");
+  const show = (step) => {
+    slider.value = step = Math.max(0, Math.min(panels.length - 1, step));
+    panels.forEach((panel, index) => panel.classList.toggle("now", index === step));
+    back.disabled = step === 0;
+    on.disabled = step === panels.length - 1;
+    label.textContent = `step ${step + 1} of ${panels.length}`;
+  };
+  back.onclick = () => show(+slider.value - 1);
+  on.onclick = () => show(+slider.value + 1);
+  slider.oninput = () => show(+slider.value);
+  whole.onclick = () => { whole.textContent = story.classList.toggle("whole") ? "one at a time" : "all steps"; };
+  story.onkeydown = (event) => {
+    const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (by && event.target !== slider) show(+slider.value + by);
+  };
+  show(0);
+}
