@@ -1,0 +1,54 @@
+"""Solve touch problems: plans whose value is certified from below and from above.
+
+>>> import numpy as np
+>>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])                       # one pose, right nine times of ten
+>>> policy = solve(TouchProblem(table, prior=[0.5, 0.5], target=0, touch_cost=0.05))
+>>> int(policy.action([0.5, 0.5])), int(policy.action([0.99, 0.01])), int(policy.action([0.01, 0.99]))
+(0, 1, 2)
+>>> bool(policy.lower_bound <= policy.upper_bound < policy.lower_bound + 1e-3)
+True
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import numpy as np
+
+from planners.solve.exact import finite_horizon_value
+from planners.solve.policy import SearchPolicy, TouchPolicy, solve_search, solve_touch
+from planners.solve.problem import SearchTouchProblem, TouchProblem
+
+__all__ = ["SearchPolicy", "SearchTouchProblem", "TouchPolicy", "TouchProblem", "finite_horizon_value", "solve"]
+
+
+ROUNDS = (200, 200, 400, 400, 800)
+"""Searches simulated in each round of planning, by default: well below a second for one object of four shapes."""
+
+
+@overload
+def solve(
+    problem: TouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+) -> TouchPolicy: ...
+@overload
+def solve(
+    problem: SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+) -> SearchPolicy: ...
+def solve(
+    problem: TouchProblem | SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+) -> TouchPolicy | SearchPolicy:
+    """Point-based value iteration; see :mod:`planners.solve.point_based`.
+
+    Args:
+        problem: one object, or a search.
+        rng: samples the beliefs to plan at; seed 0 by default, so that a problem has one solution.
+        rounds: searches simulated in each round of planning; more are slower and closer to the best.
+
+    Raises:
+        ValueError: touches cost nothing and nothing is discounted, or there are too many hidden states.
+    """
+    rng = rng if rng is not None else np.random.default_rng(0)
+    if isinstance(problem, TouchProblem):
+        return solve_touch(problem, rng, rounds)
+    return solve_search(problem, rng, rounds)
