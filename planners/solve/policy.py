@@ -80,7 +80,7 @@ class TouchPolicy:
 
     @property
     def lower_bound(self) -> float:
-        """What the policy is worth at the prior, at least: the optimum is not below it."""
+        """What following one of the plans from the prior is worth: the optimum is not below it."""
         return float(self.value(self.problem.prior))
 
     @cached_property
@@ -126,7 +126,7 @@ class SearchPolicy:
         return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
     def action(self, object_index: int, belief: Floats) -> int:
-        """What to do at a belief ``(n,)`` about an object's hidden state: see :func:`planners.solve.stages.stage_belief`."""
+        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.solve.stages.stage_belief`."""
         plans = self.stages[object_index]
         return int(plans.actions[plans.best(belief[None])[0]])
 
