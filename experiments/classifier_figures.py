@@ -11,6 +11,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from activetouch.atomic import atomic_path
@@ -59,6 +60,8 @@ def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
         axes.set(xlabel=f"milliseconds a touch, {batch} at once", title=f"scene {scene}")
         axes.legend(frameon=False)
         axes.margins(x=0.15, y=0.12)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None:
@@ -69,6 +72,8 @@ def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None
         error = _errors(axes, images, [point.scores for point in points], PALETTE[0])
         axes.plot(images, error, color=PALETTE[0], linewidth=1)
         axes.set(xlabel="images of each shape", title=title)
+        axes.set_xticks(images, [f"{number}" for number in images])
+        axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _errors(axes: Axes, x: NDArray, scores: Sequence[Scores], colour: str, label: str = "") -> NDArray[np.float64]:
@@ -77,7 +82,11 @@ def _errors(axes: Axes, x: NDArray, scores: Sequence[Scores], colour: str, label
     low, high = (np.array([1.0 - score.interval[side] for score in scores]) for side in (1, 0))
     reach = [error - low, high - error]
     axes.errorbar(x, error, reach, fmt="o", color=colour, elinewidth=1, capsize=2, alpha=0.8, label=label)
-    axes.set(xscale="log", yscale="log", ylabel="share of single touches misread")
+    axes.set(xscale="log", yscale="log", ylabel="single touches misread")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda share, _: f"{100 * share:g} %"))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_minor_formatter(NullFormatter())
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25, which="both")
     return error

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from experiments.felt import AS_TRAINED
 from experiments.figures import PALETTE
 
+_TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
+
 
 def tabulate(numbers: Mapping[str, Any]) -> dict[str, list[tuple[str, ...]]]:
     """The tables of a report by title, each a row of headings and rows of text."""
@@ -65,7 +67,10 @@ def to_markdown(tables: Mapping[str, list[tuple[str, ...]]]) -> str:
 
 
 def draw_conditions(numbers: Mapping[str, Any], path: Path) -> None:
-    """Draw the accuracy of one touch and of all touches fused in every condition; the ending decides the format."""
+    """Draw the errors of one touch and of all touches fused in every condition; the ending decides the format.
+
+    The scale is logarithmic above one in a hundred, and linear below, where zero has its place.
+    """
     rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
     style = {"font.size": 9.0, "font.family": "sans-serif", "axes.spines.top": False, "axes.spines.right": False}
     with matplotlib.rc_context(style | {"svg.fonttype": "none", "svg.hashsalt": "activetouch"}):
@@ -73,15 +78,19 @@ def draw_conditions(numbers: Mapping[str, Any], path: Path) -> None:
         figure.suptitle(f"{numbers['scene']}: {trained['num_objects']} objects, intervals at 95 %")
         panels = (("accuracy", "accuracy_interval", "one touch"), ("fused_accuracy", "fused_interval", "all touches"))
         for axes, (key, bounds, title) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
-            values, (low, high) = (
-                np.array([row[key] for row in rows.values()]),
-                np.array([r[bounds] for r in rows.values()]).T,
-            )
-            axes.axvspan(*trained[bounds], color="0.9", linewidth=0)
-            axes.axvline(trained[key], color="0.5", linewidth=1)
-            axes.axvline(numbers["chance"], color="0.5", linewidth=1, linestyle=":")
+            values = 1.0 - np.array([row[key] for row in rows.values()])
+            high, low = 1.0 - np.array([row[bounds] for row in rows.values()]).T
+            axes.axvspan(*(1.0 - bound for bound in trained[bounds]), color="0.9", linewidth=0)
+            axes.axvline(1.0 - trained[key], color="0.5", linewidth=1)
+            axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
             reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
             axes.errorbar(values, list(rows), xerr=reach, fmt="o", color=PALETTE[0], markersize=4, elinewidth=1)
-            axes.set(title=title, xlabel="accuracy (line: as trained; dotted: chance)", xlim=(0.0, 1.02))
+            axes.set(title=title, xlabel="misread (line: as trained; dotted: chance)")
+            axes.set_xscale("symlog", linthresh=0.01, linscale=0.7)
+            axes.set(
+                xlim=(-0.001, 1.0), xticks=_TICKS, xticklabels=[f"{100 * tick:g}" for tick in _TICKS[:-1]] + ["100 %"]
+            )
+            axes.minorticks_off()
+            axes.grid(axis="x", alpha=0.25)
         axes.invert_yaxis()
         figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix == ".svg" else None)
