@@ -14,6 +14,7 @@ from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, Targ
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
 from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
+from planners.value_of_information import ValueOfInformation
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,8 @@ DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
         "repeat_aware": lambda known: SequentialDecider(
             PosteriorThresholds(), TargetInformationGain(known.table, repeat_discount(known.model))
         ),
+        "value_of_one_touch": lambda known: ValueOfInformation(known.table, 1, repeat_discount(known.model)),
+        "value_of_information": lambda known: ValueOfInformation(known.table, 2, repeat_discount(known.model)),
         "sequential_test": lambda known: SequentialDecider(SequentialTest(), TargetInformationGain(known.table)),
     }
 )

@@ -1,0 +1,59 @@
+"""An outcome table as a world to touch: what planners that plan on the table are certain to be right about."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief.observation_model import OutcomeTable
+from belief.problem import Floats, Touch
+
+
+@dataclass(frozen=True, eq=False)
+class TabularModel:
+    """Touches that are outcomes of a table, independent given the shape; an :class:`ObservationModel`.
+
+    The logits of a touch are the log-likelihoods of its outcome: all that it tells.
+
+    Attributes:
+        shape_labels: names of the K shapes.
+        table: p(outcome | pose, shape).
+
+    Raises:
+        ValueError: as many names as the table has shapes are needed.
+
+    >>> model = TabularModel(("cube", "cone"), OutcomeTable(np.array([[[0.9, 0.1], [0.2, 0.8]]])))
+    >>> touches = model.sample(0, poses=[0, 0], rng=np.random.default_rng(0))
+    >>> np.exp(model.log_likelihood(touches)).round(3).tolist()
+    [0.81, 0.04]
+    """
+
+    shape_labels: tuple[str, ...]
+    table: OutcomeTable
+
+    def __post_init__(self) -> None:
+        if len(self.shape_labels) != self.table.num_shapes:
+            raise ValueError(f"the table has {self.table.num_shapes} shapes, labels are {list(self.shape_labels)}")
+
+    def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
+        """See :class:`ObservationModel`."""
+        total = np.zeros(len(self.shape_labels))
+        for touch in touches:
+            total += touch.logits
+        return total
+
+    def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
+        """See :class:`ObservationModel`."""
+        touches = []
+        for pose in poses:
+            cumulative = self.table.probs[pose, shape].cumsum()
+            outcome = int(np.searchsorted(cumulative, rng.random() * cumulative[-1], "right"))
+            with np.errstate(divide="ignore"):
+                touches.append(Touch(int(pose), np.log(self.table.probs[pose, :, outcome])))
+        return touches
+
+    def outcome_table(self) -> OutcomeTable:
+        """See :class:`ObservationModel`."""
+        return self.table

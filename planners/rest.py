@@ -1,0 +1,166 @@
+r"""What REJECT is worth inside a search: the value of going on with the objects that are left.
+
+The exact value depends on the whole joint belief. Two simplifications make it two numbers an object, cheap enough to
+compute on the way (decision 0019):
+
+- after a REJECT the searcher is taken to know whether it gave the target away, though not which of the other shapes it
+  rejected. Then going on from object i is worth w(i, m), where m says whether a target was given away before, and
+  w(i, m) is the value of a test of one object that pays w(i+1, 1) for rejecting the target and w(i+1, m) for rejecting
+  anything else;
+- that test goes through the poses in turn and stops at thresholds on the posterior of the target, the best of a few
+  dozen pairs. What a pair is worth is averaged over sampled sequences of touches, the same for all pairs and objects.
+
+What the searcher really believes about objects rejected before comes from the joint belief of the scene.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief import SearchProblem
+from belief.observation_model import OutcomeTable
+from belief.problem import Floats
+from planners.decider import InformationState
+from planners.repeats import LeastUsedFirst, RepeatDiscount
+
+_SEQUENCES = 2_000  # of touches, in all
+_MOST_TOUCHES = 16  # in a sequence
+_REJECT = np.array([0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.003, 0.001])
+_CONFIRM = 1.0 - _REJECT
+
+
+@dataclass(frozen=True, eq=False)
+class RestValues:
+    """Values of going on.
+
+    Attributes:
+        values: w, before any touch of object i and with m targets given away, ``(N + 1, 2)``; the last row is of having
+            rejected everything.
+    """
+
+    values: Floats
+
+    @classmethod
+    def of(
+        cls, problem: SearchProblem, target: int, table: OutcomeTable, repeats: RepeatDiscount | None = None
+    ) -> RestValues:
+        """Work from the last object to the first.
+
+        Args:
+            problem: the search.
+            target: index of the shape sought.
+            table: p(outcome | pose, shape).
+            repeats: what repeats are worth.
+
+        A perfect pose finds the target among the first three of four objects with one touch each, and the last object
+        needs none: a fourth each of 1, 2, 3 and 3 touches.
+
+        >>> problem = SearchProblem(tuple("abcd"), ("p",), num_objects=4, touch_cost=0.04)
+        >>> RestValues.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
+        [0.91, 0.933, 0.96, 1.0, 1.0]
+        """
+        chances = target_chances(problem, target)
+        length = min(max(problem.touch_limit // problem.num_objects, 1), _MOST_TOUCHES)
+        evidence = _sequences(table, length, repeats if repeats is not None else LeastUsedFirst())
+        others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
+        others /= others.sum() if others.any() else 1.0
+        values = np.empty((problem.num_objects + 1, 2))
+        values[-1] = 1.0, -1.0
+        for index in reversed(range(problem.num_objects)):
+            for missed, chance in enumerate(chances[index].tolist()):
+                prior = (1.0 - chance) * others
+                prior[target] = chance
+                reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
+                values[index, missed] = _test_value(
+                    evidence, prior, target, reject_target, reject_other, problem.touch_cost
+                )
+        return cls(values)
+
+    def reject_payoffs(self, info: InformationState) -> Floats:
+        """What rejecting the current object is worth if it has each shape, ``(K,)``."""
+        missed = prob_missed(info)
+        if_right, if_missed = self.values[info.object_index + 1].tolist()
+        payoffs = np.full(info.problem.num_shapes, (1.0 - missed) * if_right + missed * if_missed)
+        payoffs[info.target] = if_missed
+        return payoffs
+
+
+def target_chances(problem: SearchProblem, target: int) -> Floats:
+    """Probability that object i is a target, before it is touched, ``(N, 2)``.
+
+    Column 0: if none of those before was a target; column 1: if exactly one was.
+
+    >>> target_chances(SearchProblem(tuple("abcd"), ("p",), num_objects=3), target=0).round(3).tolist()
+    [[0.25, 0.0], [0.333, 0.0], [0.5, 0.0]]
+    """
+    if problem.counts is None:
+        return np.full((problem.num_objects, 2), problem.prior_probs[target])
+    left = sum(problem.counts) - np.arange(problem.num_objects)  # in the bag before each draw
+    count = problem.counts[target]
+    here = np.stack([np.minimum(count, left), np.minimum(max(count - 1, 0), left)], axis=1)
+    return np.asarray(here / left[:, None])
+
+
+def prob_missed(info: InformationState) -> float:
+    """Probability that a target was among the rejected objects, if the current object is none.
+
+    Without a joint belief (``info.scene``) nothing tells, and it is zero.
+
+    >>> from belief import Belief
+    >>> problem = SearchProblem(tuple("ab"), ("p",), num_objects=2)
+    >>> prob_missed(InformationState(problem, 0, Belief.uniform("ab")))
+    0.0
+    """
+    if info.scene is None or info.object_index == 0:
+        return 0.0
+    log_probs = [info.scene.belief(index).log_probs[info.target] for index in range(info.object_index)]
+    missed = np.minimum(np.exp(log_probs), 1.0)
+    if info.problem.counts is None or info.problem.counts[info.target] > 1:  # only nearly for several of one bag
+        return float(1.0 - np.prod(1.0 - missed))
+    other = 1.0 - info.target_prob
+    return min(float(missed.sum()) / other, 1.0) if other > 0.0 else 0.0
+
+
+def _sequences(table: OutcomeTable, length: int, repeats: RepeatDiscount) -> Floats:
+    """Log-likelihoods of sampled touches, summed up, from none to all: ``(shape, sequence, 0 … length, K)``."""
+    rng = np.random.default_rng(0)  # so that a problem has one value
+    number = -(-_SEQUENCES // table.num_shapes)
+    evidence = np.zeros((table.num_shapes, number, length + 1, table.num_shapes))
+    with np.errstate(divide="ignore"):
+        log_probs = np.log(table.probs)
+    order = np.arange(length) % table.num_poses
+    uses = np.zeros(table.num_poses, np.int64)
+    for step, pose in enumerate(order.tolist()):
+        cumulative = table.probs[pose].cumsum(axis=1)  # (K, M)
+        drawn = rng.random((table.num_shapes, number, 1)) * cumulative[:, None, -1:]
+        outcome = (drawn >= cumulative[:, None]).sum(axis=2)
+        tells = rng.random((table.num_shapes, number, 1)) < repeats.weights(uses)[pose]
+        evidence[:, :, step + 1] = evidence[:, :, step] + np.where(tells, log_probs[pose].T[outcome], 0.0)
+        uses[pose] += 1
+    return evidence
+
+
+def _test_value(
+    evidence: Floats, prior: Floats, target: int, reject_target: float, reject_other: float, touch_cost: float
+) -> float:
+    """What the best pair of thresholds makes of an object with this prior."""
+    kept = np.flatnonzero(prior)
+    scores = evidence[kept][..., kept] + np.log(prior[kept])  # (k, S, n + 1, k)
+    scores -= scores.max(axis=-1, keepdims=True)
+    probs = np.exp(scores)
+    if target in kept:
+        target_prob = probs[..., np.searchsorted(kept, target)] / probs.sum(axis=-1)
+    else:
+        target_prob = np.zeros(probs.shape[:-1])
+    stop = np.maximum(2.0 * target_prob - 1.0, target_prob * reject_target + (1.0 - target_prob) * reject_other)
+    stop -= touch_cost * np.arange(stop.shape[2])
+    best = -np.inf
+    for reject in _REJECT:
+        for confirm in _CONFIRM:
+            beyond = (target_prob <= reject) | (target_prob >= confirm)
+            beyond[..., -1] = True
+            first = beyond.argmax(axis=2)[..., None]
+            best = max(best, float(prior[kept] @ np.take_along_axis(stop, first, axis=2).mean(axis=(1, 2))))
+    return best

@@ -1,0 +1,202 @@
+"""The value of information against loops over everything that can be observed, and hand-derived decisions."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.observation_model import OutcomeTable
+from belief.synthetic import SyntheticWorld, sample_arrangement
+from belief.tabular import TabularModel
+from planners import InformationState, search_lockstep
+from planners.repeats import CorrelatedRepeats, LeastUsedFirst
+from planners.rest import RestValues, prob_missed, target_chances
+from planners.value_of_information import ValueOfInformation
+
+seeds = st.integers(0, 10_000)
+
+
+def random_table(rng, num_poses=3, num_shapes=3, num_outcomes=4, sharpness=1.0):
+    return OutcomeTable(rng.dirichlet(np.full(num_outcomes, 1.0 / sharpness), size=(num_poses, num_shapes)))
+
+
+def one_object(num_shapes, num_poses, touch_cost=0.02, touch_limit=48):
+    shapes, poses = tuple("abcdefghijkl"[:num_shapes]), tuple(f"p{i}" for i in range(num_poses))
+    return SearchProblem(shapes, poses, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
+
+
+def state(problem, probs, poses=(), target=0):
+    touches = tuple(Touch(pose, np.zeros(problem.num_shapes)) for pose in poses)
+    return InformationState(problem, target, Belief.from_probs(problem.shape_labels, probs), touches)
+
+
+def value(table, belief, uses, depth, cost, discount, best_of=max):
+    """Value of the best plan by recursion; or of each first probe."""
+    stop = abs(2.0 * belief[0] - 1.0)
+    if depth == 0:
+        return stop
+    worth = []
+    for pose in range(table.num_poses):
+        weight = discount.weights(uses)[pose]
+        later = uses + np.eye(table.num_poses, dtype=int)[pose]
+        informed = 0.0
+        for likelihood in table.probs[pose].T:
+            chance = float(belief @ likelihood)
+            if chance > 0.0:
+                informed += chance * value(table, belief * likelihood / chance, later, depth - 1, cost, discount)
+        uninformed = value(table, belief, later, depth - 1, cost, discount)
+        if weight > 0.0:
+            worth.append(weight * informed + (1.0 - weight) * uninformed - cost)
+        else:
+            worth.append(-np.inf)
+    return max(stop, *worth) if best_of is max else np.array(worth)
+
+
+@settings(max_examples=40)
+@given(seeds, st.sampled_from([1, 2]), st.sampled_from([LeastUsedFirst(), CorrelatedRepeats(0.4)]))
+def test_the_arrays_agree_with_recursion_over_outcomes(seed, depth, discount):
+    rng = np.random.default_rng(seed)
+    table, belief = random_table(rng), rng.dirichlet(np.ones(3))
+    poses = rng.integers(3, size=rng.integers(4)).tolist()
+    info = state(one_object(3, 3, 0.03), belief, poses)
+    decider = ValueOfInformation(table, depth, discount)
+    payoffs = decider.payoffs(info)
+    assert payoffs.tolist() == [[1, -1, -1], [-1, 1, 1]]  # a single test
+    expected = value(table, belief, np.bincount(poses, minlength=3), depth, 0.03, discount, best_of=None)
+    np.testing.assert_allclose(decider.probe_values(info, payoffs), expected, atol=1e-12)
+    action = decider.decide(info, rng).action
+    if expected.max() > abs(2 * belief[0] - 1) + 1e-9:
+        assert expected[action.pose] == pytest.approx(expected.max(), abs=1e-9)
+    else:
+        assert action == (Confirm() if belief[0] > 0.5 else Reject())
+
+
+def test_complementary_poses_are_found_two_touches_ahead_and_never_one_ahead(rng):
+    bits = OutcomeTable([np.eye(2)[[0, 0, 1, 1]], np.eye(2)[[0, 1, 0, 1]]])
+    problem = one_object(4, 2)
+    model = TabularModel(tuple("abcd"), bits)
+    worlds = [SyntheticWorld(model, (shape,)) for shape in range(4)]
+    for depth, touches, right in ((1, [0] * 4, 3), (2, [2, 2, 1, 1], 4)):
+        episodes = search_lockstep(
+            worlds, ValueOfInformation(bits, depth), problem, [0] * 4, model, [(s,) for s in range(4)]
+        )
+        assert [e.num_touches for e in episodes] == touches
+        assert sum(e.success for e in episodes) == right
+
+
+@settings(max_examples=40)
+@given(seeds)
+def test_two_touches_ahead_are_worth_at_least_one_ahead(seed):
+    rng = np.random.default_rng(seed)
+    table, info = random_table(rng), state(one_object(3, 3), rng.dirichlet(np.ones(3)))
+    one, two = (ValueOfInformation(table, depth) for depth in (1, 2))
+    assert (two.probe_values(info, two.payoffs(info)) >= one.probe_values(info, one.payoffs(info)) - 1e-12).all()
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_useless_poses_and_dear_touches_are_never_bought(depth, rng):
+    useless = OutcomeTable(np.full((2, 3, 2), 0.5))
+    good = OutcomeTable(np.tile(np.eye(3), (2, 1, 1)))
+    for table, cost in ((useless, 0.0), (useless, 0.02), (good, 2.0)):
+        decider = ValueOfInformation(table, depth)
+        assert decider.decide(state(one_object(3, 2, cost), [0.6, 0.2, 0.2]), rng).action == Confirm()
+        assert decider.decide(state(one_object(3, 2, cost), [0.4, 0.3, 0.3]), rng).action == Reject()
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_perfect_pose_is_touched_once(depth, rng):
+    table = OutcomeTable([np.full((3, 3), 1 / 3), np.eye(3)])
+    decider, problem = ValueOfInformation(table, depth), one_object(3, 2)
+    assert decider.decide(state(problem, [1 / 3] * 3), rng).action == Probe(1)
+    assert decider.decide(state(problem, [1.0, 0.0, 0.0], [1]), rng).action == Confirm()
+    assert decider.decide(state(problem, [0.0, 1.0, 0.0], [1]), rng).action == Reject()
+
+
+def test_equal_poses_give_the_lowest(rng):
+    table = OutcomeTable(np.tile([[0.9, 0.1], [0.1, 0.9]], (3, 1, 1)))
+    assert ValueOfInformation(table).decide(state(one_object(2, 3), [0.5, 0.5]), rng).action == Probe(0)
+
+
+def test_a_target_ruled_out_is_rejected_even_where_nothing_is_left_to_gain(rng):
+    model = TabularModel(("a", "b"), OutcomeTable(np.eye(2)[None]))
+    problem = SearchProblem(("a", "b"), ("p",), 2)
+    scene = SceneBelief(problem, model)
+    scene.update(0, model.sample(0, [0], rng))  # the target, which was rejected all the same
+    info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+    assert prob_missed(info) == 1.0
+    assert ValueOfInformation(model.table).decide(info, rng).action == Reject()
+
+
+def test_the_last_of_all_distinct_objects_is_confirmed_untouched(rng):
+    model = TabularModel(("a", "b"), OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]]))
+    problem = SearchProblem(("a", "b"), ("p",), 2)
+    scene = SceneBelief(problem, model)
+    scene.update(0, [Touch(0, np.log([0.4, 0.6]))])
+    info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+    assert ValueOfInformation(model.table).decide(info, rng).action == Confirm()
+
+
+def test_free_touches_never_exceed_an_equal_share_of_the_limit():
+    table = OutcomeTable(np.tile([[0.55, 0.45], [0.45, 0.55]], (3, 1, 1)))
+    model = TabularModel(("a", "b"), table)
+    problem = SearchProblem(("a", "b"), ("p0", "p1", "p2"), 2, Composition.INDEPENDENT, 0.0, touch_limit=7)
+    worlds = [SyntheticWorld(model, (s % 2, s // 2 % 2)) for s in range(40)]
+    decider, seeds = ValueOfInformation(table), [(s,) for s in range(40)]
+    episodes = search_lockstep(worlds, decider, problem, [0] * 40, model, seeds)
+    longest = [max(np.bincount([s.object_index for s in e.steps if s.touch], minlength=2)) for e in episodes]
+    assert max(longest) == 3
+    assert not any(e.outcome == "truncated" for e in episodes)
+
+
+def test_another_depth_is_refused():
+    with pytest.raises(ValueError, match="depth must be 1 or 2, got 3"):
+        ValueOfInformation(random_table(np.random.default_rng(0)), 3)
+
+
+def test_chances_of_the_rest_are_those_of_counting_arrangements():
+    # All draws of three from a bag of two targets and two others, in order.
+    problem = SearchProblem(("a", "b"), ("p",), 3, Counts({"a": 2, "b": 2}))
+    draws = list(itertools.permutations([0, 0, 1, 1], 3))
+    for index in range(3):
+        for missed in (0, 1):
+            given = [d for d in draws if sum(s == 0 for s in d[:index]) == missed]
+            if given and (index or not missed):
+                share = np.mean([d[index] == 0 for d in given])
+                assert target_chances(problem, 0)[index, missed] == pytest.approx(share)
+
+
+@pytest.mark.parametrize("touch_cost", [0.0, 0.05])
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+def test_a_perfect_pose_is_worth_what_counting_says(composition, touch_cost):
+    problem = SearchProblem(tuple("abc"), ("p",), 2, composition, touch_cost)
+    values = RestValues.of(problem, 0, OutcomeTable(np.eye(3)[None])).values[:, 0]
+    # One touch tells all; independent objects both fail to be the target, or have all been rejected rightly.
+    second = 1.0 - touch_cost
+    assert values.tolist() == pytest.approx([1 / 3 * (1 - touch_cost) + 2 / 3 * (second - touch_cost), second, 1.0])
+
+
+def test_one_test_is_worth_what_recursion_over_outcomes_says():
+    # With one pose and two outcomes thresholds on the posterior are optimal; 2 000 sequences err by about .01.
+    table = OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]])
+    problem = one_object(2, 1, 0.02, touch_limit=9)
+    expected = value(table, np.array([0.5, 0.5]), np.zeros(1, int), 9, 0.02, CorrelatedRepeats(0.0))
+    assert RestValues.of(problem, 0, table).values[0, 0] == pytest.approx(expected, abs=0.03)
+    dearer = RestValues.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
+    assert dearer < expected - 0.05  # repeats tell less
+
+
+def test_the_rest_is_worth_somewhat_more_than_searches_return():
+    # Being told what was given away is worth something; 500 searches have a standard error of .03.
+    rng = np.random.default_rng(4)
+    table = random_table(rng, num_poses=4, num_shapes=4, num_outcomes=5, sharpness=4.0)
+    model = TabularModel(tuple("abcd"), table)
+    problem = SearchProblem(tuple("abcd"), tuple("pqrs"), 4)
+    seeds = range(500)
+    worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 9]))) for s in seeds]
+    decider = ValueOfInformation(table)
+    episodes = search_lockstep(worlds, decider, problem, [1] * len(worlds), model, [(s,) for s in seeds])
+    mean = np.mean([episode.reward(problem) for episode in episodes])
+    assert mean - 0.05 < RestValues.of(problem, 1, table).values[0, 0] < mean + 0.12
