@@ -168,7 +168,7 @@ class FeatureEmbedding:
         scaled_centre = cut.mean(axis=0)
         cut -= scaled_centre
         _, basis = np.linalg.eigh(cut.T @ cut)
-        components = basis[:, ::-1][:, :num_components].T
+        components = np.ascontiguousarray(basis[:, ::-1][:, :num_components].T)  # as when read from a file
         vectors = cut @ components.T
         logits = LogitEmbedding.fit(batch).cut(batch.logits.reshape(len(vectors), -1))
         design = np.column_stack([vectors, np.ones(len(vectors))])

@@ -43,7 +43,7 @@ class RatioModel(ArrayModel):
         correlation: ρ, between touches of an object in one pose, in [0, 1).
         references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
             tabulate only.
-        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and ρ is assumed.
+        status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
 
     Raises:
         ValueError: a prior, correlation, references or status that cannot be; the message says which.
@@ -114,9 +114,8 @@ class RatioModel(ArrayModel):
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
-        # A shape without touches counts as half a touch: its prior must not be zero.
-        prior = np.maximum(data.counts, 0.5)
-        prior = prior / prior.sum()
+        calibrated = unfitted.fit(data.logits, data.shapes)
+        prior = _training_prior(calibrated, data)
         found, correlation, is_known = repeats(data), ASSUMED_CORRELATION, False
         if found is not None:
             log_ratio = _cross_fitted(unfitted, data, num_folds) - np.log(prior)
@@ -126,7 +125,7 @@ class RatioModel(ArrayModel):
             is_known = True
         return cls(
             data.shape_labels,
-            unfitted.fit(data.logits, data.shapes),
+            calibrated,
             prior,
             correlation,
             _references(data),
@@ -207,6 +206,16 @@ class RatioModel(ArrayModel):
         """Share of each reference in the touches of each shape, ``(P, N, K)``; sums to one over N."""
         probs = self.calibration.predict_proba(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
+
+
+def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
+    """Shares of the shapes, ``(K,)``; for a shape without touches, the share that the calibration takes it to have.
+
+    So its likelihood ratio is one on average, as any likelihood's is, and not whatever is divided by next to nothing.
+    """
+    claimed = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
+    shares = np.where(data.counts > 0, data.counts / len(data.shapes), claimed)
+    return np.asarray(shares / shares.sum())
 
 
 def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) -> Floats:

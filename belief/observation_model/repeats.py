@@ -43,19 +43,23 @@ class Repeats(NamedTuple):
 
 
 def repeats(data: LabelledTouches) -> Repeats | None:
-    """The groups of at least two touches of one object in one pose, in the order they came; None if there are none.
+    """The groups of at least two touches of one object in one pose, in the order they came.
+
+    None if there are none of at least two shapes, as then nothing is learnt of what repeats do to telling them apart.
 
     >>> from belief import Touch
-    >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1)]
-    >>> repeats(LabelledTouches.of(touches, [1, 1, 1, 0, 1], ["mug", "mug", "mug", "ball", "mug"])).rows.tolist()
-    [[0, 2], [1, 4]]
+    >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1, 0)]
+    >>> repeats(LabelledTouches.of(touches, [1, 1, 1, 0, 1, 0], ["mug", "mug", "mug", "ball", "mug", "ball"])).rows
+    array([[3, 5],
+           [0, 2],
+           [1, 4]])
     """
     _, group = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True)
     order = np.argsort(group, kind="stable")
     sizes = np.bincount(group)
     first = np.concatenate([[0], sizes.cumsum()[:-1]])
     kept = np.flatnonzero(sizes > 1)
-    if kept.size == 0:
+    if np.unique(data.shapes[order[first[kept]]]).size < 2:
         return None
     steps = np.arange(sizes.max())
     inside = steps < sizes[kept, None]
@@ -64,17 +68,20 @@ def repeats(data: LabelledTouches) -> Repeats | None:
 
 
 def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) -> float:
-    """The ρ in [0, 1) under which groups of repeated touches predict their shapes best.
+    """The ρ in [0, 1) under which groups of repeated touches predict best which of their shapes they are of.
+
+    Shapes of no group do not compete: what a model makes of a shape that it never saw would spoil the measure.
 
     Args:
         log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
         found: the groups.
     """
     inside = (found.rows >= 0)[:, 1:]
-    truth = found.shapes[np.nonzero(inside)[0]]
+    seen, shapes = np.unique(found.shapes, return_inverse=True)
+    truth = shapes[np.nonzero(inside)[0]]
 
     def loss(correlation: float) -> float:
-        values = log_likelihoods(correlation)[inside]
+        values = log_likelihoods(correlation)[inside][:, seen]
         log_posterior, _ = update(np.full(values.shape[1], -np.log(values.shape[1])), values)
         return -float(log_posterior[np.arange(len(values)), truth].mean())
 

@@ -38,7 +38,7 @@ class SignatureModel(ArrayModel):
     Attributes:
         confusion: the model of single touches.
         repeat_probability: ρ, in [0, 1).
-        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and ρ is assumed.
+        status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
 
     Raises:
         ValueError: a probability out of range, or an unknown status.
@@ -129,7 +129,7 @@ class SignatureModel(ArrayModel):
         """
         anew, of_signature = self._logs
         number, occurred = counts[..., None], (counts > 0)[..., None]  # (..., m, 1)
-        independent = np.where(occurred, number * anew[poses, outcomes], 0.0).sum(axis=-2)
+        independent = (number * np.where(occurred, anew[poses, outcomes], 0.0)).sum(axis=-2)
         # The signature is one of the outcomes that occurred, which were then likelier, or any other.
         probs = np.where(occurred, self._probs_by_outcome[poses, outcomes], 0.0)
         likelier = np.where(probs > 0.0, number * of_signature[poses, outcomes], 0.0)  # log factors

@@ -1,0 +1,121 @@
+"""Every kind of observation model there is, constructed and fitted: the laws run on each."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import helmert
+
+from belief import Touch
+from belief.calibration import TemperatureScaling
+from belief.observation_model import (
+    ConfusionModel,
+    FeatureEmbedding,
+    GaussianModel,
+    LogitEmbedding,
+    PLDAModel,
+    RatioModel,
+    SignatureModel,
+)
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.variance_components import Components
+from belief.synthetic import random_model
+
+LABELS = ("ball", "cube", "cone")
+EDGES = (0.6, 0.9)
+
+
+def plda_world(of_object=0.2, of_pose=0.5, of_touch=0.5, num_poses=2, seed=0):
+    """A PLDA model of three shapes, each of whose parts has this variance in every direction, about 1.4 apart."""
+    rng = np.random.default_rng(seed)
+    logits = 2.0 * np.eye(3) + 0.4 * rng.normal(size=(num_poses, 3, 3))
+    embedding = LogitEmbedding(np.full(3, -99.0), np.full(3, 99.0))
+    means = (logits - logits.mean(axis=2, keepdims=True)) @ helmert(3).T
+    parts = (np.stack([variance * np.eye(2)] * 3) for variance in (of_object, of_pose, of_touch))
+    return PLDAModel(LABELS, embedding, means, Components(*parts))
+
+
+def collection(world, num_objects=240, rounds=3, seed=1, shapes=3):
+    """Touches of objects in every pose, in rounds, with made-up features; the true shapes, and names of the objects."""
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.arange(world.num_poses), (1, rounds))
+    touches, truth, names = [], [], []
+    mixing = rng.normal(size=(3, 5))
+    for i in range(num_objects):
+        batch = world.sample_batch(i % shapes, poses, rng)
+        for pose, logits in zip(batch.poses[0], batch.logits[0], strict=True):
+            features = logits @ mixing + 0.1 * rng.normal(size=5)
+            touches.append(Touch(int(pose), logits, features.astype(np.float32)))
+        truth += [i % shapes] * poses.size
+        names += [f"object {i}"] * poses.size
+    return touches, np.array(truth), np.array(names)
+
+
+@cache
+def parts():
+    """What the models are made of: collections of the world's touches, and tables."""
+    world = plda_world()
+    once = collection(world, rounds=1)
+    data = collection(world)
+    table = np.random.default_rng(2).dirichlet(np.ones(9), size=(2, 3))
+    zeros = table.copy()
+    zeros[0, 1, :4] = 0.0
+    zeros /= zeros.sum(axis=2, keepdims=True)
+    return SimpleNamespace(
+        data=data,
+        once=once,
+        alone=[part[::2] for part in once],  # one touch of each object, in pose 0
+        no_cones=collection(world, shapes=2),
+        features=FeatureEmbedding.fit(LabelledTouches.of(*data).batch, num_components=2),
+        binned=ConfusionModel(LABELS, table, TemperatureScaling(1.7, "ok"), EDGES),
+        floored=ConfusionModel(LABELS, table, TemperatureScaling(1e-6, "separable", floor=0.05), (0.9, 0.95)),
+        impossible=ConfusionModel(LABELS, zeros, TemperatureScaling(1.0, "ok"), EDGES),
+    )
+
+
+def fit(kind, collected, **options):
+    """A model of this kind fitted to touches, shapes and objects."""
+    return kind.fit(*collected, shape_labels=LABELS, num_poses=2, **options)
+
+
+MODELS = {
+    "confusion": lambda: random_model(np.random.default_rng(1), num_shapes=3, num_poses=2),
+    "confusion, confidence bins": lambda: parts().binned,
+    "confusion, floored calibration": lambda: parts().floored,
+    "confusion, impossible outcomes": lambda: parts().impossible,
+    "confusion, fitted": lambda: fit(ConfusionModel, parts().data, confidence_edges=EDGES),
+    "confusion, a shape never seen": lambda: fit(ConfusionModel, parts().no_cones),
+    "signature": lambda: SignatureModel(parts().binned, 0.6),
+    "signature, impossible outcomes": lambda: SignatureModel(parts().impossible, 0.3),
+    "signature, fitted": lambda: fit(SignatureModel, parts().data, confidence_edges=EDGES),
+    "signature, no repeats": lambda: fit(SignatureModel, parts().once),
+    "gaussian": lambda: fit(GaussianModel, parts().data),
+    "gaussian, quadratic": lambda: fit(GaussianModel, parts().data, pooling=0.0),
+    "gaussian of features": lambda: fit(GaussianModel, parts().data, embedding=parts().features),
+    "gaussian, a shape never seen": lambda: fit(GaussianModel, parts().no_cones),
+    "plda": plda_world,
+    "plda, fitted": lambda: fit(PLDAModel, parts().data),
+    "plda, own covariances": lambda: fit(PLDAModel, parts().data, pooling=50.0),
+    "plda of features": lambda: fit(PLDAModel, parts().data, embedding=parts().features),
+    "plda, no repeats": lambda: fit(PLDAModel, parts().once),
+    "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
+    "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),
+    "ratio": lambda: fit(RatioModel, parts().data),
+    "ratio of a temperature": lambda: fit(RatioModel, parts().data, calibration=TemperatureScaling()),
+    "ratio, no repeats": lambda: fit(RatioModel, parts().once),
+    "ratio, a shape never seen": lambda: fit(RatioModel, parts().no_cones),
+}
+model_named = cache(lambda name: MODELS[name]())
+
+
+@pytest.fixture(params=MODELS)
+def any_model(request):
+    """Each observation model in turn."""
+    return model_named(request.param)
+
+
+@pytest.fixture
+def world():
+    """The PLDA model that the fitted ones learnt from."""
+    return plda_world()

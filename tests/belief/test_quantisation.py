@@ -1,0 +1,74 @@
+"""Clusters of touches, and the tables made of them."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from belief.observation_model import OutcomeTable, information_of_touch
+from belief.observation_model.quantisation import cluster, nearest, smoothed, tabulate
+
+
+def log_posteriors(rng, n=300, num_shapes=3, sharpness=2.0):
+    scores = sharpness * rng.normal(size=(n, num_shapes))
+    return scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
+
+
+def test_every_posterior_goes_to_the_centroid_of_least_divergence(rng):
+    some, centroids = log_posteriors(rng), log_posteriors(rng, n=7)
+    divergence = (np.exp(some)[:, None] * (some[:, None] - centroids)).sum(axis=2)
+    np.testing.assert_array_equal(nearest(some, centroids), divergence.argmin(axis=1))
+
+
+def test_few_touches_are_clustered_nearly_as_well_as_can_be(rng):
+    # All ways to put eight touches into three clusters, by the information that is kept.
+    some = log_posteriors(rng, n=8)
+    shares = np.exp(some) / np.exp(some).sum(axis=0)
+
+    def kept(assigned):
+        return OutcomeTable((shares.T @ np.eye(3)[list(assigned)])[None]).information()[0]
+
+    best = max(kept(assigned) for assigned in itertools.product(range(3), repeat=8))
+    found = max(kept(nearest(some, cluster(some, 3, np.random.default_rng(seed)))) for seed in range(5))
+    assert 0.98 * best < found <= best + 1e-12
+
+
+def test_as_many_clusters_as_touches_lose_nothing(rng):
+    some = log_posteriors(rng, n=6)
+    assert sorted(nearest(some, cluster(some, 6, rng))) == list(range(6))
+
+
+def test_fewer_kinds_of_touches_than_clusters_are_no_trouble(rng):
+    some = np.repeat(log_posteriors(rng, n=2), 10, axis=0)
+    centroids = cluster(some, 5, rng)
+    assert np.isfinite(centroids).all()
+    assert len(np.unique(nearest(some, centroids))) == 2
+
+
+@pytest.mark.parametrize("certain", [-np.inf, -1e308, -800.0])
+def test_certain_posteriors_are_clustered_without_a_warning(certain, rng):
+    some = np.where(np.eye(3, dtype=bool)[rng.integers(3, size=60)], 0.0, certain)
+    centroids = cluster(some, 3, rng)
+    assert not np.isnan(centroids).any()
+    found = nearest(some, centroids)
+    assert all(len(set(found[some.argmax(axis=1) == k])) == 1 for k in range(3))
+
+
+def test_a_table_tells_what_its_clusters_mean_posteriors_tell(rng):
+    some = log_posteriors(rng, n=400).reshape(2, 200, 3)
+    shares = np.exp(some) / np.exp(some).sum(axis=1, keepdims=True)
+    table = tabulate(some, shares, 4, rng)
+    np.testing.assert_allclose(table.sum(axis=2), 1.0, rtol=1e-12)
+    # By the data processing inequality, no more than the touches themselves.
+    every = OutcomeTable(np.swapaxes(shares, 1, 2)).information()
+    assert (OutcomeTable(table).information() < every).all()
+
+
+def test_smoothing_leaves_no_outcome_impossible_and_moves_no_more_than_a_tenth_of_a_touch():
+    table = smoothed(np.array([1.0, 0.0]), 10.0)
+    np.testing.assert_allclose(table, [10.05 / 10.1, 0.05 / 10.1], rtol=1e-12)
+
+
+def test_information_of_a_discrete_model_is_that_of_its_table(model):
+    # 2 000 touches of four shapes: four standard errors of about half a nat each are .02.
+    np.testing.assert_allclose(information_of_touch(model), model.outcome_table().information(), atol=0.03)
