@@ -31,7 +31,7 @@ STYLE = {
 } | dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK)
 
 
-_WIDTH = 5.8  # inches; narrow, so that letters stay readable on a phone
+_WIDTH = 5.2  # inches; narrow, so that letters stay readable on a phone
 _MARKERS = "osD^vP*X"
 _SMALLEST_ERROR = 1e-4
 
@@ -204,7 +204,7 @@ def _offset(index: int, count: int) -> float:
 
 
 def _legend(axes: Axes, comparison: Comparison) -> None:
-    columns = min(len(comparison.deciders), 3)
+    columns = 3 if sum(map(len, comparison.deciders[:3])) < 42 else 2
     axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=9)
 
 
