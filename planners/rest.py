@@ -70,9 +70,12 @@ class RestValues:
         values[-1] = 1.0, -1.0
         for index in reversed(range(problem.num_objects)):
             for missed, chance in enumerate(chances[index].tolist()):
+                reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
+                if chance in (0.0, 1.0):  # nothing to find out
+                    values[index, missed] = 1.0 if chance else reject_other
+                    continue
                 prior = (1.0 - chance) * others
                 prior[target] = chance
-                reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
                 values[index, missed] = _test_value(
                     evidence, prior, target, reject_target, reject_other, problem.touch_cost
                 )
@@ -150,10 +153,7 @@ def _test_value(
     scores = evidence[kept][..., kept] + np.log(prior[kept])  # (k, S, n + 1, k)
     scores -= scores.max(axis=-1, keepdims=True)
     probs = np.exp(scores)
-    if target in kept:
-        target_prob = probs[..., np.searchsorted(kept, target)] / probs.sum(axis=-1)
-    else:
-        target_prob = np.zeros(probs.shape[:-1])
+    target_prob = probs[..., np.searchsorted(kept, target)] / probs.sum(axis=-1)
     stop = np.maximum(2.0 * target_prob - 1.0, target_prob * reject_target + (1.0 - target_prob) * reject_other)
     stop -= touch_cost * np.arange(stop.shape[2])
     best = -np.inf
