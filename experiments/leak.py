@@ -37,7 +37,7 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.errors import ActiveTouchError
-from belief.statistics import paired_bootstrap
+from belief.statistics import cluster_bootstrap, paired_bootstrap
 from experiments.baseline import averaged, share_by_object, shares_without_image
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, named_scene
@@ -148,7 +148,10 @@ class Leak:
             "training": {"objects_per_shape": self.train, **asdict(self.recipe)} if self.train else None,
             "chance": 1 / len(scene.shapes),
             "accuracy": {
-                who: {shown: paired_bootstrap(right, np.zeros_like(right), rng) for shown, right in rights.items()}
+                who: {
+                    shown: cluster_bootstrap(right, np.arange(len(right)), rng)  # a number an object
+                    for shown, right in rights.items()
+                }
                 for who, rights in shares.items()
             },
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},

@@ -27,7 +27,7 @@ from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.novelty import MahalanobisScore, auroc_interval, energy_score
 from belief.observation_model import ArrayModel
 from belief.selection import log_posteriors
-from belief.statistics import clopper_pearson_interval, paired_bootstrap
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
@@ -113,7 +113,7 @@ def measure(felt: Felt, trained: Felt, model: ArrayModel, seed: int) -> dict[str
     """
     (num_objects, num_poses, num_shapes), rng = felt.logits.shape, np.random.default_rng(seed)
     right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (felt, trained))
-    accuracy, *interval = paired_bootstrap(right, np.zeros(num_objects), rng)
+    accuracy, *interval = cluster_bootstrap(right, felt.numbers, rng)
     _, here, there = np.intersect1d(felt.numbers, trained.numbers, return_indices=True)
     difference, *difference_interval = paired_bootstrap(right[here], right_trained[there], rng)
     probs, labels = _read_alone(felt, model).reshape(-1, num_shapes), felt.shapes.repeat(num_poses)
