@@ -10,6 +10,7 @@ from types import MappingProxyType
 from belief.errors import UnknownName
 from belief.observation_model import ObservationModel, OutcomeTable
 from planners.decider import Decider, SequentialDecider
+from planners.planned import PointBased
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
@@ -48,6 +49,7 @@ DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
         "value_of_one_touch": lambda known: ValueOfInformation(known.table, 1, repeat_discount(known.model)),
         "value_of_information": lambda known: ValueOfInformation(known.table, 2, repeat_discount(known.model)),
         "sequential_test": lambda known: SequentialDecider(SequentialTest(), TargetInformationGain(known.table)),
+        "point_based": lambda known: PointBased(known.table, repeat_discount(known.model)),
     }
 )
 """Builds a decider by name from what is known of the scene's touches."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,21 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
     return StagedProblem(tuple(stages), initial, problem.outcome_probs, problem.touch_cost, problem.discount)
 
 
+def num_states(problem: TouchProblem | SearchTouchProblem) -> int:
+    """Hidden states of all stages together, in the smallest exact form.
+
+    >>> import numpy as np
+    >>> from planners.solve import SearchTouchProblem
+    >>> num_states(SearchTouchProblem(np.full((1, 4, 1), 1.0), 4, "distinct", target=0, touch_cost=0.1))
+    32
+    """
+    if isinstance(problem, TouchProblem):
+        return problem.num_shapes
+    if problem.composition is Composition.INDEPENDENT:
+        return 2 * problem.num_shapes
+    return sum(comb(problem.num_shapes, i) * (problem.num_shapes - i) for i in range(problem.num_objects))
+
+
 def _independent(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
     num_shapes, prior = problem.num_shapes, problem.prior
     assert prior is not None, "filled in at construction"
@@ -97,16 +113,16 @@ def _independent(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
 
 def _distinct(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
     num_shapes, every = problem.num_shapes, range(problem.num_shapes)
+    total = num_states(problem)
+    if total > MAX_STATES:
+        raise ValueError(
+            f"{problem.num_objects} distinct objects of {num_shapes} shapes have {total} hidden states, more than "
+            f"{MAX_STATES}; the decider planners.planned.PointBased plans for fewer states, without bounds"
+        )
     states = [
         [(gone, shape) for gone in combinations(every, i) for shape in every if shape not in gone]
         for i in range(problem.num_objects)
     ]
-    total = sum(map(len, states))
-    if total > MAX_STATES:
-        raise ValueError(
-            f"{problem.num_objects} distinct objects of {num_shapes} shapes have {total} hidden states, more than "
-            f"{MAX_STATES}; plan each object by itself on the coupled belief (planners.planned)"
-        )
     stages = []
     for i, here in enumerate(states):
         shapes = np.array([shape for _, shape in here])

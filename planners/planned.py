@@ -1,0 +1,137 @@
+"""The default planner: point-based plans for the search at hand, followed on the exact belief.
+
+Plans are made once for every search problem and target, on the outcome table: for the smallest exact hidden state where
+that has at most some thousand values (:mod:`planners.solve.stages`), else for whether a target was rejected before
+(:mod:`planners.by_target`). What was felt comes in as it is, through the observation model, not as outcomes.
+
+Plans take every touch for a fresh one. Once an object was touched, probes are therefore weighed by one exact step of
+looking ahead, in which a repeated pose adds only the share w of a fresh touch's worth that repeats leave it:
+
+    Q(p) = -λ + w_p ∑_o p(o | b, p) V(b_o) + (1 - w_p) V(b)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from belief import Composition, Confirm, Probe, Reject, SearchProblem
+from belief.observation_model import OutcomeTable
+from belief.problem import Floats
+from planners.by_target import belief_by_target, stages_by_target
+from planners.decider import Decision, InformationState
+from planners.probing import num_uses
+from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.solve import SearchTouchProblem
+from planners.solve.plans import Plans
+from planners.solve.point_based import point_based
+from planners.solve.stages import StagedProblem, num_states, stage_belief, staged
+
+MAX_STATES = 200
+"""Hidden states up to which a search is planned exactly; four distinct objects have 32."""
+ROUNDS = (200, 200, 400, 400)
+"""Searches simulated in each round of planning."""
+LEAST_COST = 1e-3
+"""Price of a touch at the least, when planning: free touches would be made until the touch limit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Plans for a search and a target.
+
+    Attributes:
+        search: what was planned for.
+        plans: one set an object.
+        exact: whether the hidden state is.
+    """
+
+    search: StagedProblem
+    plans: Sequence[Plans]
+    exact: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PointBased:
+    """Follows point-based plans; made when a search is first seen, in a fraction of a second.
+
+    Attributes:
+        table: p(outcome | pose, shape).
+        repeats: what one more touch in a pose is worth that was used before.
+        rounds: searches simulated in each round of planning.
+    """
+
+    table: OutcomeTable
+    repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+    rounds: Sequence[int] = ROUNDS
+    _made: dict[tuple[str, int], Planned] = field(default_factory=dict, init=False, repr=False)
+
+    def planned(self, problem: SearchProblem, target: int) -> Planned:
+        """The plans for a search, which follow from the table and the search alone."""
+        key = (repr(problem), target)
+        if key not in self._made:
+            search, exact = self._stages(problem, target)
+            self._made[key] = Planned(search, point_based(search, np.random.default_rng(0), self.rounds), exact)
+        return self._made[key]
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        problem, target, number = info.problem, info.target, info.object_index
+        planned = self.planned(problem, target)
+        plans, num_poses = planned.plans[number], problem.num_poses
+        belief = self._belief(planned, info)
+        worth = plans.alphas @ belief
+        best = int(worth.argmax())
+        value = float(worth[best])
+        confirm = float(worth[plans.actions == num_poses].max())
+        reject = float(worth[plans.actions == num_poses + 1].max())
+        scores = {"target_prob": info.target_prob, "value": value, "value_confirm": confirm, "value_reject": reject}
+        stop = Decision(Confirm() if confirm >= reject else Reject(), scores)
+        if plans.actions[best] >= num_poses or _all_touches_used(info):
+            return stop
+        if not info.history:
+            return Decision(Probe(int(plans.actions[best])), scores)
+        probes = self._look_ahead(planned, number, belief, value, self.repeats.weights(num_uses(info)))
+        scores |= {f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True)}
+        if probes.max() <= max(confirm, reject):
+            return Decision(stop.action, scores)
+        return Decision(Probe(int(probes.argmax())), scores)
+
+    def _stages(self, problem: SearchProblem, target: int) -> tuple[StagedProblem, bool]:
+        cost, probs = max(problem.touch_cost, LEAST_COST), self.table.probs
+        if isinstance(problem.composition, Composition):
+            search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, cost)
+            if num_states(search) <= MAX_STATES:
+                return staged(search), True
+        return stages_by_target(problem, probs, target, cost), False
+
+    def _belief(self, planned: Planned, info: InformationState) -> Floats:
+        """About the hidden state of the current object."""
+        number, search = info.object_index, planned.search
+        if info.scene is not None:
+            if planned.exact:
+                return stage_belief(search, info.scene.log_likelihoods(), number)
+            return belief_by_target(info.problem, info.scene, info.target, number)
+        # Nothing is known of the others: as if they had been rejected untouched, with this object's belief as given.
+        shapes = search.stages[number].shapes
+        before = stage_belief(search, np.zeros((number + 1, info.problem.num_shapes)), number)
+        marginal = np.bincount(shapes, before, minlength=info.problem.num_shapes)
+        ratio = np.divide(info.belief.probs, marginal, out=np.zeros_like(marginal), where=marginal > 0.0)
+        belief = before * ratio[shapes]
+        return np.asarray(belief / belief.sum()) if belief.sum() > 0.0 else before
+
+    def _look_ahead(self, planned: Planned, number: int, belief: Floats, value: float, weights: Floats) -> Floats:
+        """What one more touch in each pose is worth, ``(P,)``."""
+        likelihoods = planned.search.likelihoods(number)  # (P, n, M)
+        joint = np.moveaxis(belief[:, None] * likelihoods, 2, 1)  # (P, M, n)
+        fresh = (joint @ planned.plans[number].alphas.T).max(axis=2).sum(axis=1)
+        worth = weights * fresh + (1.0 - weights) * value - planned.search.touch_cost
+        return np.where(weights > 0.0, worth, -np.inf)
+
+
+def _all_touches_used(info: InformationState) -> bool:
+    if info.scene is None:
+        return len(info.history) >= info.problem.touch_limit
+    spent = sum(len(info.scene.touches(number)) for number in range(info.object_index + 1))
+    return spent >= info.problem.touch_limit
