@@ -15,6 +15,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import convolve1d
 
 from activetouch.contact import Contact, first_touch
+from activetouch.dynamic import require_force
 from activetouch.errors import UnstablePress
 from activetouch.pad import Pad
 from activetouch.placement import Placement
@@ -70,6 +71,7 @@ class Deformable:
         """See :class:`activetouch.press.Press`."""
         from activetouch.soft_rig import shared_soft_rig  # loads MuJoCo
 
+        require_force(target_force)
         pad = stage.pad
         gap, touching = first_touch(pad, placement)
         if not np.isfinite(gap).any():

@@ -24,6 +24,12 @@ def require_steps(timestep: float, speed: float, pause: float) -> None:
         )
 
 
+def require_force(target_force: float) -> None:
+    """Refuse to press with a force that is none."""
+    if not 0.0 <= target_force < float("inf"):
+        raise ValueError(f"target_force must be finite and ≥ 0 N, got {target_force}")
+
+
 def start_position(start: float, stage: Stage, placement: Placement) -> float:
     """Where a press starts: ``start`` [m] in front of the pad, or further for an object that would touch it there."""
     return max(start, placement.bounding_radius + stage.pad.max_depth)
@@ -65,6 +71,7 @@ class Dynamic:
         """See :class:`activetouch.press.Press`."""
         from activetouch.rig import shared_rig  # loads MuJoCo
 
+        require_force(target_force)
         rig = shared_rig(stage, placement.shape, self.timestep, self.traced)
         position = withdrawn = start_position(self.start, stage, placement)
         rig.place(position, placement)

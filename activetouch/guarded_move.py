@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.contact import Contact, elastic_contact, surface_gap
-from activetouch.dynamic import require_steps, start_position
+from activetouch.dynamic import require_force, require_steps, start_position
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
@@ -47,6 +47,7 @@ class GuardedMove:
         """See :class:`activetouch.press.Press`; ``target_force`` is the threshold."""
         from activetouch.rig import shared_rig  # loads MuJoCo
 
+        require_force(target_force)
         rig = shared_rig(stage, placement.shape, self.timestep, traced=True)
         position = withdrawn = start_position(self.start, stage, placement)
         rig.place(position, placement)

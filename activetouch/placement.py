@@ -31,6 +31,14 @@ class Placement:
     friction: float = 1.0
     stiffness: float = 1.0
 
+    def __post_init__(self) -> None:
+        numbers = (self.scale, self.friction, self.stiffness, *self.offset, *self.orientation)
+        if not (np.isfinite(numbers).all() and min(self.scale, self.stiffness) > 0.0 and self.friction >= 0.0):
+            raise ValueError(
+                f"scale and stiffness must be above zero, friction at least zero, all finite; got {self}, friction "
+                f"{self.friction}, stiffness {self.stiffness}"
+            )
+
     @property
     def bounding_radius(self) -> float:
         """Radius of the smallest ball about its centre that holds it [m]."""

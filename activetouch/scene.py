@@ -178,6 +178,8 @@ class Scene:
 
     def place(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose."""
+        if not 0 <= pose < len(self.poses):
+            raise ValueError(f"pose must be in [0, {len(self.poses)}), got {pose}")
         offset = self.variation.sample_offset(rng)
         shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
         shape = self.shapes[self.shape_labels[thing.shape_index]]

@@ -154,6 +154,8 @@ def _loop(
         decision = decider.decide(InformationState(problem, target, belief, history, object_index, scene), rng)
         action, touch = decision.action, None
         if isinstance(action, Probe):
+            if not 0 <= action.pose < problem.num_poses:
+                raise ValueError(f"the decider asked for pose {action.pose}, there are {list(problem.pose_labels)}")
             if num_touches == problem.touch_limit:
                 steps.append(Step(object_index, belief, decision, None))
                 return end(Outcome.TRUNCATED)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.special import softmax
-
 from belief import Confirm, Reject
+from belief.calibration import TemperatureScaling
 from planners.decider import Decision, InformationState
+
+_SOFTMAX = TemperatureScaling()  # at temperature 1, for logits of any size
 
 
 @dataclass(frozen=True)
@@ -30,12 +30,18 @@ class ConsecutiveFrames:
     num_consecutive: int = 2
     max_touches: int = 12
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.low <= self.high <= 1.0:
+            raise ValueError(f"need 0 ≤ low ≤ high ≤ 1, got {self.low} and {self.high}")
+        if min(self.num_consecutive, self.max_touches) < 1:
+            raise ValueError(f"num_consecutive and max_touches must be at least 1, got {self}")
+
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
         if not info.history:
             return None
         recent = info.history[-self.num_consecutive :]
-        frames = [float(softmax(np.asarray(touch.logits, np.float64))[info.target]) for touch in recent]
+        frames = [float(_SOFTMAX.predict_proba(touch.logits)[info.target]) for touch in recent]
         scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
         if len(frames) == self.num_consecutive and min(frames) > self.high:
             return Decision(Confirm(), scores)

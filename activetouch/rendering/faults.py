@@ -39,6 +39,10 @@ class Gain:
 
     half_range: float
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.half_range <= 1.0:
+            raise ValueError(f"half_range must be in [0, 1], got {self.half_range}")
+
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return (1.0 + rng.uniform(-self.half_range, self.half_range)) * image
@@ -51,6 +55,10 @@ class Noise:
     isotropic: ClassVar[bool] = True
 
     std: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.std < np.inf:
+            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
@@ -116,6 +124,10 @@ class Hysteresis:
 
     width: float
 
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.width < np.inf:
+            raise ValueError(f"width must be finite and ≥ 0, got {self.width}")
+
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return np.maximum(image - self.width, 0.0)
@@ -126,5 +138,9 @@ def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) ->
     for fault in faults:
         image = fault(image, rng)
     image = np.clip(image, 0.0, 1.0)
+    if np.isnan(image.min()):
+        raise ValueError(
+            f"an image of NaN cannot be read out; taxels {np.argwhere(np.isnan(image))[0].tolist()} and on"
+        )
     image *= 255.0
     return np.rint(image, out=image).astype(np.uint8)

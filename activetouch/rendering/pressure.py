@@ -24,6 +24,10 @@ class PressureRenderer:
 
     binning: int = 1
 
+    def __post_init__(self) -> None:
+        if self.binning < 1:
+            raise ValueError(f"binning must be at least 1, got {self.binning}")
+
     def __call__(self, contact: Contact) -> NDArray[np.float64]:
         """The image ``(n, n)`` in [0, 1] with n = num_taxels / binning; all zero for a miss.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.solids.solid import Floats, Geom, ahead, quadratic_roots, ring
+from activetouch.solids.solid import Floats, Geom, ahead, quadratic_roots, require_lengths, ring
 
 _SLACK = 1.0 + 1e-12  # a ray through the rim must not slip between side and cap
 
@@ -26,6 +26,11 @@ class Frustum:
     top_radius: float
     height: float
     num_facets: int = 64
+
+    def __post_init__(self) -> None:
+        require_lengths(self, self.bottom_radius, self.height)
+        if not 0.0 <= self.top_radius < np.inf:
+            raise ValueError(f"top_radius must be finite and ≥ 0, got {self}")
 
     @property
     def bounding_radius(self) -> float:
@@ -70,6 +75,9 @@ class Cylinder:
     radius: float
     half_length: float
 
+    def __post_init__(self) -> None:
+        require_lengths(self, self.radius, self.half_length)
+
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
@@ -92,6 +100,9 @@ class Cone:
     radius: float
     height: float
     num_facets: int = 64
+
+    def __post_init__(self) -> None:
+        require_lengths(self, self.radius, self.height)
 
     @property
     def bounding_radius(self) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.solids.conical import Cylinder
-from activetouch.solids.solid import Floats, Geom, ahead, clip, ring
+from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths, ring
 
 
 def _chord(origins: Floats, direction: Floats, radius: float) -> tuple[Floats, Floats]:
@@ -23,6 +23,9 @@ class Sphere:
     """Ball of the given ``radius`` [m]."""
 
     radius: float
+
+    def __post_init__(self) -> None:
+        require_lengths(self, self.radius)
 
     @property
     def bounding_radius(self) -> float:
@@ -45,6 +48,9 @@ class Ellipsoid:
     """Ellipsoid with the given half-axes [m] along its own axes."""
 
     half_axes: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        require_lengths(self, *self.half_axes)
 
     @property
     def bounding_radius(self) -> float:
@@ -71,6 +77,9 @@ class Capsule:
     radius: float
     half_length: float
 
+    def __post_init__(self) -> None:
+        require_lengths(self, self.radius, self.half_length)
+
     @property
     def bounding_radius(self) -> float:
         """See :class:`Shape`."""
@@ -95,6 +104,9 @@ class Dome:
 
     radius: float
     num_facets: int = 64
+
+    def __post_init__(self) -> None:
+        require_lengths(self, self.radius)
 
     @property
     def bounding_radius(self) -> float:

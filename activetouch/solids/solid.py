@@ -54,6 +54,16 @@ class Shape(Protocol):
         """
 
 
+def require_lengths(solid: object, *lengths: float) -> None:
+    """Refuse a solid that has no size, or one without end.
+
+    Raises:
+        ValueError: a length is not finite or not above zero; shows the solid.
+    """
+    if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
+        raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
+
+
 def ahead(distance: Floats) -> Floats:
     """The distances themselves, with ``inf`` for what lies behind a ray's start."""
     return np.where(distance >= 0.0, distance, np.inf)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from activetouch.solids.solid import Floats, Geom, ahead, clip, ring
+from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths, ring
 
 
 class _FlatFaced(ABC):
@@ -53,6 +53,9 @@ class Box(_FlatFaced):
 
     half_extents: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        require_lengths(self, *self.half_extents)
+
     @property
     def corners(self) -> Floats:
         """See :class:`Shape`."""
@@ -84,6 +87,9 @@ class Wedge(_FlatFaced):
     height: float
     half_width: float
 
+    def __post_init__(self) -> None:
+        require_lengths(self, self.length, self.height, self.half_width)
+
     @property
     def corners(self) -> Floats:
         """See :class:`Shape`."""
@@ -99,6 +105,11 @@ class Prism(_FlatFaced):
     radius: float
     half_length: float
 
+    def __post_init__(self) -> None:
+        if self.num_sides < 3:
+            raise ValueError(f"num_sides must be at least 3, got {self}")
+        require_lengths(self, self.radius, self.half_length)
+
     @property
     def corners(self) -> Floats:
         """See :class:`Shape`."""
@@ -112,6 +123,11 @@ class Pyramid(_FlatFaced):
     num_sides: int
     radius: float
     height: float
+
+    def __post_init__(self) -> None:
+        if self.num_sides < 3:
+            raise ValueError(f"num_sides must be at least 3, got {self}")
+        require_lengths(self, self.radius, self.height)
 
     @property
     def corners(self) -> Floats:

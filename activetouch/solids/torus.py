@@ -25,7 +25,7 @@ class Torus:
     num_facets: int = 64
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.tube_radius < self.ring_radius:
+        if not 0.0 < self.tube_radius < self.ring_radius < np.inf:
             raise ValueError(f"tube_radius must be in (0, ring_radius), got {self.tube_radius} and {self.ring_radius}")
 
     @property
