@@ -31,6 +31,7 @@ def commands() -> dict[str, type]:
     from experiments.replay import Replay
     from experiments.reproduce import Reproduce
     from experiments.robustness import Robustness
+    from experiments.stress import Stress
     from experiments.touch import Gallery, Record, Touch, View
     from experiments.train import Train
 
@@ -54,6 +55,7 @@ def commands() -> dict[str, type]:
         "leak": Leak,
         "limit": Limit,
         "robustness": Robustness,
+        "stress": Stress,
     }
 
 

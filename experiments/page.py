@@ -1,0 +1,49 @@
+"""One self-contained HTML page of words, tables and figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from activetouch.atomic import write_text
+from experiments.study import Grid
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a page.
+
+    Attributes:
+        title: its heading.
+        sentences: what it says.
+        grids: tables.
+        figures: inline SVG, each with its caption.
+        folded: tables for those who want to know exactly.
+    """
+
+    title: str
+    sentences: Sequence[str] = ()
+    grids: Sequence[Grid] = ()
+    figures: Sequence[tuple[str, str]] = ()
+    folded: Sequence[Grid] = ()
+
+
+def write_page(path: Path, title: str, parts: Sequence[Part]) -> None:
+    """Write the page, atomically; it needs nothing beside it."""
+    environment = Environment(
+        loader=PackageLoader("experiments"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
+    )
+    write_text(path, environment.get_template("page.html").render(title=title, parts=parts))
+
+
+def write_csv(path: Path, grid: Grid) -> None:
+    """Write a table for other programs, atomically."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    writer.writerows([grid.headings, *grid.rows])
+    write_text(path, text.getvalue())

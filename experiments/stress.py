@@ -1,0 +1,131 @@
+"""``activetouch stress``: the numerical and physical extremes, what happened, and how it was judged."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+
+from rich.console import Console
+
+from belief.errors import ActiveTouchError, UnknownName
+from experiments.stress_cases import Case, Finding, Verdict, judge
+
+AREAS: Mapping[str, str] = MappingProxyType(
+    {
+        "beliefs": "Bayes' rule, trackers, scenes, arrangements, problems",
+        "evidence": "calibrations, observation models, metrics, statistics",
+        "planners": "deciders, stopping, probing, the search loop",
+        "touch": "presses, pads, objects, images, scenes",
+        "files": "checkpoints, observation models, shards, manifests, meshes",
+        "commands": "arguments, run folders",
+    }
+)
+"""Where cases are: ``experiments/stress_AREA.py`` has those of an area, in ``CASES``."""
+
+
+class NotRobust(ActiveTouchError):
+    """Some case was answered wrongly, or refused without saying why."""
+
+
+def cases_of(area: str) -> Sequence[Case]:
+    """The cases of an area.
+
+    Raises:
+        UnknownName: there is no such area.
+    """
+    if area not in AREAS:
+        raise UnknownName("area", area, list(AREAS))
+    return import_module(f"experiments.stress_{area}").CASES
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Hand extremes to every public function: 0, 1, ±1e308, NaN, nothing, one, the torn and the tampered with.
+
+    Each case must give the right answer, which is known beforehand, or an error of a stated type that says what was
+    wrong. Anything else is a failure: a wrong answer, NaN, a warning, another error, or none where there should be one.
+
+    For example:
+
+        activetouch stress
+        activetouch stress --areas beliefs files
+    """
+
+    areas: tuple[str, ...] = tuple(AREAS)
+    """Which of beliefs, evidence, planners, touch, files, commands."""
+    out: Path = Path("runs/stress")
+    """Folder for report.html and findings.csv."""
+
+    def run(self) -> None:
+        """Judge all cases, write, and print.
+
+        Raises:
+            NotRobust: a case failed; the report is written nevertheless.
+        """
+        from rich.progress import track
+
+        cases = {area: cases_of(area) for area in self.areas}
+        pairs = [(area, case) for area, some in cases.items() for case in some]
+        findings: dict[str, list[Finding]] = {area: [] for area in cases}
+        for area, case in track(pairs, "stressing", console=Console(stderr=True), transient=True):
+            with _silently():
+                findings[area].append(judge(case))
+        report(self.out, findings)
+        failed = [finding for some in findings.values() for finding in some if finding.verdict is Verdict.FAILED]
+        for finding in failed:
+            print(f"FAILED {finding.case.entry}, {finding.case.given}: {finding.happened}", file=sys.stderr)
+        print(f"wrote {self.out / 'report.html'} and findings.csv")
+        if failed:
+            raise NotRobust(f"{len(failed)} of {len(pairs)} cases failed; {self.out / 'report.html'} has them all")
+
+
+@contextlib.contextmanager
+def _silently() -> Iterator[None]:
+    """Without the progress bars and words of the commands that are put to the test."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        yield
+
+
+def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
+    """Write ``report.html`` and ``findings.csv``, and print the counts."""
+    from experiments.page import Part, write_csv, write_page
+    from experiments.study import Grid
+
+    rows = [(area, *_row(finding)) for area, some in findings.items() for finding in some]
+    headings = ("area", "function", "given", "expected", "happened", "verdict", "ms")
+    counts = {area: Counter(finding.verdict for finding in some) for area, some in findings.items()}
+    total = sum(counts.values(), Counter())
+    summary = Grid(
+        "Cases by area",
+        ("area", "what", *(verdict.value for verdict in Verdict)),
+        [(area, AREAS[area], *(str(count[verdict]) for verdict in Verdict)) for area, count in counts.items()],
+    )
+    verdict = (
+        f"{total.total()} extremes were handed to the public functions: {total[Verdict.RIGHT]} were answered rightly, "
+        f"{total[Verdict.REFUSED]} refused with an error that says why, {total[Verdict.FAILED]} failed."
+    )
+    rules = (
+        "A right answer is one that was known beforehand: by hand, from a law, or by brute force. An error must be of "
+        "the stated type, and its message must match the stated pattern. Warnings count as failures."
+    )
+    parts = [Part("Verdict", [verdict, rules], [summary])]
+    for area in findings:
+        table = [row[1:] for row in rows if row[0] == area]
+        parts.append(Part(area.capitalize(), [f"{AREAS[area].capitalize()}."], [Grid("", headings[1:], table)]))
+    write_page(folder / "report.html", "Stress: what happens at the extremes", parts)
+    write_csv(folder / "findings.csv", Grid("", headings, rows))
+    Console().print(summary.rich())
+    print(verdict)
+
+
+def _row(finding: Finding) -> tuple[str, ...]:
+    case = finding.case
+    milliseconds = f"{1e3 * finding.seconds:.0f}"
+    return case.entry, case.given, case.expected.words, finding.happened, finding.verdict.value, milliseconds

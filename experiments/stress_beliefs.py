@@ -1,0 +1,426 @@
+"""Extremes of beliefs: Bayes' rule, trackers, whole scenes, arrangements, the words of a search."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from belief import (
+    BatchedBeliefTracker,
+    Belief,
+    BeliefTracker,
+    Composition,
+    Counts,
+    FloorLikelihood,
+    IgnoreImpossible,
+    ImpossibleObservation,
+    SceneBelief,
+    SearchProblem,
+    Touch,
+    ZeroPriorTarget,
+)
+from belief.arrangement import arrangement_marginals, log_arrangement_evidence, log_arrangement_marginals
+from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
+from belief.errors import UnknownName
+from belief.synthetic import random_model, sample_arrangement
+from experiments.stress_cases import Case, answers, equal_to, refuses, such_that
+
+_HALF = np.log([0.5, 0.5])
+_NAN, _INF = math.nan, math.inf
+_LABELS = ("cube", "cone")
+
+
+def _posterior(prior: list[float], log_likelihood: list[float]) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return np.exp(update(np.log(prior), log_likelihood)[0])
+
+
+def _scene(
+    num_objects: int, num_shapes: int = 4, composition: Composition | Counts = Composition.DISTINCT
+) -> SceneBelief:
+    model = random_model(np.random.default_rng(0), num_shapes)
+    return SceneBelief(SearchProblem(model.shape_labels, ("a", "b", "c"), num_objects, composition), model)
+
+
+def _million_touches() -> float:
+    rng = np.random.default_rng(0)
+    steps = rng.normal(size=(1_000_000, 2))
+    tracker = BatchedBeliefTracker(np.full((1000, 2), 0.5))
+    for chunk in steps.reshape(1000, 1000, 2):
+        tracker.update(chunk)
+    gaps = tracker.log_probs[:, 0] - tracker.log_probs[:, 1]
+    exact = [math.fsum(column) for column in (steps[:, 0] - steps[:, 1]).reshape(1000, 1000).T]
+    return float(np.abs(gaps - exact).max())
+
+
+def _after_certainty() -> float:
+    tracker = BatchedBeliefTracker([[0.5, 0.5]])
+    for _ in range(1000):
+        tracker.update([[0.0, -100.0]])
+    for _ in range(1001):
+        tracker.update([[-100.0, 0.0]])
+    return float(tracker.probs[0, 1])
+
+
+def _brute_force(log_weights: np.ndarray) -> np.ndarray:
+    marginals = np.zeros_like(log_weights)
+    for shapes in itertools.permutations(range(log_weights.shape[1]), len(log_weights)):
+        weight = np.exp(sum(log_weights[i, k] for i, k in enumerate(shapes)))
+        for i, k in enumerate(shapes):
+            marginals[i, k] += weight
+    return marginals / marginals.sum(axis=1, keepdims=True)
+
+
+def _tracker_keeps_its_belief() -> list[float]:
+    tracker = BatchedBeliefTracker([[1.0, 0.0]])
+    try:
+        tracker.update([[-_INF, 0.0]])
+    except ImpossibleObservation:
+        return tracker.probs[0].tolist()
+    return []
+
+
+def _in_any_order() -> float:
+    rng = np.random.default_rng(0)
+    model = random_model(rng)
+    touches = model.sample(1, [0, 1, 2, 0, 1], rng)
+    found = []
+    for order in itertools.permutations(touches):
+        tracker = BeliefTracker(Belief.uniform(model.shape_labels), model)
+        for touch in order:
+            tracker.update(touch)
+        found.append(tracker.belief.probs)
+    return float(np.ptp(found, axis=0).max())
+
+
+def _zero_prior_target() -> None:
+    BatchedBeliefTracker([[0.0, 1.0]], target=0)
+
+
+_RANDOM = np.random.default_rng(1).normal(size=(3, 5)) * 3
+
+CASES: tuple[Case, ...] = (
+    answers(
+        "bayes.update", "log-likelihoods of ±1e308", lambda: _posterior([0.5, 0.5], [1e308, -1e308]), equal_to([1, 0])
+    ),
+    answers(
+        "bayes.update",
+        "log-likelihoods of -1e308 that differ by one bit",
+        lambda: _posterior([0.5, 0.5], [-1e308, np.nextafter(-1e308, -_INF)]),
+        equal_to([1, 0]),
+    ),
+    answers(
+        "bayes.update",
+        "likelihoods of 1e-300",
+        lambda: _posterior([0.25, 0.75], np.log([3e-300, 1e-300]).tolist()),
+        equal_to([0.5, 0.5]),
+    ),
+    answers(
+        "bayes.update",
+        "a likelihood of zero for one shape",
+        lambda: _posterior([0.5, 0.5], [-_INF, 0]),
+        equal_to([0, 1]),
+    ),
+    answers(
+        "bayes.update",
+        "a prior of zero against overwhelming evidence",
+        lambda: _posterior([0, 1], [1e4, 0]),
+        equal_to([0, 1]),
+    ),
+    answers(
+        "bayes.update",
+        "a float16 prior",
+        lambda: update(np.log(np.float16([0.1, 0.2, 0.7])), np.zeros(3))[0],
+        equal_to(np.log([0.1, 0.2, 0.7]), 2e-3),
+    ),
+    answers("bayes.update", "one shape only", lambda: update([0.0], [-1e5])[0], equal_to([0.0])),
+    answers(
+        "bayes.update",
+        "a batch of 10 000 rows and each alone",
+        lambda: float(
+            np.abs(
+                update(np.full(4, np.log(0.25)), (rows := np.random.default_rng(0).normal(size=(10_000, 4)) * 50))[0][
+                    ::997
+                ]
+                - [update(np.full(4, np.log(0.25)), row)[0] for row in rows[::997]]
+            ).max()
+        ),
+        such_that("no difference above 1e-9", lambda found: found <= 1e-9),
+    ),
+    refuses(
+        "bayes.update",
+        "zero likelihood for every shape still believed in",
+        lambda: _posterior([1, 0], [-_INF, 0]),
+        ImpossibleObservation,
+        r"zero likelihood under every shape still believed in: prior \[1.0, 0.0\]",
+    ),
+    refuses("bayes.update", "a likelihood of NaN", lambda: update(_HALF, [_NAN, 0]), ValueError, "NaN"),
+    refuses("bayes.update", "a log-likelihood of +inf", lambda: update(_HALF, [_INF, 0]), ValueError, r"\+inf"),
+    refuses(
+        "bayes.update", "a prior that sums to 0.9", lambda: update(np.log([0.4, 0.5]), [0, 0]), ValueError, "sum to one"
+    ),
+    refuses(
+        "bayes.update",
+        "NaN in row 7 of a batch",
+        lambda: update(_HALF, np.where(np.arange(9)[:, None] == 7, _NAN, np.zeros((9, 2)))),
+        ValueError,
+        "row 7",
+    ),
+    refuses("bayes.update", "no shapes", lambda: update([], []), ValueError, "non-empty"),
+    refuses("bayes.update", "no rows", lambda: update(_HALF, np.zeros((0, 2))), ValueError, "nothing to update"),
+    refuses(
+        "bayes.update", "two shapes and three likelihoods", lambda: update(_HALF, [0, 0, 0]), ValueError, "last axis"
+    ),
+    refuses("bayes.update", "words", lambda: update(_HALF, ["a", "b"]), ValueError, "real numbers"),
+    refuses("bayes.update", "complex numbers", lambda: update(_HALF, [1j, 0]), ValueError, "real numbers"),
+    answers(
+        "bayes.update_probs",
+        "likelihoods of 1e308",
+        lambda: update_probs([0.5, 0.5], [1e308, 1e308])[0],
+        equal_to([0.5, 0.5]),
+    ),
+    answers(
+        "bayes.update_probs",
+        "likelihoods of the least float",
+        lambda: update_probs([0.5, 0.5], [5e-324, 0])[0],
+        equal_to([1, 0]),
+    ),
+    refuses(
+        "bayes.update_probs",
+        "a negative likelihood",
+        lambda: update_probs([0.5, 0.5], [-0.1, 1]),
+        ValueError,
+        "negative",
+    ),
+    answers(
+        "bayes.entropy",
+        "a certain and a uniform belief",
+        lambda: entropy([[1, 0], [0.5, 0.5]]),
+        equal_to([0, math.log(2)]),
+    ),
+    refuses("bayes.entropy", "a negative probability", lambda: entropy([-0.5, 1.5]), ValueError, "below zero"),
+    refuses("bayes.entropy", "nothing", lambda: entropy([]), ValueError, "empty"),
+    answers(
+        "bayes.expected_information_gain",
+        "a certain belief",
+        lambda: expected_information_gain([1, 0], [np.eye(2)]),
+        equal_to([0]),
+    ),
+    answers(
+        "bayes.expected_information_gain",
+        "outcomes of probability 1e-300",
+        lambda: expected_information_gain([0.5, 0.5], [[[1, 1e-300], [1, 1e-300]]]),
+        equal_to([0]),
+    ),
+    refuses(
+        "bayes.expected_information_gain",
+        "a table of other shapes",
+        lambda: expected_information_gain([0.5, 0.5], [np.eye(3)]),
+        ValueError,
+        "for a belief",
+    ),
+    refuses(
+        "bayes.target_information_gain",
+        "a target that is no shape",
+        lambda: target_information_gain([0.5, 0.5], [np.eye(2)], 2),
+        ValueError,
+        r"target must be in \[0, 2\)",
+    ),
+    answers(
+        "BatchedBeliefTracker",
+        "a million touches",
+        _million_touches,
+        such_that("within 1e-3 nats of exact summation", lambda found: found < 1e-3),
+    ),
+    answers("BatchedBeliefTracker", "contrary touches after certainty of 1e5 nats", _after_certainty, equal_to(1.0)),
+    answers(
+        "BatchedBeliefTracker", "an impossible touch: the belief stays", _tracker_keeps_its_belief, equal_to([1, 0])
+    ),
+    refuses(
+        "BatchedBeliefTracker",
+        "a target whose prior is zero",
+        _zero_prior_target,
+        ZeroPriorTarget,
+        "no touch can ever find it",
+    ),
+    refuses(
+        "BatchedBeliefTracker",
+        "the same object twice in one update",
+        lambda: BatchedBeliefTracker([[0.5, 0.5]]).update([[0, 0], [0, 0]], rows=[0, 0]),
+        ValueError,
+        "different indices",
+    ),
+    answers(
+        "IgnoreImpossible",
+        "an impossible touch",
+        lambda: (
+            (t := BatchedBeliefTracker([[1.0, 0.0]], on_impossible=IgnoreImpossible())).update([[-_INF, 0.0]])
+            is not None
+            and t.probs[0].tolist()
+        ),
+        equal_to([1, 0]),
+    ),
+    refuses("FloorLikelihood", "a floor of NaN", lambda: FloorLikelihood(_NAN), ValueError, "finite and negative"),
+    answers(
+        "BeliefTracker",
+        "the same five touches in all 120 orders",
+        _in_any_order,
+        such_that("the same within 1e-9", lambda x: x < 1e-9),
+    ),
+    refuses(
+        "BeliefTracker",
+        "a prior about other shapes",
+        lambda: BeliefTracker(Belief.uniform(_LABELS), random_model(np.random.default_rng(0))),
+        ValueError,
+        "the prior is about",
+    ),
+    refuses(
+        "BeliefTracker",
+        "a touch with logits of NaN",
+        lambda: BeliefTracker(
+            Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
+        ).update(Touch(0, np.full(4, _NAN))),
+        ValueError,
+        "(?i)nan|finite",
+    ),
+    refuses(
+        "BeliefTracker",
+        "a pose that the model does not know",
+        lambda: BeliefTracker(
+            Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
+        ).update(Touch(99, np.zeros(4))),
+        ValueError,
+        "pose 99",
+    ),
+    refuses("Belief", "no shapes", lambda: Belief.uniform([]), ValueError, "at least one shape"),
+    refuses("Belief", "two shapes of one name", lambda: Belief.uniform(["cube", "cube"]), ValueError, "differ"),
+    refuses(
+        "Belief.prob",
+        "a shape that it does not know",
+        lambda: Belief.uniform(_LABELS).prob("conee"),
+        UnknownName,
+        "Did you mean 'cone'",
+    ),
+    answers("SceneBelief", "one object of one shape", lambda: _scene(1, 1).marginals(), equal_to([[1.0]])),
+    answers(
+        "SceneBelief",
+        "twelve distinct objects, untouched",
+        lambda: _scene(12, 12).marginals(),
+        equal_to(np.full((12, 12), 1 / 12)),
+    ),
+    refuses("SceneBelief", "22 distinct objects", lambda: _scene(22, 22), ValueError, "more than the limit"),
+    answers(
+        "SceneBelief",
+        "22 independent objects",
+        lambda: _scene(22, 22, Composition.INDEPENDENT).marginals()[21],
+        equal_to(np.full(22, 1 / 22)),
+    ),
+    refuses("SceneBelief.update", "an object that is not there", lambda: _scene(2).update(2, []), ValueError, "object"),
+    refuses(
+        "SceneBelief.known",
+        "two objects told to be the only cube",
+        lambda: [scene := _scene(2), scene.known(0, 1), scene.known(1, 1)],
+        ImpossibleObservation,
+        "cannot be",
+    ),
+    answers(
+        "SceneBelief.prob_present",
+        "a target that was removed",
+        lambda: [s := _scene(2), s.remove(0, 1), s.prob_present(1)][2],
+        equal_to(0.0),
+    ),
+    answers(
+        "arrangement_marginals",
+        "3 objects of 5 shapes, by brute force",
+        lambda: arrangement_marginals(_RANDOM),
+        equal_to(_brute_force(_RANDOM)),
+    ),
+    answers(
+        "arrangement_marginals",
+        "weights of ±1e308",
+        lambda: arrangement_marginals([[1e308, -1e308], [0.0, 0.0]]),
+        equal_to(np.eye(2)),
+    ),
+    answers(
+        "arrangement_marginals",
+        "weights that contradict each other by 1e4 nats",
+        lambda: log_arrangement_marginals([[0.0, -1e4], [0.0, 0.0]]),
+        equal_to([[0, -1e4], [-1e4, 0]]),
+    ),
+    refuses(
+        "arrangement_marginals",
+        "two objects that can only be the same shape",
+        lambda: arrangement_marginals([[0, -_INF], [0, -_INF]]),
+        ImpossibleObservation,
+        "can only be the same shape",
+    ),
+    refuses(
+        "arrangement_marginals",
+        "three objects of two shapes",
+        lambda: arrangement_marginals(np.zeros((3, 2))),
+        ValueError,
+        "cannot all differ",
+    ),
+    refuses(
+        "arrangement_marginals", "NaN in row 1", lambda: arrangement_marginals([[0, 0], [0, _NAN]]), ValueError, "row 1"
+    ),
+    answers(
+        "log_arrangement_evidence",
+        "nothing possible",
+        lambda: log_arrangement_evidence([[0, -_INF], [0, -_INF]]),
+        equal_to(-_INF),
+    ),
+    refuses("SearchProblem", "no objects", lambda: SearchProblem(_LABELS, ("a",), 0), ValueError, "at least 1, got 0"),
+    refuses(
+        "SearchProblem",
+        "five distinct objects of two shapes",
+        lambda: SearchProblem(_LABELS, ("a",), 5),
+        ValueError,
+        "independent",
+    ),
+    refuses(
+        "SearchProblem", "λ = NaN", lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=_NAN), ValueError, "touch_cost"
+    ),
+    refuses(
+        "SearchProblem",
+        "λ = -0.1",
+        lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=-0.1),
+        ValueError,
+        "touch_cost",
+    ),
+    refuses(
+        "SearchProblem",
+        "no touch allowed",
+        lambda: SearchProblem(_LABELS, ("a",), 1, touch_limit=0),
+        ValueError,
+        "touch_limit",
+    ),
+    refuses(
+        "SearchProblem",
+        "a bag with a shape that has no name",
+        lambda: SearchProblem(_LABELS, ("a",), 1, Counts({"sphere": 1})),
+        UnknownName,
+        "sphere",
+    ),
+    refuses(
+        "SearchProblem",
+        "a bag with fewer objects than the table",
+        lambda: SearchProblem(_LABELS, ("a",), 3, Counts({"cube": 2})),
+        ValueError,
+        "cannot come from a bag of 2",
+    ),
+    refuses("Counts", "an empty bag", lambda: Counts({}), ValueError, "one of them above zero"),
+    refuses("Counts", "minus one cube", lambda: Counts({"cube": -1}), ValueError, "-1"),
+    refuses(
+        "Composition", "an unknown word", lambda: SearchProblem(_LABELS, ("a",), 1, "distnct"), ValueError, "distnct"
+    ),  # type: ignore[arg-type]
+    answers(
+        "sample_arrangement",
+        "a bag with one kind",
+        lambda: sample_arrangement(SearchProblem(_LABELS, ("a",), 2, Counts({"cone": 2})), np.random.default_rng(0)),
+        equal_to([1, 1]),
+    ),
+)
+"""Of :mod:`belief`, but for calibrations, observation models, metrics and statistics."""

@@ -1,0 +1,197 @@
+"""Extremes of the commands: arguments that make no sense, and run folders that were torn or belong to other runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from activetouch.errors import CorruptFile, ImpossibleRecipe
+from activetouch.recipe import RECIPES
+from activetouch.rendering import Quantisation
+from belief.errors import UnknownName
+from experiments.bank import SensorNoise, UnknownLikelihood
+from experiments.calibration_report import CalibrationReport
+from experiments.collect import Collect
+from experiments.compare import BadArgument, Compare
+from experiments.episodes import Setting
+from experiments.explain import Explain
+from experiments.replay import Replay
+from experiments.results import RunFolder, RunMismatch, ShardKey
+from experiments.scene_choice import DuplicateShape, SceneChoice
+from experiments.sliding_windows import WindowPlan
+from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses
+from experiments.touch import Touch
+from experiments.train import Changes, Train
+
+_COARSE = Setting(SceneChoice("coarse"))
+
+
+def _compare(folder: Path, **how: object) -> Compare:
+    asked = {
+        "deciders": ("random_confirm",),
+        "targets": ("cone",),
+        "episodes": 3,
+        "setting": _COARSE,
+        "out": folder / "run",
+        "jobs": 1,
+    }
+    return Compare(**{**asked, **how})  # type: ignore[arg-type]
+
+
+def _played(**how: object) -> Callable[[], object]:
+    return in_folder(lambda folder: _compare(folder, **how).play())
+
+
+def _after(change: Callable[[Path], None], **how: object) -> Callable[[], object]:
+    """Play, change the folder, play again."""
+
+    def twice(folder: Path) -> int:
+        _compare(folder).play()
+        change(folder / "run")
+        return len(_compare(folder, **how).play().episodes["random_confirm", "cone"])
+
+    return in_folder(twice)
+
+
+def _lose(folder: Path) -> None:
+    [shard] = (folder / "shards").glob("random_confirm-*.jsonl")
+    shard.unlink()
+
+
+def _litter(folder: Path) -> None:
+    (folder / "shards" / ".cone.jsonl.half").write_text('{"half a li')
+
+
+def _with_versions(folder: Path) -> None:
+    run = json.loads((folder / "run.json").read_text())
+    run["identity"]["versions"]["torch"] = "1.0"
+    (folder / "run.json").write_text(json.dumps(run))
+
+
+_TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+CASES: tuple[Case, ...] = (
+    refuses("compare", "no episodes", _played(episodes=0), BadArgument, "at least 1"),
+    refuses("compare", "no processes", _played(jobs=0), BadArgument, "at least 1"),
+    refuses("compare", "no decider", _played(deciders=()), BadArgument, "must name one"),
+    refuses(
+        "compare", "a decider with a slip", _played(deciders=("threshhold",)), UnknownName, "Did you mean 'threshold'"
+    ),
+    refuses("compare", "a target with a slip", _played(targets=("cohne",)), UnknownName, "Did you mean 'cone'"),
+    refuses(
+        "compare",
+        "a scene with a slip",
+        _played(setting=Setting(SceneChoice("coarze"))),
+        UnknownName,
+        "Did you mean 'coarse'",
+    ),
+    refuses("compare", "λ = -1", _played(setting=replace(_COARSE, touch_cost=-1.0)), BadArgument, "touch_cost"),
+    refuses(
+        "compare", "λ = NaN", _played(setting=replace(_COARSE, touch_cost=float("nan"))), BadArgument, "touch_cost"
+    ),
+    refuses("compare", "no objects", _played(setting=replace(_COARSE, num_objects=0)), BadArgument, "num_objects"),
+    refuses(
+        "compare",
+        "five distinct objects of four shapes",
+        _played(setting=replace(_COARSE, num_objects=5)),
+        BadArgument,
+        "independent",
+    ),
+    refuses(
+        "compare",
+        "a sensor that is not there",
+        _played(setting=replace(_COARSE, sensor=Path("nowhere"))),
+        BadArgument,
+        "holds no sensor",
+    ),
+    refuses(
+        "compare", "a run of another seed in the folder", _after(lambda folder: None, seed=1), RunMismatch, "other seed"
+    ),
+    refuses("compare", "a run of other versions in the folder", _after(_with_versions), RunMismatch, "other versions"),
+    answers("compare", "a shard that was lost: played again", _after(_lose), equal_to(3)),
+    answers("compare", "what a kill in the middle of writing leaves", _after(_litter), equal_to(3)),
+    answers("compare", "more episodes than there are", _after(lambda folder: None, episodes=5), equal_to(5)),
+    refuses(
+        "RunFolder.read_run",
+        "an empty folder",
+        in_folder(lambda folder: RunFolder(folder).read_run()),
+        FileNotFoundError,
+        "activetouch compare --out",
+    ),
+    refuses(
+        "RunFolder.lines",
+        "a shard that is not there",
+        in_folder(lambda folder: RunFolder(folder).lines(ShardKey("a", "b", 0))),
+        FileNotFoundError,
+        "play it with",
+    ),
+    refuses(
+        "replay", "an empty folder", in_folder(lambda folder: Replay(folder).run()), FileNotFoundError, "holds no run"
+    ),
+    refuses(
+        "replay",
+        "an episode that was not played",
+        in_folder(
+            lambda f: [
+                _compare(f).play(),
+                Replay(f / "run", "random_confirm", "cone", number=30, out=f / "x.png").run(),
+            ]
+        ),
+        FileNotFoundError,
+        "play it with",
+    ),
+    refuses("touch", "a shape with a slip", lambda: Touch(shape="conee").run(), UnknownName, "Did you mean 'cone'"),
+    refuses("explain", "an unknown scene", lambda: Explain(SceneChoice("nowhere")).run(), UnknownName, "Known: paper"),
+    refuses(
+        "collect",
+        "a mesh that is called like a shape",
+        in_folder(
+            lambda f: [
+                (f / "cone.obj").write_text(_TETRAHEDRON),
+                Collect(SceneChoice("gel", meshes=(f / "cone.obj",)), f / "out").run(),
+            ]
+        ),
+        DuplicateShape,
+        "other names",
+    ),
+    refuses(
+        "collect",
+        "a manifest that is not there",
+        in_folder(lambda f: Collect(from_manifest=f / "none", out=f / "out").run()),
+        CorruptFile,
+        "none",
+    ),
+    refuses(
+        "train",
+        "a collection that is not there",
+        in_folder(lambda f: Train(data=f / "none", out=f / "out").run()),
+        CorruptFile,
+        "activetouch collect|manifest",
+    ),
+    refuses("train", "no epochs", lambda: Changes(epochs=0).of(RECIPES["paper"]), ImpossibleRecipe, "at least 1"),
+    refuses(
+        "train",
+        "a rate of NaN",
+        lambda: Changes(learning_rate=float("nan")).of(RECIPES["paper"]),
+        ImpossibleRecipe,
+        "learning_rate",
+    ),
+    refuses(
+        "calibration-report",
+        "a collection that is not there",
+        in_folder(lambda f: CalibrationReport(data=f / "none").run()),
+        CorruptFile,
+        "none",
+    ),
+    refuses("reproduce", "no presses", lambda: WindowPlan(presses=0), ValueError, "at least 1"),
+    refuses(
+        "limit",
+        "a sensor whose likelihood has no closed form",
+        lambda: SensorNoise.of((Quantisation(4),), 4),
+        UnknownLikelihood,
+        "Quantisation",
+    ),
+)
+"""Of :mod:`experiments`."""

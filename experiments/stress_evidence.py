@@ -1,0 +1,526 @@
+"""Extremes of what evidence is made from: calibrations, observation models, metrics, statistics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief import Touch
+from belief.batch import TouchBatch
+from belief.calibration import (
+    DirichletCalibration,
+    StructuredMatrixScaling,
+    TemperatureScaling,
+    VectorScaling,
+    choose_calibration,
+)
+from belief.metrics import (
+    accuracy,
+    bias_corrected_interval,
+    brier_decomposition,
+    brier_score,
+    calibration_report,
+    claims_at_stop,
+    classwise_calibration_error,
+    confusion_matrix,
+    debiased_calibration_error,
+    expected_calibration_error,
+    negative_log_likelihood,
+    null_quantile,
+    reliability_curve,
+    shape_scores,
+    smooth_calibration_error,
+)
+from belief.novelty import auroc, energy_score
+from belief.observation_model import ConfusionModel, OutcomeTable, information_of_touch, read_observation_model
+from belief.selection import OBSERVATION_MODELS, choose_observation_model
+from belief.statistics import (
+    clopper_pearson_interval,
+    cluster_bootstrap,
+    mcnemar_test,
+    paired_bootstrap,
+    pareto_front,
+    pareto_probabilities,
+    stratified_bootstrap,
+    wilson_interval,
+)
+from belief.synthetic import random_model
+from experiments.stress_cases import Case, Expectation, answers, equal_to, refuses, such_that
+
+_NAN = math.nan
+_CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)
+
+
+def _rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+_FINITE: Expectation = such_that(
+    "finite log-probabilities that sum to one",
+    lambda logs: bool(np.isfinite(logs).all() and np.allclose(np.exp(logs).sum(axis=-1), 1.0)),
+)
+
+
+def _noisy(num_rows: int = 200, num_shapes: int = 3) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    labels = np.arange(num_rows) % num_shapes
+    return 2.0 * np.eye(num_shapes)[labels] + _rng().normal(size=(num_rows, num_shapes)), labels
+
+
+def _fitted_to(given: str, logits: NDArray[np.float64], labels: NDArray[np.int64]) -> list[Case]:
+    return [
+        answers(
+            f"{kind.__name__}.fit",
+            given,
+            lambda kind=kind: kind().fit(logits, labels).predict_log_proba(logits),
+            _FINITE,
+        )
+        for kind in _CALIBRATIONS
+    ]
+
+
+def _calibrations() -> list[Case]:
+    logits, labels = _noisy()
+    return [
+        *_fitted_to("one row", logits[:1], labels[:1]),
+        *_fitted_to("one shape only", logits, np.zeros(len(labels), int)),
+        *_fitted_to("perfectly separable logits", 5.0 * np.eye(3)[labels], labels),
+        *_fitted_to("the same logits for all", np.ones_like(logits), labels),
+        *_fitted_to("logits that point away from the truth", -logits, labels),
+        *_fitted_to("logits of ±1e308", 1e308 * np.sign(logits), labels),
+        *_fitted_to("logits of 1e-300", 1e-300 * logits, labels),
+        answers(
+            "TemperatureScaling.fit",
+            "logits twice as large: twice the temperature",
+            lambda: (
+                TemperatureScaling().fit(2 * logits, labels).temperature
+                / TemperatureScaling().fit(logits, labels).temperature
+            ),
+            equal_to(2.0),
+        ),
+        answers(
+            "TemperatureScaling.fit",
+            "separable logits say so",
+            lambda: TemperatureScaling().fit(np.eye(3)[labels], labels).status,
+            such_that("separable", lambda s: s == "separable"),
+        ),
+        answers(
+            "TemperatureScaling.fit",
+            "anti-informative logits say so",
+            lambda: TemperatureScaling().fit(-np.eye(3)[labels], labels).status,
+            such_that("anti_informative", lambda s: s == "anti_informative"),
+        ),
+        answers(
+            "TemperatureScaling",
+            "a temperature of 1e-6",
+            lambda: TemperatureScaling(1e-6, "ok").predict_proba([1.0, 0.0]),
+            equal_to([1, 0]),
+        ),
+        answers(
+            "TemperatureScaling",
+            "a temperature of 1e6",
+            lambda: TemperatureScaling(1e6, "ok").predict_proba([1.0, 0.0]),
+            equal_to([0.5, 0.5], 1e-6),
+        ),
+        refuses(
+            "TemperatureScaling",
+            "a temperature of zero",
+            lambda: TemperatureScaling(0.0),
+            ValueError,
+            "temperature > 0",
+        ),
+        refuses(
+            "TemperatureScaling",
+            "a temperature of NaN",
+            lambda: TemperatureScaling(_NAN),
+            ValueError,
+            "temperature > 0",
+        ),
+        refuses(
+            "TemperatureScaling.fit",
+            "no rows",
+            lambda: TemperatureScaling().fit(np.zeros((0, 3)), []),
+            ValueError,
+            "n ≥ 1",
+        ),
+        refuses(
+            "TemperatureScaling.fit",
+            "a label out of range",
+            lambda: TemperatureScaling().fit(logits, labels + 1),
+            ValueError,
+            "3",
+        ),
+        refuses(
+            "TemperatureScaling.fit",
+            "fractions of a label",
+            lambda: TemperatureScaling().fit(logits, labels + 0.5),
+            ValueError,
+            "integer",
+        ),
+        refuses(
+            "TemperatureScaling.fit",
+            "NaN in row 4",
+            lambda: TemperatureScaling().fit(np.where(np.arange(200)[:, None] == 4, _NAN, logits), labels),
+            ValueError,
+            "row 4",
+        ),
+        refuses(
+            "VectorScaling.predict_proba",
+            "logits of another number of shapes",
+            lambda: VectorScaling().fit(logits, labels).predict_proba(np.zeros((1, 4))),
+            ValueError,
+            "3.*4|4.*3",
+        ),
+        refuses(
+            "choose_calibration",
+            "one object for five folds",
+            lambda: choose_calibration(logits, labels, np.zeros(200, int)),
+            ValueError,
+            "(?i)object|fold",
+        ),
+    ]
+
+
+def _touches(
+    num_objects: int, repeats: int, scale: float = 1.0
+) -> tuple[list[Touch], NDArray[np.int64], NDArray[np.int64]]:
+    rng = _rng()
+    source = random_model(rng, num_shapes=3, num_poses=2)
+    touches = [t for i in range(num_objects) for t in source.sample(i % 3, [0, 1] * repeats, rng)]
+    ids = np.repeat(np.arange(num_objects), 2 * repeats)
+    return [Touch(t.pose, scale * t.logits) for t in touches], ids % 3, ids
+
+
+def _model(name: str, num_objects: int = 30, repeats: int = 2, scale: float = 1.0) -> object:
+    return OBSERVATION_MODELS[name](*_touches(num_objects, repeats, scale), shape_labels=("a", "b", "c"), num_poses=2)
+
+
+_SOUND = such_that("finite differences, the same in any order of touches", lambda found: bool(found))
+
+
+def _sound(name: str, scale: float, logits: list[list[float]]) -> bool:
+    """Whether likelihoods are finite, and those of touches in another order the same."""
+    model = _model(name, scale=scale)
+    touches = [Touch(i % 2, np.array(row)) for i, row in enumerate(logits)]
+    forth, back = (np.asarray(model.log_likelihood(some)) for some in (touches, touches[::-1]))  # type: ignore[attr-defined]
+    return bool(np.isfinite(forth).all() and np.allclose(forth - forth.max(), back - back.max(), atol=1e-9))
+
+
+def _observation_models() -> list[Case]:
+    extreme = [[1e308, 0.0, -1e308], [0.0, 0.0, 0.0], [1e4, -1e4, 0.0]]
+    cases: list[Case] = []
+    for name in OBSERVATION_MODELS:
+        entry = f"OBSERVATION_MODELS[{name!r}]"
+        cases += [
+            answers(
+                entry, "touches with logits of ±1e308 and ±1e4", lambda name=name: _sound(name, 1.0, extreme), _SOUND
+            ),
+            answers(
+                entry,
+                "fitted to logits of 1e5",
+                lambda name=name: _sound(name, 1e5, [[3e5, 0, 0], [0, 1e5, 0]]),
+                _SOUND,
+            ),
+            answers(
+                entry,
+                "fitted to three objects touched once in a pose",
+                lambda name=name: np.isfinite(
+                    _model(name, 3, 1).log_likelihood([Touch(0, np.array([1.0, 0.0, 0.0]))])
+                ).all(),
+                such_that("finite likelihoods", bool),
+            ),
+            answers(entry, "no touches", lambda name=name: _model(name).log_likelihood([]), equal_to(np.zeros(3))),
+            answers(
+                entry,
+                "written and read back",
+                lambda name=name: (m := _model(name)).to_json() == read_observation_model(m.to_json()).to_json(),
+                such_that("the same text", bool),
+            ),
+            refuses(
+                entry,
+                "a touch of NaN",
+                lambda name=name: _model(name).log_likelihood([Touch(0, np.full(3, _NAN))]),
+                ValueError,
+                "(?i)nan|finite",
+            ),
+            refuses(
+                entry,
+                "a touch of another number of shapes",
+                lambda name=name: _model(name).log_likelihood([Touch(0, np.zeros(5))]),
+                ValueError,
+                "knows 3 shapes",
+            ),
+        ]
+    return [
+        *cases,
+        answers(
+            "ConfusionModel",
+            "an outcome that no calibration touch had",
+            lambda: float(_model("confusion").outcome_table().probs.min()),
+            such_that("above zero", lambda p: p > 0),
+        ),
+        answers(
+            "ConfusionModel",
+            "one shape",
+            lambda: random_model(_rng(), num_shapes=1).log_likelihood([Touch(0, np.zeros(1))]),
+            equal_to([0.0]),
+        ),
+        refuses(
+            "ConfusionModel.fit", "no touches", lambda: ConfusionModel.fit([], []), ValueError, "at least one touch"
+        ),
+        refuses(
+            "ConfusionModel.fit",
+            "an object of two shapes",
+            lambda: ConfusionModel.fit([Touch(0, np.zeros(2))] * 2, [0, 1], [7, 7]),
+            ValueError,
+            "object 7 has two shapes",
+        ),
+        answers(
+            "information_of_touch",
+            "a sensor that is never wrong: log K",
+            lambda: information_of_touch(random_model(_rng(), sharpness=500.0), num_samples=200),
+            equal_to([math.log(4)] * 3, 1e-6),
+        ),
+        refuses(
+            "OutcomeTable",
+            "rows that sum to 1.1",
+            lambda: OutcomeTable(np.full((1, 2, 2), 0.55)),
+            ValueError,
+            "no distribution over outcomes",
+        ),
+        refuses(
+            "TouchBatch",
+            "a negative pose",
+            lambda: TouchBatch(np.array([[-1]]), np.zeros((1, 1, 2))),
+            ValueError,
+            "pose",
+        ),
+        refuses(
+            "choose_observation_model",
+            "no candidates",
+            lambda: choose_observation_model(*_touches(6, 1), shape_labels="abc", num_poses=2, candidates={}),
+            ValueError,
+            "no candidate",
+        ),
+        refuses(
+            "read_observation_model",
+            "nothing",
+            lambda: read_observation_model(""),
+            ValueError,
+            "not an observation model",
+        ),
+        refuses(
+            "read_observation_model",
+            "a model of an unknown kind",
+            lambda: read_observation_model('{"model": "oracle"}'),
+            ValueError,
+            "unknown kind 'oracle'",
+        ),
+    ]
+
+
+_EVEN = [[0.5, 0.5], [0.5, 0.5]]
+_METRICS = (
+    negative_log_likelihood,
+    brier_score,
+    expected_calibration_error,
+    classwise_calibration_error,
+    smooth_calibration_error,
+)
+
+
+def _metrics() -> list[Case]:
+    cases: list[Case] = []
+    for metric in _METRICS:
+        entry = f"metrics.{metric.__name__}"
+        cases += [
+            answers(entry, "perfect predictions", lambda metric=metric: metric(np.eye(3), [0, 1, 2]), equal_to(0.0)),
+            answers(
+                entry,
+                "one row, float16",
+                lambda metric=metric: np.isfinite(metric(np.float16([[0.1, 0.9]]), [1])),
+                such_that("finite", bool),
+            ),
+            refuses(entry, "no rows", lambda metric=metric: metric(np.zeros((0, 2)), []), ValueError, "n ≥ 1"),
+            refuses(
+                entry,
+                "a label out of range",
+                lambda metric=metric: metric(_EVEN, [0, 2]),
+                ValueError,
+                r"\[0, 2\)|range|row 1",
+            ),
+            refuses(
+                entry,
+                "NaN",
+                lambda metric=metric: metric([[_NAN, 0.5], [0.5, 0.5]], [0, 1]),
+                ValueError,
+                "row 0 are no distribution",
+            ),
+        ]
+    return [
+        *cases,
+        answers(
+            "metrics.negative_log_likelihood",
+            "certain and wrong: never infinite by silence",
+            lambda: negative_log_likelihood([[1.0, 0.0]], [1]),
+            such_that("infinite, or larger than any sensible loss", lambda x: x > 30),
+        ),
+        answers("metrics.brier_score", "certain and wrong", lambda: brier_score([[1.0, 0.0]], [1]), equal_to(2.0)),
+        answers(
+            "metrics.expected_calibration_error",
+            "sure at .8, right at .5",
+            lambda: expected_calibration_error([[0.8, 0.2], [0.8, 0.2]], [0, 1]),
+            equal_to(0.3),
+        ),
+        refuses(
+            "metrics.expected_calibration_error",
+            "no bins",
+            lambda: expected_calibration_error(_EVEN, [0, 1], num_bins=0),
+            ValueError,
+            "(?i)bins",
+        ),
+        answers(
+            "metrics.reliability_curve",
+            "one row in fifteen bins",
+            lambda: int(np.sum(reliability_curve([[0.7, 0.3]], [0]).count)),
+            equal_to(1),
+        ),
+        answers(
+            "metrics.shape_scores",
+            "a shape that never came and was never guessed",
+            lambda: all(
+                np.isfinite([s.precision, s.recall, s.f1]).all()
+                for s in shape_scores(confusion_matrix(np.eye(3)[:2], [0, 1]))
+            ),
+            such_that("finite scores", bool),
+        ),
+        answers(
+            "metrics.brier_decomposition",
+            "one row: its parts are the score",
+            lambda: brier_decomposition([[0.7, 0.3]], [1]).score,
+            equal_to(brier_score([[0.7, 0.3]], [1])),
+        ),
+        answers("metrics.accuracy", "a tie: the first shape", lambda: accuracy(_EVEN, [0, 1]), equal_to(0.5)),
+        answers(
+            "metrics.debiased_calibration_error",
+            "perfect predictions",
+            lambda: debiased_calibration_error(np.eye(3), [0, 1, 2]),
+            equal_to(0.0),
+        ),
+        answers(
+            "metrics.null_quantile",
+            "certain predictions: no chance",
+            lambda: null_quantile(np.eye(2), expected_calibration_error, _rng(), num_resamples=20),
+            equal_to(0.0),
+        ),
+        refuses(
+            "metrics.bias_corrected_interval",
+            "one row",
+            lambda: bias_corrected_interval([[0.9, 0.1]], [0], brier_score, _rng(), num_resamples=20),
+            ValueError,
+            "two clusters at least",
+        ),
+        answers(
+            "metrics.calibration_report",
+            "one row of one shape",
+            lambda: calibration_report([[1.0]], [0], num_resamples=10).accuracy,
+            equal_to(1.0),
+        ),
+        answers(
+            "metrics.claims_at_stop",
+            "one search that claimed certainty and was wrong",
+            lambda: claims_at_stop([1.0], [False], [3]).overall.is_consistent,
+            equal_to(False),
+        ),
+        refuses(
+            "metrics.claims_at_stop",
+            "no searches",
+            lambda: claims_at_stop([], [], []),
+            ValueError,
+            "(?i)one|empty",
+        ),
+        refuses(
+            "metrics.claims_at_stop", "a claim of 1.5", lambda: claims_at_stop([1.5], [True], [1]), ValueError, "1.5"
+        ),
+        answers(
+            "novelty.energy_score",
+            "logits of 1e308",
+            lambda: float(energy_score([[1e308, 0.0]])[0]),
+            such_that("finite", np.isfinite),
+        ),
+        answers("novelty.auroc", "ties only", lambda: auroc([1, 1, 1], [1, 1]), equal_to(0.5)),
+        refuses("novelty.auroc", "nothing known", lambda: auroc([], [1.0]), ValueError, "(?i)empty|at least one"),
+    ]
+
+
+def _statistics() -> list[Case]:
+    return [
+        answers("wilson_interval", "0 of 1", lambda: wilson_interval(0, 1)[0], equal_to(0.0)),
+        answers("wilson_interval", "1e15 of 1e15", lambda: wilson_interval(10**15, 10**15)[1], equal_to(1.0)),
+        answers(
+            "clopper_pearson_interval",
+            "0 of 100: rule of three",
+            lambda: clopper_pearson_interval(0, 100)[1],
+            equal_to(1 - 0.025**0.01),
+        ),
+        refuses("wilson_interval", "no trials", lambda: wilson_interval(0, 0), ValueError, "0 of 0"),
+        refuses("wilson_interval", "2 of 1", lambda: wilson_interval(2, 1), ValueError, "2 of 1"),
+        refuses(
+            "wilson_interval", "a confidence of 95", lambda: wilson_interval(1, 2, 95), ValueError, r"\(0, 1\), got 95"
+        ),
+        refuses("clopper_pearson_interval", "NaN trials", lambda: clopper_pearson_interval(1, _NAN), ValueError, "nan"),  # type: ignore[arg-type]
+        answers("paired_bootstrap", "one pair", lambda: paired_bootstrap([1], [0], _rng()), equal_to([1, 1, 1])),
+        answers(
+            "paired_bootstrap",
+            "differences that are all equal",
+            lambda: paired_bootstrap([0.3] * 9, [0.1] * 9, _rng()),
+            equal_to([0.2] * 3),
+        ),
+        refuses(
+            "paired_bootstrap",
+            "lists of different lengths",
+            lambda: paired_bootstrap([1, 0], [1], _rng()),
+            ValueError,
+            "equally long",
+        ),
+        refuses(
+            "paired_bootstrap",
+            "NaN in place 1",
+            lambda: paired_bootstrap([1, _NAN], [1, 1], _rng()),
+            ValueError,
+            r"at \[1\]",
+        ),
+        answers(
+            "cluster_bootstrap", "one cluster", lambda: cluster_bootstrap([0, 1], [7, 7], _rng()), equal_to([0.5] * 3)
+        ),
+        answers(
+            "stratified_bootstrap",
+            "two strata of one value",
+            lambda: stratified_bootstrap([0, 1], ["a", "b"], _rng()),
+            equal_to([0.5] * 3),
+        ),
+        answers(
+            "mcnemar_test",
+            "two deciders that never differ",
+            lambda: mcnemar_test([1, 0], [1, 0]).p_value,
+            equal_to(1.0),
+        ),
+        refuses("mcnemar_test", "no episodes", lambda: mcnemar_test([], []), ValueError, "at least one"),
+        answers("pareto_front", "one configuration", lambda: pareto_front([1.0], [0.0]), equal_to([True])),
+        answers(
+            "pareto_front", "equal configurations", lambda: pareto_front([1.0, 1.0], [0.5, 0.5]), equal_to([True, True])
+        ),
+        refuses("pareto_front", "an infinite cost", lambda: pareto_front([math.inf], [0.5]), ValueError, "finite"),
+        refuses(
+            "pareto_probabilities",
+            "no samples",
+            lambda: pareto_probabilities(np.zeros((0, 2)), np.zeros((0, 2))),
+            ValueError,
+            "at least one",
+        ),
+    ]
+
+
+CASES: tuple[Case, ...] = (*_calibrations(), *_observation_models(), *_metrics(), *_statistics())
+"""Of calibrations, observation models, metrics, novelty and statistics."""
