@@ -303,7 +303,7 @@ CASES: tuple[Case, ...] = (
         UnknownName,
         "Did you mean 'cone'",
     ),
-    answers("SceneBelief", "one object of one shape", lambda: _scene(1, 1).marginals(), equal_to([[1.0]])),
+    answers("SceneBelief", "one object of two shapes", lambda: _scene(1, 2).marginals(), equal_to([[0.5, 0.5]])),
     answers(
         "SceneBelief",
         "twelve distinct objects, untouched",

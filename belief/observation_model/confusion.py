@@ -58,7 +58,7 @@ class ConfusionModel(ArrayModel):
                 f"shape (P, {len(self.shape_labels)}, {expected}), got {probs.shape}"
             )
         edges = np.array([1.0 / len(self.shape_labels), *self.confidence_edges, 1.0])
-        if self.confidence_edges and not (np.diff(edges) > 0.0).all():
+        if not (np.diff(edges) > 0.0).all():
             raise ValueError(f"confidence_edges must rise strictly within (1/K, 1), got {self.confidence_edges}")
         object.__setattr__(self, "probs", probs)
 
