@@ -2,7 +2,7 @@
 
 Which estimator answers depends on what the scene's images are. Few taxels: the best reader itself, by simulated Bayes.
 Force patches: readers of the few numbers an image is drawn from. Fine images: twins, which prove touches ambiguous one
-by one.
+by one; or, asked for with a collection, bounds from what the network sees.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from activetouch.scene import Scene
 from activetouch.world import MODELS, TactileSensor
 from belief.errors import ActiveTouchError
 from experiments.limit_bayes import SimulatedBayes
+from experiments.limit_learned import LearnedView
 from experiments.limit_numbers import FewNumbers
 from experiments.limit_twins import TwinSearch
 from experiments.parallel import default_jobs
@@ -41,6 +42,7 @@ class Limit:
 
         activetouch limit --scene coarse
         activetouch limit --scene hard --twins.pairs 200 --sensor runs/sensor-hard
+        activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice("coarse"))
@@ -55,6 +57,8 @@ class Limit:
     """For force-patch images."""
     twins: TwinSearch = field(default_factory=TwinSearch)
     """For fine images."""
+    learned_from: Path | None = None
+    """For fine images, instead of twins: the collection the classifier was trained on."""
     seed: int = 0
     """Of touches, banks and intervals."""
     out: Path | None = None
@@ -86,4 +90,4 @@ class Limit:
             case PressureRenderer(binning=binning) if (scene.pad.num_taxels // binning) ** 2 <= FEW_TAXELS:
                 return self.bayes
             case _:
-                return self.twins
+                return self.twins if self.learned_from is None else LearnedView(self.learned_from)
