@@ -41,21 +41,19 @@ COLLECT.paper := --plan.train 1500
 COLLECT.coarse := --plan.train 13500
 COLLECT.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
 COLLECT.many := $(COLLECT.hard)
+REPEATS.hard := --plan.calibration 100 --plan.test 100
 REPEATS.many := --plan.calibration 100 --plan.test 150
-# In `hard` a ring bounces on without end once in some ten thousand presses, which so far ends a collection: it is
-# calibrated on one round of touches.
-ROUNDS.hard := once
 CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
 TRAIN.gel := $(CNN)
 TRAIN.coarse := $(CNN) --change.epochs 12
-TRAIN.hard := --recipe large --change.batch-size 128 --change.epochs 8
-TRAIN.many := $(CNN) --change.epochs 24
+TRAIN.hard := $(CNN) --change.epochs 24
+TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --recipe large --change.batch-size 128 --change.epochs 6
 sensor: environment
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
-	$(if $(ROUNDS.$(SCENE)),,$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats)
-	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE) $(if $(ROUNDS.$(SCENE)),--data data/$(SCENE))
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
+	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
 
 # The README's figure is one of the default comparison's searches.
 figures: search

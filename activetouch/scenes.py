@@ -75,8 +75,6 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
             Scene(shapes=EXTENDED_SHAPES, pad=Pad(half_width=0.0075), variation=Variation(size=Uniform(0.75, 1.25))),
             num_objects=8,
             composition=Composition.INDEPENDENT,
-            backbone="atto",
-            input_size=32,
         ),
         "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12),
     }
