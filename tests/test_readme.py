@@ -36,7 +36,7 @@ def test_every_example_runs(name, capsys):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/world.md", "docs/architecture.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/world.md", "docs/architecture.md", "docs/scale.md"])
 def test_every_file_a_page_links_to_exists(page):
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", (ROOT / page).read_text()):
         if not target.startswith("http"):
