@@ -68,7 +68,7 @@ class Picture:
 def model_colours(names: Sequence[str]) -> dict[str, str]:
     """A colour for every model; the one that takes touches for independent has that of the text."""
     fitted = [name for name in names if name != INDEPENDENT]
-    colours = {name: PALETTE[index % 6] for index, name in enumerate(reversed(fitted))}
+    colours = {name: PALETTE[index % len(PALETTE)] for index, name in enumerate(reversed(fitted))}
     return {name: INK if name == INDEPENDENT else colours[name] for name in names}
 
 

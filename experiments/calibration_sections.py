@@ -95,7 +95,12 @@ def _verdict(found: Measurements) -> Section:
     return Section(
         "Verdict",
         [
-            " ".join([verdict(touches, checks, found.calibration.name, found.model.name), *_without_discount(found)]),
+            " ".join(
+                [
+                    verdict(touches, checks[found.model.name], found.calibration.name, found.model.name),
+                    *_without_discount(found),
+                ]
+            ),
             _what_was_measured(found),
             f"In the tables of targets, {legend}.",
         ],

@@ -130,14 +130,14 @@ def _gap(score: StopScore) -> float:
     return abs(score.mean_claim - score.share_right)
 
 
-def verdict(touches: Check, models: Mapping[str, Mapping[str, Sequence[Check]]], calibration: str, chosen: str) -> str:
-    """Which targets hold for the calibration and the model that were chosen, and which others keep or miss them.
+def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: str, model: str) -> str:
+    """Which targets hold for the calibration and the model that were chosen.
 
     Args:
         touches: check of single touches under the chosen calibration.
-        models: checks by model and kind of sequence, see :func:`judge_model`.
+        fused: checks of the chosen model by kind of sequence, see :func:`judge_model`.
         calibration: the chosen one's name.
-        chosen: the chosen model's name.
+        model: the chosen one's name.
     """
     if touches.holds:
         sentences = [f"A single touch, calibrated by {calibration}, can be taken at its word: "]
@@ -145,31 +145,18 @@ def verdict(touches: Check, models: Mapping[str, Mapping[str, Sequence[Check]]],
         missed = decimals(touches.missed_by or 0.0)
         sentences = [f"A single touch, calibrated by {calibration}, misses its target by {missed}: "]
     sentences[0] += f"its probabilities are off by {touches.value}, on average over shapes; {touches.detail}."
-    checks = [(kind, check) for kind, some in models[chosen].items() for check in some]
+    checks = [(kind, check) for kind, some in fused.items() for check in some]
     judged = [(kind, check) for kind, check in checks if check.missed_by is not None]
     kept = sum(check.holds for _, check in judged)
     unknown = f" ({len(checks) - len(judged)} more could not be judged)" if len(judged) < len(checks) else ""
     sentences.append(
-        f"Fused by {chosen}, the model that cross-validation chose, they keep {kept} of {len(judged)} targets{unknown}."
+        f"Fused by {model}, the model that cross-validation chose, they keep {kept} of {len(judged)} targets{unknown}."
     )
     sentences += [
         f"Missed by {decimals(check.missed_by or 0.0)} on {kind}: {check.target}; it is {check.value}, {check.detail}."
         for kind, check in judged
         if not check.holds
     ]
-    others = []
-    for name, by_kind in models.items():
-        missed = [
-            (check.missed_by, kind)
-            for kind, some in by_kind.items()
-            for check in some
-            if (check.missed_by or 0.0) > 0.0
-        ]
-        if name != chosen:
-            worst = f", at worst by {decimals(max(missed)[0])} on {max(missed)[1]}" if missed else ""
-            others.append(f"{name} {len(missed) or 'none'}{worst}")
-    if others:
-        sentences.append(f"Targets that the others miss: {'; '.join(others)}.")
     return " ".join(sentences)
 
 

@@ -4,7 +4,8 @@ r"""From a calibrated posterior to a likelihood: divide by the training prior, a
 
 No density over images or logits is needed, and one touch is exactly as trustworthy as the calibration q. Touches of one
 object in *different* poses are taken for independent given the shape; n touches in *one* pose, which show the same face
-again, count as n / (1 + (n - 1) ρ) touches of their mean: one number ρ, fitted to objects that were touched repeatedly.
+again, count as n / (1 + (n - 1) ρ) touches of their mean: one number ρ, fitted to objects that were touched repeatedly,
+or one for each direction of evidence.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief.batch import TouchBatch
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.folds import object_folds
+from belief.observation_model.directions import centred, discounts, fit_directions
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -41,6 +43,8 @@ class RatioModel(ArrayModel):
         calibration: from logits to q(shape | touch).
         training_prior: π, shares of the shapes among the touches that the calibration was fitted on, ``(K,)``.
         correlation: ρ, between touches of an object in one pose, in [0, 1).
+        directions: how far each direction of evidence repeats, ``(K, K)``, if not all as ρ says: see
+            :mod:`belief.observation_model.directions`.
         references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
             tabulate only.
         status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
@@ -65,6 +69,7 @@ class RatioModel(ArrayModel):
     correlation: float
     references: Floats
     status: Status = "ok"
+    directions: Floats | None = None
 
     def __post_init__(self) -> None:
         prior = np.asarray(self.training_prior, np.float64)
@@ -82,6 +87,14 @@ class RatioModel(ArrayModel):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
         if self.status not in get_args(Status):
             raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        if self.directions is not None:
+            directions = np.asarray(self.directions, np.float64)
+            if directions.shape != (num_shapes, num_shapes) or not np.isfinite(directions).all():
+                raise ValueError(f"directions must be {num_shapes} × {num_shapes} finite numbers, got {directions}")
+            shared = np.linalg.eigvals(directions).real
+            if not (shared > -1e-6).all():
+                raise ValueError(f"directions must not have an eigenvalue below zero, got {shared.min()}")
+            object.__setattr__(self, "directions", directions)
         object.__setattr__(self, "training_prior", prior / prior.sum())
         object.__setattr__(self, "references", references)
 
@@ -96,6 +109,7 @@ class RatioModel(ArrayModel):
         num_poses: int | None = None,
         calibration: Calibration | None = None,
         num_folds: int = 5,
+        by_direction: bool = False,
     ) -> RatioModel:
         """Fit the calibration on all touches, and ρ on posteriors of objects that their calibration did not see.
 
@@ -108,6 +122,7 @@ class RatioModel(ArrayModel):
             num_poses: P; by default one more than the largest pose seen.
             calibration: which kind; structured matrix scaling by default.
             num_folds: in which ρ is cross-fitted.
+            by_direction: fit ``directions`` as well; they take a few hundred objects to be known.
 
         Raises:
             ValueError: see :meth:`LabelledTouches.of`.
@@ -116,20 +131,21 @@ class RatioModel(ArrayModel):
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
         calibrated = unfitted.fit(data.logits, data.shapes)
         prior = _training_prior(calibrated, data)
-        found, correlation, is_known = repeats(data), ASSUMED_CORRELATION, False
+        found, correlation, directions = repeats(data), ASSUMED_CORRELATION, None
         if found is not None:
             log_ratio = _cross_fitted(unfitted, data, num_folds) - np.log(prior)
             sums = np.where((found.rows >= 0)[..., None], log_ratio[found.rows], 0.0).cumsum(axis=1)[:, 1:]
             number = np.arange(2, sums.shape[1] + 2)
             correlation = fit_correlation(lambda rho: sums * (effective_touches(number, rho) / number)[:, None], found)
-            is_known = True
+            directions = fit_directions(log_ratio, found, correlation) if by_direction else None
         return cls(
             data.shape_labels,
             calibrated,
             prior,
             correlation,
             _references(data),
-            "ok" if is_known else "no_repeats",
+            "no_repeats" if found is None else "ok",
+            directions,
         )
 
     @property
@@ -144,6 +160,13 @@ class RatioModel(ArrayModel):
             return log_ratio[:, 0]
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
         counts = membership.sum(axis=1)
+        if self.directions is not None:
+            sums = np.moveaxis(membership, 1, 2).astype(np.float64) @ centred(log_ratio)  # (S, P, K)
+            by_count = [
+                np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ discounts(n, self.directions).T
+                for n in np.unique(counts[counts > 0]).tolist()
+            ]
+            return np.sum(by_count, axis=0)
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
         return np.asarray((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
@@ -176,6 +199,7 @@ class RatioModel(ArrayModel):
             "training_prior": self.training_prior.tolist(),
             "correlation": self.correlation,
             "status": self.status,
+            **({} if self.directions is None else {"directions": self.directions.tolist()}),
             # In single precision, as they were chosen; written with as few digits as tell them apart.
             "references": [
                 [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
@@ -195,6 +219,7 @@ class RatioModel(ArrayModel):
             float(fields["correlation"]),
             np.array(fields["references"], np.float32).astype(np.float64),
             fields["status"],
+            np.array(fields["directions"], np.float64) if "directions" in fields else None,
         )
 
     @cached_property
