@@ -46,6 +46,9 @@ def estimate_components(
         num_rounds: of expectation maximisation, at most.
     """
     statistics = _statistics(rest, data)
+    size = rest.shape[1]
+    # Without it, W would vanish where touches repeat each other exactly, and the likelihood exceed all bounds.
+    floor = 1e-6 * np.trace(total, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
     parts = np.stack([total / 3.0] * 3)  # (3, K, D, D)
     for _ in range(num_rounds):
         sums, numbers = np.zeros_like(parts), np.zeros((3, len(total)))
@@ -53,15 +56,17 @@ def estimate_components(
             if of_shape is not None:
                 sums[:, k], numbers[:, k] = _expect(of_shape, parts[:, k])
         updated = np.stack([pooled(sums[i], numbers[i], pooling) for i in range(3)])
+        updated = (updated + np.swapaxes(updated, 2, 3)) / 2
         if not has_repeats:
             updated[1:] = updated[1:].mean(axis=0)
+        updated[2] += floor
         done = np.abs(updated - parts).max() <= 1e-6 * np.abs(parts).max()
         parts = updated
         if done:
             break
-    size = rest.shape[1]
-    floor = 1e-6 * np.trace(total, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
-    return Components(parts[0], parts[1], parts[2] + floor)
+    values, basis = np.linalg.eigh(parts[:2])  # which rounding may have left a little below zero
+    shared = (basis * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(basis, -1, -2)
+    return Components(shared[0], shared[1], parts[2])
 
 
 class _Statistics(NamedTuple):
