@@ -1,8 +1,8 @@
 """Where Gaussian models look at a touch: a few numbers that say what the classifier saw.
 
 Both embeddings cut off what is beyond all experience, so that one touch (a logit of 1e308, say) never outweighs all
-others: at the extremes that the calibration touches showed, and there at ten times the size that all but a tenth stay
-below. That size is the unit too, so the numbers are neither huge nor tiny, whatever a classifier's scale.
+others: at the extremes that the calibration touches showed, and at three times the size that all but a tenth of them
+stay below. That size is the unit too, so the numbers are neither huge nor tiny, whatever a classifier's scale.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from belief.batch import TouchBatch
 from belief.problem import Floats
 
 _LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
-_MOST_UNITS = 10.0
+_MOST_UNITS = 3.0
 
 
 class Embedding(Protocol):
