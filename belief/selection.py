@@ -52,7 +52,14 @@ class ModelChoice:
 
 
 def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
-    """Log posterior after each sequence of touches of one object, under a uniform prior, ``(S, K)``."""
+    """Log posterior after each sequence of touches of one object, under a uniform prior, ``(S, K)``.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
+    >>> once, twice = (TouchBatch.of([[Touch(0, np.array([1.0, 0.0]))] * n]) for n in (1, 2))
+    >>> np.exp(log_posteriors(model, once)).round(2).tolist(), np.exp(log_posteriors(model, twice)).round(2).tolist()
+    ([[0.83, 0.17]], [[0.96, 0.04]])
+    """
     log_likelihoods = model.log_likelihood_batch(batch)
     num_shapes = log_likelihoods.shape[1]
     return update(np.full(num_shapes, -np.log(num_shapes)), log_likelihoods)[0]
@@ -67,6 +74,10 @@ def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, 
 
     Yields:
         The sequences of one length, for every length there is, and the rows of their touches, ``(S, length)``.
+
+    >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
+    >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
+    [[[1], [3]], [[0, 2, 4]]]
     """
     _, index, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
     order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
@@ -90,6 +101,12 @@ def sequence_nll(
         shapes: true shape of each, ``(n,)``.
         object_ids: which object each is of, ``(n,)``; any labels.
         max_touches: longest beginning of a sequence that counts.
+
+    >>> from belief.synthetic import random_model
+    >>> useless = random_model(np.random.default_rng(0), num_shapes=2, sharpness=0.0)
+    >>> batch = TouchBatch.of([useless.sample(0, [0, 1], np.random.default_rng(0))])
+    >>> sequence_nll(useless, batch, shapes=[0, 0], object_ids=["mug", "mug"]) > 0.0
+    True
     """
     truth = np.asarray(shapes)
     _, objects = np.unique(np.asarray(object_ids), return_inverse=True)
@@ -123,6 +140,16 @@ def cross_validated_nll(
         shapes: true shape of each, ``(n,)``.
         object_ids: which object each belongs to, ``(n,)``.
         num_folds: number of folds, at least 2, at most the number of objects.
+
+    Raises:
+        ValueError: too few objects or folds, or what the fit refuses.
+
+    >>> from belief.synthetic import random_model
+    >>> rng = np.random.default_rng(0)
+    >>> source = random_model(rng, num_shapes=2)
+    >>> touches = [source.sample(i % 2, [0], rng)[0] for i in range(100)]
+    >>> round(cross_validated_nll(lambda *_: source, touches, np.arange(100) % 2, np.arange(100)), 2)
+    0.39
     """
     truth, ids = np.asarray(shapes), np.asarray(object_ids)
     if num_folds < 2:

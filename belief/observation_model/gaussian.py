@@ -17,16 +17,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
+from belief.observation_model.covariances import (
+    pooled,
+    pose_means,
+    positive_definite,
+    require_covariances,
+    require_means,
+    scatter_of_shapes,
+    whitened,
+)
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
-
-MEAN_POOLING = 30.0
-"""Weight of a shape's mean over all poses in that of each pose, in touches."""
-_SMALLEST_VARIANCE = 1e-12  # in units of the embedding, whose typical touch is about one away from the centre
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,88 +142,3 @@ class GaussianModel(ArrayModel):
         """See :class:`ArrayModel`."""
         arrays = (np.array(fields[name], np.float64) for name in ("means", "covariances"))
         return cls(shape_labels, embedding_from_fields(fields["embedding"]), *arrays)
-
-
-def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = MEAN_POOLING) -> tuple[Floats, Floats]:
-    """Mean vector of each shape in each pose, ``(P, K, D)``, and what touches ``(n, D)`` are away from theirs.
-
-    Each is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all.
-    """
-    sums = np.zeros((data.num_poses, data.num_shapes, vectors.shape[1]))
-    counts = np.zeros((data.num_poses, data.num_shapes, 1))
-    np.add.at(sums, (data.poses, data.shapes), vectors)
-    np.add.at(counts, (data.poses, data.shapes), 1.0)
-    seen = counts.sum(axis=0)
-    overall = np.where(seen > 0.0, sums.sum(axis=0) / np.maximum(seen, 1.0), vectors.mean(axis=0))
-    means = (sums + pooling * overall) / (counts + pooling)
-    return means, vectors - means[data.poses, data.shapes]
-
-
-def scatter_of_shapes(rest: Floats, data: LabelledTouches) -> Floats:
-    """Sums of squares of ``rest (n, D)`` over the touches of each shape, ``(K, D, D)``."""
-    of_shapes = (rest[data.shapes == k] for k in range(data.num_shapes))
-    return np.stack([some.T @ some for some in of_shapes])
-
-
-def pooled(sums: Floats, numbers: ArrayLike, pooling: float) -> Floats:
-    """Covariances ``(K, D, D)`` from sums of squares, each shrunk towards that of all shapes together.
-
-    Args:
-        sums: sums of squares, ``(K, D, D)``.
-        numbers: how many terms each has, ``(K,)``; none at all for a shape that was never seen.
-        pooling: weight of the common covariance, in terms, ≥ 0; ``inf`` for that one only.
-
-    Raises:
-        ValueError: ``pooling`` is negative or NaN.
-    """
-    if not pooling >= 0.0:
-        raise ValueError(f"pooling must be ≥ 0, got {pooling}")
-    number = np.asarray(numbers, np.float64)[:, None, None]
-    common = sums.sum(axis=0) / max(number.sum(), 1.0)
-    if np.isinf(pooling):
-        return np.broadcast_to(common, sums.shape).copy()
-    weight = np.where(number > 0.0, pooling, 1.0)  # a shape never seen has nothing but what is common
-    return np.asarray((sums + weight * common) / (number + weight))
-
-
-def positive_definite(covariances: Floats) -> Floats:
-    """Covariances ``(K, D, D)`` with eigenvalues of at least 1e-6 of the largest, so that none is singular."""
-    values, basis = np.linalg.eigh((covariances + np.swapaxes(covariances, 1, 2)) / 2)
-    values = np.maximum(values, np.maximum(1e-6 * values[:, -1:], _SMALLEST_VARIANCE))
-    return np.asarray((basis * values[:, None]) @ np.swapaxes(basis, 1, 2))
-
-
-def whitened(vectors: Floats, bases: Floats) -> Floats:
-    """Vectors ``(..., D)`` in the basis A of every shape, ``(..., K, D)``, from all A, ``(K, D, D)``."""
-    flat = bases.reshape(-1, bases.shape[2])
-    return (vectors @ flat.T).reshape(*vectors.shape[:-1], *bases.shape[:2])
-
-
-def require_means(means: Floats, num_shapes: int, num_components: int) -> None:
-    """Refuse what is not ``(P, K, D)`` for these K and D, and finite.
-
-    Raises:
-        ValueError: it says what was given.
-    """
-    if means.ndim != 3 or means.shape[1:] != (num_shapes, num_components) or len(means) == 0:
-        raise ValueError(f"means must be (P, {num_shapes}, {num_components}), got {means.shape}")
-    if not np.isfinite(means).all():
-        raise ValueError("means must be finite")
-
-
-def require_covariances(name: str, covariances: Floats, means: Floats, *, definite: bool) -> None:
-    """Refuse what are no covariances ``(K, D, D)``, one for each shape of ``means (P, K, D)``.
-
-    Raises:
-        ValueError: wrong shape, NaN, not symmetric, or an eigenvalue below zero (not above zero, if ``definite``).
-    """
-    size = means.shape[2]
-    if covariances.shape != (means.shape[1], size, size) or not np.isfinite(covariances).all():
-        raise ValueError(f"{name} must be finite and of shape {(means.shape[1], size, size)}, got {covariances.shape}")
-    scale = np.abs(covariances).max(axis=(1, 2))
-    if (np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2)) > 1e-9 * scale).any():
-        raise ValueError(f"{name} must be symmetric")
-    least = np.linalg.eigvalsh(covariances)[:, 0]
-    if not (least > 0.0 if definite else least >= -1e-9 * scale).all():
-        kind = "definite" if definite else "semidefinite"
-        raise ValueError(f"{name} must be positive {kind}, the least eigenvalue of each is {least}")

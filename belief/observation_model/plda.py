@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from belief.batch import TouchBatch
-from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
-from belief.observation_model.gaussian import (
+from belief.observation_model.covariances import (
     pooled,
     pose_means,
     positive_definite,
@@ -32,6 +31,7 @@ from belief.observation_model.gaussian import (
     scatter_of_shapes,
     whitened,
 )
+from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable

@@ -28,7 +28,13 @@ _SMOOTHING = 0.1  # touches, spread over all outcomes, so that none is impossibl
 def sampled_table(
     model: ArrayModel, num_outcomes: int, rng: np.random.Generator, num_samples: int = _SAMPLES
 ) -> OutcomeTable:
-    """The table of touches that the model samples, as many of each shape in each pose."""
+    """The table of touches that the model samples, as many of each shape in each pose.
+
+    >>> from belief.synthetic import random_model
+    >>> table = sampled_table(random_model(np.random.default_rng(0)), num_outcomes=4, rng=np.random.default_rng(0))
+    >>> table.probs.shape                                    # poses, shapes, outcomes
+    (3, 4, 4)
+    """
     log_posteriors = sampled_posteriors(model, rng, num_samples)  # (P, K, n, K)
     log_posteriors = log_posteriors.reshape(model.num_poses, -1, log_posteriors.shape[-1])
     shares = np.exp(log_posteriors)
@@ -48,6 +54,11 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
         shares: of each touch in those of a shape in a pose, ``(P, N, K)``; sums to one over N.
         num_outcomes: M.
         rng: to start the clusters from.
+
+    >>> probs = np.array([[[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]]])
+    >>> table = tabulate(np.log(probs), probs / probs.sum(axis=1), num_outcomes=2, rng=np.random.default_rng(0))
+    >>> np.sort(table[0], axis=1).round(2).tolist()
+    [[0.15, 0.85], [0.15, 0.85]]
     """
     every = log_posteriors.reshape(-1, log_posteriors.shape[2])
     some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]
@@ -57,13 +68,23 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
 
 
 def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:
-    """A table ``(..., M)`` from so many touches (broadcast) with a tenth of one spread over all outcomes."""
+    """A table ``(..., M)`` from so many touches (broadcast) with a tenth of one spread over all outcomes.
+
+    >>> smoothed(np.array([1.0, 0.0]), num_touches=10).round(3)
+    array([0.995, 0.005])
+    """
     number = np.asarray(num_touches, np.float64)
     return np.asarray((number * table + _SMOOTHING / table.shape[-1]) / (number + _SMOOTHING))
 
 
 def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:
-    """Log posteriors under a uniform prior of touches the model samples for each pose and shape, ``(P, K, n, K)``."""
+    """Log posteriors under a uniform prior of touches the model samples for each pose and shape, ``(P, K, n, K)``.
+
+    >>> from belief.synthetic import random_model
+    >>> found = sampled_posteriors(random_model(np.random.default_rng(0)), np.random.default_rng(0), num_samples=7)
+    >>> found.shape, bool(np.allclose(np.exp(found).sum(axis=-1), 1.0))
+    ((3, 4, 7, 4), True)
+    """
     num_shapes = len(model.shape_labels)
     found = np.empty((model.num_poses, num_shapes, num_samples, num_shapes))
     for pose in range(model.num_poses):
@@ -80,6 +101,11 @@ def information_of_touch(
     """Mutual information of a touch and the shape, in each pose [nats], ``(P,)``, uniform prior, nothing discretised.
 
     A mean over sampled touches; its standard error is about half a nat over the root of ``K * num_samples``.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0))
+    >>> information_of_touch(model).round(1), model.outcome_table().information().round(1)
+    (array([0.5, 0.5, 0.5]), array([0.5, 0.5, 0.5]))
     """
     rng = rng if rng is not None else np.random.default_rng(1)
     log_posteriors = sampled_posteriors(model, rng, num_samples)
@@ -91,6 +117,10 @@ def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator,
     """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
 
     Starts with k-means++; fewer distinct posteriors than clusters leave clusters that nothing is nearest to.
+
+    >>> probs = np.array([[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]])
+    >>> np.sort(np.exp(cluster(np.log(probs), 2, np.random.default_rng(0))), axis=0).round(2).tolist()
+    [[0.15, 0.15], [0.85, 0.85]]
     """
     probs = np.exp(log_posteriors)
     own = (probs * np.maximum(log_posteriors, _FLOOR)).sum(axis=1)
@@ -114,7 +144,11 @@ def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator,
 
 
 def nearest(log_posteriors: Floats, centroids: Floats) -> np.ndarray:
-    """Index of the centroid of least Kullback-Leibler divergence from each posterior, ``(...)``."""
+    """Index of the centroid of least Kullback-Leibler divergence from each posterior, ``(...)``.
+
+    >>> nearest(np.log([[0.9, 0.1], [0.3, 0.7]]), np.log([[0.1, 0.9], [0.8, 0.2]]))
+    array([1, 0])
+    """
     return np.asarray((np.exp(log_posteriors) @ np.maximum(centroids, _FLOOR).T).argmax(axis=-1))
 
 

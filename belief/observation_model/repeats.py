@@ -75,6 +75,11 @@ def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) 
     Args:
         log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
         found: the groups.
+
+    >>> pairs = Repeats(np.array([[0, 1], [2, 3]]), shapes=np.array([0, 1]))
+    >>> sums = 3.0 * np.array([[[1.0, 0.0]], [[1.0, 0.0]]])         # the second pair is taken for the first shape
+    >>> fit_correlation(lambda rho: sums * effective_touches(2, rho) / 2, pairs)
+    0.999
     """
     inside = (found.rows >= 0)[:, 1:]
     seen, shapes = np.unique(found.shapes, return_inverse=True)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.observation_model.gaussian import pooled
+from belief.observation_model.covariances import pooled
 from belief.observation_model.labelled import LabelledTouches
 from belief.problem import Floats
 
@@ -44,6 +44,16 @@ def estimate_components(
         pooling: weight of what all shapes have in common, see :func:`pooled`.
         has_repeats: whether some object was touched twice in a pose; if not, V and W stay equal.
         num_rounds: of expectation maximisation, at most.
+
+    >>> rng = np.random.default_rng(0)
+    >>> from belief import Touch
+    >>> ids = np.arange(6000) // 3                                       # three touches of each object in one pose
+    >>> rest = 2.0 * rng.normal(size=(2000, 1))[ids] + rng.normal(size=(6000, 1))
+    >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 6000, np.zeros(6000, int), ids)
+    >>> parts = estimate_components(rest, data, np.full((2, 1, 1), 5.0), pooling=np.inf, has_repeats=True)
+    >>> shared = parts.of_object + parts.of_pose                         # in one pose nobody can tell them apart
+    >>> shared[0].round(1).tolist(), parts.of_touch[0].round(1).tolist()
+    ([[4.1]], [[1.0]])
     """
     statistics = _statistics(rest, data)
     size = rest.shape[1]

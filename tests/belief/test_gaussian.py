@@ -7,7 +7,7 @@ from scipy.stats import multivariate_normal
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.observation_model import GaussianModel, LogitEmbedding
-from belief.observation_model.gaussian import pooled, positive_definite
+from belief.observation_model.covariances import pooled, positive_definite
 from belief.selection import log_posteriors
 
 LABELS = ("ball", "cube", "cone")
