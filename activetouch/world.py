@@ -157,7 +157,7 @@ class TouchWorld:
         """The image of the current object pressed in a pose.
 
         A press that does not settle is made again with new offset and force, from the same source of chance, and
-        counted in the sensor's time (decision 0019).
+        counted in the sensor's time (decision 0020).
 
         Raises:
             UnstablePress: again and again it did not settle.

@@ -260,7 +260,9 @@ def _of_collections() -> list[Case]:
             "read_split", "a shard of another split", _shard(_swapped), CorruptFile, "was changed after it was recorded"
         ),
         refuses("read_split", "a shard whose labels were reversed", _shard(_relabelled), LabelMismatch, "wrong labels"),
-        refuses("read_split", "a shard that holds pickled objects", _shard(_objects), CorruptFile, "not unpickled"),
+        refuses(
+            "read_split", "a shard that holds pickled objects", _shard(_objects), CorruptFile, "Object arrays cannot"
+        ),
         refuses(
             "read_split",
             "a split that is not planned",
