@@ -17,10 +17,20 @@ from typing import overload
 import numpy as np
 
 from planners.solve.exact import finite_horizon_value
+from planners.solve.files import load_policy, save_policy
 from planners.solve.policy import SearchPolicy, TouchPolicy, solve_search, solve_touch
 from planners.solve.problem import SearchTouchProblem, TouchProblem
 
-__all__ = ["SearchPolicy", "SearchTouchProblem", "TouchPolicy", "TouchProblem", "finite_horizon_value", "solve"]
+__all__ = [
+    "SearchPolicy",
+    "SearchTouchProblem",
+    "TouchPolicy",
+    "TouchProblem",
+    "finite_horizon_value",
+    "load_policy",
+    "save_policy",
+    "solve",
+]
 
 
 ROUNDS = (200, 200, 400, 400, 800)

@@ -1,17 +1,16 @@
-"""What no policy can exceed, for one object and for a search."""
+"""What no policy for one object can exceed."""
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief import Composition
 from belief.problem import Floats
 from planners.solve.grid import BeliefGrid
 from planners.solve.point_based import point_based
-from planners.solve.problem import SearchTouchProblem, TouchProblem
+from planners.solve.problem import TouchProblem
 from planners.solve.reached import reached_beliefs
 from planners.solve.stages import Stage, StagedProblem, staged
 
@@ -46,35 +45,66 @@ class ObjectBound:
 
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
         """A number that no policy is worth more than at a belief; all by shape, ``(K,)``."""
-        belief, stops = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
+        belief, payoffs = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
         if len(belief) == 1:
-            return float(stops.max())
+            return float(payoffs.max())
         if self._grid is None:
-            self._grid = BeliefGrid(self._likelihoods, self._around(belief, stops))
-        values = self._grid.bound(stops, self._touch_cost, self._discount)
-        return float(self._look_ahead(self._grid, values, belief[None], stops, _EXACT_STEPS)[0])
+            self._grid = BeliefGrid(self._likelihoods, self._around(belief, payoffs))
+        points = self._grid.points
 
-    def _around(self, belief: Floats, stops: Floats) -> Floats:
+        def stop(beliefs: Floats) -> Floats:
+            return np.asarray((beliefs @ payoffs.T).max(axis=1))
+
+        told = points @ payoffs.max(axis=0)
+        values = self._grid.bound(stop(points)[:, None], told[:, None], self._touch_cost, self._discount)[:, 0]
+        cost, discount = self._touch_cost, self._discount
+        return look_ahead(self._grid, values, belief, stop, self._likelihoods, cost, discount, _EXACT_STEPS)
+
+    def _around(self, belief: Floats, payoffs: Floats) -> Floats:
         """Beliefs that good policies come to."""
-        stage = Stage(np.arange(len(belief)), stops[0], stops[1])
+        stage = Stage(np.arange(len(belief)), payoffs[0], payoffs[1])
         problem = StagedProblem((stage,), belief, self._likelihoods, self._touch_cost, self._discount)
         plans = point_based(problem, self._rng, _ROUNDS)
         return np.concatenate(reached_beliefs(problem, plans, self._rng, _NUM_SEARCHES, _EXPLORATION)[0])
 
-    def _look_ahead(self, grid: BeliefGrid, values: Floats, beliefs: Floats, stops: Floats, steps: int) -> Floats:
-        """Upper bound at beliefs ``(B, K)`` by so many exact steps and the grid after them, ``(B,)``."""
-        if steps == 0:
-            return grid.interpolate(values, beliefs)
-        best = np.asarray((beliefs @ stops.T).max(axis=1))
-        for table in self._likelihoods:
+
+def look_ahead(
+    grid: BeliefGrid,
+    values: Floats,
+    belief: Floats,
+    stop: Callable[[Floats], Floats],
+    likelihoods: Floats,
+    touch_cost: float,
+    discount: float,
+    steps: int,
+) -> float:
+    """Upper bound at a belief by so many exact steps, and the grid's after them.
+
+    Args:
+        grid: with ``values`` at its points, ``(G,)``.
+        values: see ``grid``.
+        belief: ``(K,)``.
+        stop: what stopping is worth at beliefs ``(B, K)``, at most, ``(B,)``.
+        likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
+        touch_cost: λ.
+        discount: γ.
+        steps: how many.
+    """
+
+    def bound(beliefs: Floats, left: int) -> Floats:
+        if left == 0:
+            return np.maximum(grid.interpolate(values, beliefs), stop(beliefs))
+        best = stop(beliefs)
+        for table in likelihoods:
             joint = np.moveaxis(beliefs[:, :, None] * table, 2, 1)  # (B, M, K)
             chance = joint.sum(axis=2)
             possible = chance > 0.0
-            after = joint[possible] / chance[possible][:, None]
             worth = np.zeros(chance.shape)
-            worth[possible] = self._look_ahead(grid, values, after, stops, steps - 1)
-            best = np.maximum(best, self._discount * (chance * worth).sum(axis=1) - self._touch_cost)
+            worth[possible] = bound(joint[possible] / chance[possible][:, None], left - 1)
+            best = np.maximum(best, discount * (chance * worth).sum(axis=1) - touch_cost)
         return best
+
+    return float(bound(belief[None], steps)[0])
 
 
 def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
@@ -91,41 +121,3 @@ def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
     bound = ObjectBound(problem.outcome_probs, shapes, problem.touch_cost, problem.discount, rng)
     stage = staged(problem).stages[0]
     return bound(problem.prior, stage.confirm, stage.reject)
-
-
-def search_bound(problem: SearchTouchProblem, rng: np.random.Generator) -> float:
-    """What no policy for a search exceeds: the value of one that is told the shape of every object it rejects.
-
-    Args:
-        problem: the search; the bound takes a grid for every set of shapes that can be left.
-        rng: see :class:`ObjectBound`.
-    """
-    num_shapes, target, prior = problem.num_shapes, problem.target, problem.prior
-    assert prior is not None, "filled in at construction"
-    confirm = np.where(np.arange(num_shapes) == target, 1.0, -1.0)
-    distinct = problem.composition is Composition.DISTINCT
-
-    @cache
-    def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
-        table, cost = problem.outcome_probs, problem.touch_cost
-        return ObjectBound(table, np.array(shapes), cost, problem.discount, rng)
-
-    @cache
-    def value(number: int, gone: frozenset[int]) -> float:
-        """Of the objects from this number on; ``gone`` are the shapes rejected before, as far as they matter."""
-        missed = target in gone
-        if number == problem.num_objects:
-            return -1.0 if missed else 1.0
-        belief = np.where(np.isin(np.arange(num_shapes), list(gone)), 0.0, 1.0) if distinct else prior.copy()
-        belief /= belief.sum()
-        reject = np.full(num_shapes, -1.0)
-        for shape in np.flatnonzero(belief > 0.0).tolist():
-            matters = distinct or shape == target
-            reject[shape] = value(number + 1, gone | {shape} if matters else gone)
-        if number + 1 < problem.num_objects:
-            reject *= problem.discount
-        if (confirm == -1.0)[belief > 0.0].all() and (reject[belief > 0.0] == -1.0).all():
-            return -1.0  # lost, whatever is done
-        return bound_for(tuple(np.flatnonzero(belief > 0.0).tolist()))(belief, confirm, reject)
-
-    return value(0, frozenset())

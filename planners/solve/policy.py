@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from planners.solve.bounds import search_bound, touch_bound
+from planners.solve.bounds import touch_bound
 from planners.solve.plans import Plans
 from planners.solve.point_based import point_based
 from planners.solve.problem import SearchTouchProblem, TouchProblem
+from planners.solve.search_bounds import search_bound
 from planners.solve.stages import staged
 
 
@@ -122,7 +123,7 @@ class SearchPolicy:
 
     @cached_property
     def upper_bound(self) -> float:
-        """What no policy exceeds: that of a searcher who is told the shape of every object it rejects."""
+        """What no policy exceeds at the start; computed when first asked for, in some seconds."""
         return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
     def action(self, object_index: int, belief: Floats) -> int:
