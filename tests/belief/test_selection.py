@@ -93,3 +93,43 @@ def test_more_folds_than_objects_are_refused(rng):
     source, touches, shapes, ids = collect(rng, num_objects=3)
     with pytest.raises(ValueError, match="between 2 and 3 folds"):
         cross_validated_nll(lambda *_: source, touches, shapes, ids, num_folds=4)
+
+
+def test_groups_of_every_length_are_found_once(rng):
+    batch = TouchBatch(np.zeros((1, 60), int), rng.normal(size=(1, 60, 3)), rng.normal(size=(1, 60, 2)))
+    names = rng.choice(["mug", "ball", "cup", "can"], size=60, p=[0.5, 0.3, 0.15, 0.05])
+    found = []
+    for some, rows in grouped(batch, names):
+        np.testing.assert_array_equal(some.logits, batch.logits[0, rows])
+        np.testing.assert_array_equal(some.features, batch.features[0, rows])
+        assert all(len(set(names[row])) == 1 for row in rows)
+        found += rows.ravel().tolist()
+    assert sorted(found) == list(range(60))
+
+
+def test_where_touches_repeat_a_model_that_knows_is_chosen(world, rng):
+    shapes, ids = (np.arange(120) % 3).repeat(8), np.arange(120).repeat(8)
+    touches = [touch for i in range(120) for touch in world.sample(i % 3, [0, 1] * 4, rng)]
+    choice = choose_observation_model(
+        touches, shapes, [f"object {i}" for i in ids], shape_labels=world.shape_labels, num_poses=2
+    )
+    assert choice.name == "plda"
+    assert choice.losses["plda"] < choice.losses["gaussian"] < np.log(3.0)
+    assert choice.losses["signature"] < choice.losses["confusion × confidence"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"candidates": {}}, "no candidate"),
+        ({"num_folds": 1}, "at least 2 folds"),
+        ({"num_folds": 99}, "folds for 3 objects"),
+        ({"shape_labels": ("a", "b")}, "names 2"),
+        ({"num_poses": 2}, "num_poses is 2"),
+    ],
+)
+def test_choices_that_cannot_be_made_are_refused(changes, message, rng):
+    _, touches, shapes, ids = collect(rng, num_objects=3)
+    options = {"shape_labels": tuple("abcd"), "num_poses": 3, "num_folds": 3, **changes}
+    with pytest.raises(ValueError, match=message):
+        choose_observation_model(touches, shapes, ids, **options)
