@@ -25,7 +25,11 @@ _LARGEST_PART = 0.999  # of a direction's evidence, that touches share
 
 
 def centred(log_ratio: Floats) -> Floats:
-    """Log ratios ``(..., K)`` less their mean over shapes, which says nothing, and none of them beyond all bounds."""
+    """Log ratios ``(..., K)`` less their mean over shapes, which says nothing, and none of them beyond all bounds.
+
+    >>> centred(np.array([3.0, 1.0, -1.0])).tolist()
+    [2.0, 0.0, -2.0]
+    """
     bounded = np.clip(log_ratio, -_LARGEST, _LARGEST)
     return np.asarray(bounded - (bounded / bounded.shape[-1]).sum(axis=-1, keepdims=True))
 
@@ -51,6 +55,15 @@ def fit_directions(log_ratio: Floats, found: Repeats, correlation: float) -> Flo
         log_ratio: of every touch, by a calibration that did not see its object, ``(n, K)``.
         found: the groups, see :func:`~belief.observation_model.repeats.repeats`.
         correlation: ρ; the fewer groups, the nearer R is to ρ I.
+
+    Touches that come twice are worth one, and R says so about the one direction that tells two shapes apart:
+
+    >>> rng, shapes = np.random.default_rng(0), np.arange(1000) % 2
+    >>> log_ratio = (2.0 * np.eye(2)[shapes] + np.sqrt(2.0) * rng.normal(size=(1000, 2))).repeat(2, axis=0)
+    >>> pairs = Repeats(np.arange(2000).reshape(1000, 2), shapes)
+    >>> directions = fit_directions(log_ratio, pairs, correlation=0.5)
+    >>> bool(np.array([1.0, -1.0]) @ directions @ [1.0, -1.0] / 2.0 > 0.8)
+    True
     """
     num_shapes, longest = log_ratio.shape[1], found.rows.shape[1]
     inside = found.rows >= 0
