@@ -142,11 +142,12 @@ def _show(evaluation: dict, choice: ModelChoice) -> None:
         f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
         f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
     )
-    table = Table(title="true shape (rows) against predicted shape")
-    for heading in ("", *labels, "precision", "recall", "F1"):
-        table.add_column(heading, justify="right")
-    for label, row in zip(labels, e["confusion"], strict=True):
+    table = Table(title="single touches by shape; all confusions are in evaluation.json")
+    for heading in ("shape", "precision", "recall", "F1", "most often taken for"):
+        table.add_column(heading, justify="right" if heading in ("precision", "recall", "F1") else "left")
+    for k, (label, row) in enumerate(zip(labels, e["confusion"], strict=True)):
         score = e["shapes"][label]
         ratios = (f"{score[name]:.3f}" for name in ("precision", "recall", "f1"))
-        table.add_row(label, *map(str, row), *ratios)
+        others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
+        table.add_row(label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others))
     console.print(table)

@@ -5,8 +5,8 @@ Three questions, asked of the recorded touches that the network learned from and
 * *What would more touches bring this network?* On touches it was fitted to, a network does better than any of its kind
   can do on others. So its accuracy there estimates from above what it could come to with any number of touches, as far
   as its training came to an end.
-* *What has a better network to win, at least?* Where images may be turned and mirrored, the mean over all such views
-  is a better reader of the same images.
+* *What has a better network to win?* Where images may be turned and mirrored, the mean over all such views is a better
+  reader of the same images, and what it wins is there to be won.
 * *What could anybody make of what it sees?* The nearest neighbour's accuracy bounds that of every reader of the same
   numbers, given enough known touches (Cover and Hart 1967, :func:`experiments.press_numbers.cover_hart_accuracy`):
   of the probabilities it gives, few and soon settled, and of its features, many and slow. Who sees more in the images
@@ -133,7 +133,7 @@ def _say(study: Study, numbers: dict[str, Any]) -> list[str]:
         f"{words(numbers['classifier'])} of them right, and {words(numbers['learned_from'])} of those it learned from. "
         "The latter estimates from above what more touches could bring the same network.",
         f"The mean over all views that are as likely reads {words(numbers['all_views'])}, that is "
-        f"{words(numbers['gain_of_views'], '+')} more: so much, at least, a better network has to win.",
+        f"{words(numbers['gain_of_views'], '+')} more: a better reader, as far as the interval says so.",
         f"The nearest known touch in the network's probabilities names {probabilities['nearest'][-1]:.4f} right, so "
         f"whoever reads these comes to {probabilities['upper'][-1]:.4f} at most; in its features it names "
         f"{features['nearest'][-1]:.4f}, whose readers come to {features['upper'][-1]:.4f}. With fewer known touches "
