@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 
 from belief.problem import Floats
 
+TOUCH_LIMIT = 12
+"""T_max, touches of one object, unless told otherwise; the paper gives no number."""
 NO_ACTION = -1
 """``previous`` before the first action."""
 _SCALE = 4.0  # log-odds that count as large: odds of 55 to 1 become .76
@@ -50,6 +52,18 @@ class Situation:
     previous: NDArray[np.int64]
     uses: NDArray[np.int64]
     time: Floats
+
+
+def frame_probs(logits: Floats) -> Floats:
+    """Softmax of logits ``(..., K)``, whatever their size.
+
+    >>> frame_probs(np.array([[1e308, -1e308], [0.0, 0.0]])).tolist()
+    [[1.0, 0.0], [0.5, 0.5]]
+    """
+    scores = np.asarray(logits, np.float64)
+    with np.errstate(over="ignore", under="ignore"):
+        shares = np.exp(scores - scores.max(axis=-1, keepdims=True))
+    return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
 
 
 def paper_state(situation: Situation, target: int) -> Floats:

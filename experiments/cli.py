@@ -33,7 +33,9 @@ def commands() -> dict[str, type]:
     from experiments.robustness import Robustness
     from experiments.stress import Stress
     from experiments.touch import Gallery, Record, Touch, View
+    from experiments.touch_bank import MakeTouchBank
     from experiments.train import Train
+    from experiments.train_ppo import TrainPPO
 
     return {
         "compare": Compare,
@@ -48,6 +50,8 @@ def commands() -> dict[str, type]:
         "collect": Collect,
         "train": Train,
         "calibrate": Calibrate,
+        "touch-bank": MakeTouchBank,
+        "train-ppo": TrainPPO,
         "calibration-report": CalibrationReport,
         "reproduce": Reproduce,
         "learning-curve": LearningCurve,

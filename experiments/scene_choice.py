@@ -48,6 +48,11 @@ def repeats_folder(scene: str) -> Path:
     return Path("data") / f"{scene}-repeats"
 
 
+def bank_folder(scene: str) -> Path:
+    """Where the touch banks of a scene are unless told otherwise."""
+    return Path("data") / f"{scene}-bank"
+
+
 def training_folder(scene: str) -> Path:
     """Where the classifier of a scene is trained unless told otherwise."""
     return Path(f"runs/train-{scene}")

@@ -9,8 +9,10 @@ from types import MappingProxyType
 
 from belief.errors import UnknownName
 from belief.observation_model import ObservationModel, OutcomeTable
+from planners.confident import Confident
 from planners.decider import Decider, SequentialDecider
 from planners.planned import PointBased
+from planners.ppo import PPODecider
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
@@ -33,6 +35,12 @@ class Knowledge:
     policies: Path | None = None
 
 
+def confident_ppo(policies: Path | None) -> Decider:
+    """The poses of the paper's policies, and a stop when the posterior is sure."""
+    ppo = PPODecider(policies)
+    return Confident(PosteriorThresholds(), ppo, fallback=ppo)
+
+
 DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
     {
         "random_confirm": lambda known: RandomConfirm(),
@@ -49,10 +57,16 @@ DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
         "value_of_one_touch": lambda known: ValueOfInformation(known.table, 1, repeat_discount(known.model)),
         "value_of_information": lambda known: ValueOfInformation(known.table, 2, repeat_discount(known.model)),
         "sequential_test": lambda known: SequentialDecider(SequentialTest(), TargetInformationGain(known.table)),
+        "ppo": lambda known: PPODecider(known.policies),
+        "ppo_posterior": lambda known: PPODecider(known.policies, "posterior"),
+        "ppo_confident": lambda known: confident_ppo(known.policies),
         "point_based": lambda known: PointBased(known.table, repeat_discount(known.model)),
     }
 )
 """Builds a decider by name from what is known of the scene's touches."""
+
+TRAINED = frozenset(("ppo", "ppo_posterior", "ppo_confident"))
+"""Those that follow trained policies, and cannot be made of a bare model."""
 
 
 def make_decider(

@@ -9,13 +9,12 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from scipy.special import softmax
 
 from activetouch.envs.touches import LiveTouches, Objects, Press, Touches
 from activetouch.world import TactileSensor
-from belief import Belief, SceneBelief, SearchProblem
+from belief import Belief, SceneBelief, SearchProblem, Touch
 from belief.chance import arrangement_rng, touch_rng
-from belief.encoding import NO_ACTION, Situation, paper_state
+from belief.encoding import NO_ACTION, Situation, frame_probs, paper_state
 from belief.errors import ActiveTouchError, UnknownName
 
 State = NDArray[np.float32]
@@ -83,13 +82,23 @@ class TouchEnv(gymnasium.Env[State, int]):
         return self._scene.belief(self._object_index)
 
     @property
+    def arrangement(self) -> tuple[int, ...]:
+        """True shapes, in order of visit; for scoring only."""
+        return self._arrangement
+
+    @property
+    def history(self) -> tuple[Touch, ...]:
+        """Touches of the current object, oldest first."""
+        return self._scene.touches(self._object_index)
+
+    @property
     def situation(self) -> Situation:
         """Where the episode stands, as the one row of a batch."""
-        problem, history = self.problem, self._scene.touches(self._object_index)
+        problem, history = self.problem, self.history
         frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(problem.num_shapes)
         poses = np.array([touch.pose for touch in history], np.int64)
         return Situation(
-            softmax(frame)[None],
+            frame_probs(frame)[None],
             self.belief.log_probs[None],
             np.array([self._previous]),
             np.bincount(poses, minlength=problem.num_poses)[None],
@@ -156,7 +165,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     def _probe(self, pose: int) -> None:
         """Touch the current object."""
-        repeat = sum(touch.pose == pose for touch in self._scene.touches(self._object_index))
+        repeat = sum(touch.pose == pose for touch in self.history)
         touch, self.last_press = self._objects.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
         self._scene.update(self._object_index, [touch])
         self._num_touches += 1

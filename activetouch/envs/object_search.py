@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
-from activetouch.envs.object_test import TOUCH_LIMIT
 from activetouch.envs.touches import Touches
 from activetouch.scenes import SCENES, NamedScene
 from belief import Composition, SearchProblem
+from belief.encoding import TOUCH_LIMIT
 from belief.synthetic import sample_arrangement
 
 

@@ -7,9 +7,7 @@ import numpy as np
 from activetouch.envs.base import TouchEnv, live_or_given
 from activetouch.envs.touches import Touches
 from belief import Belief, Composition, SearchProblem
-
-TOUCH_LIMIT = 12
-"""T_max; the paper gives no number."""
+from belief.encoding import TOUCH_LIMIT
 
 
 class ObjectTestEnv(TouchEnv):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from activetouch.envs.touches import LiveTouches, Press, Touches
+from activetouch.errors import UnstablePress
 from belief import Belief
 
 _SIZE = 240  # edge of each of the three panels [pixels]
@@ -27,8 +30,14 @@ def _scene(touches: Touches, press: Press | None) -> NDArray[np.uint8]:
         return _blank()
     from activetouch.picture import press_picture  # loads MuJoCo
 
-    stage = touches.sensor.scene.stage
-    return press_picture(stage, press.placement, press.contact.depth, _SIZE, _SIZE, opengl=False)[0]
+    scene, rng = touches.sensor.scene, deepcopy(press.rng)
+    while True:
+        placement = scene.place(press.thing, press.pose, rng)
+        try:
+            depth = scene.contact(placement, rng).depth
+        except UnstablePress:  # pressed again then, and so now
+            continue
+        return press_picture(scene.stage, placement, depth, _SIZE, _SIZE, opengl=False)[0]
 
 
 def _touch(press: Press | None) -> NDArray[np.uint8]:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.contact import Contact
-from activetouch.placement import Placement
-from activetouch.rendering import read_out
-from activetouch.world import TactileSensor
+from activetouch.scene import WorldObject
+from activetouch.world import TactileSensor, TouchWorld
 from belief import Touch
 from belief.observation_model import ArrayModel
 from belief.synthetic import SyntheticWorld
@@ -20,17 +19,19 @@ from belief.synthetic import SyntheticWorld
 
 @dataclass(frozen=True, eq=False)
 class Press:
-    """A press that can be shown.
+    """A press that can be made once more, to be shown.
 
     Attributes:
         image: what the sensor saw, ``(H, W)`` or ``(H, W, 3)`` uint8.
-        placement: of the object in front of the pad.
-        contact: what the pad met.
+        thing: the object.
+        pose: index of the pose.
+        rng: source of chance, as it was before the press.
     """
 
     image: NDArray[np.uint8]
-    placement: Placement
-    contact: Contact
+    thing: WorldObject
+    pose: int
+    rng: np.random.Generator
 
 
 class Objects(Protocol):
@@ -84,7 +85,7 @@ class LiveTouches:
 
 
 class LiveObjects:
-    """Objects on their guides: :class:`activetouch.TouchWorld`, but for that presses can be shown.
+    """The objects of a :class:`activetouch.TouchWorld`, whose presses can be shown.
 
     Args:
         sensor: presses and reads.
@@ -93,20 +94,21 @@ class LiveObjects:
     """
 
     def __init__(self, sensor: TactileSensor, arrangement: Sequence[int], rng: np.random.Generator) -> None:
+        self._things = [sensor.scene.sample_object(shape, rng) for shape in arrangement]
+        self._world = TouchWorld(sensor, self._things)
         self._sensor = sensor
-        self._objects = [sensor.scene.sample_object(shape, rng) for shape in arrangement]
+        self._current = 0
 
     def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, Press]:
         """See :class:`Objects`."""
-        scene = self._sensor.scene
-        placement = scene.place(self._objects[0], pose, rng)
-        contact = scene.contact(placement, rng)
-        image = read_out(scene.renderer(contact), scene.faults, rng)
-        return self._sensor.read(image[None], [pose])[0], Press(image, placement, contact)
+        before = deepcopy(rng)
+        image = self._world.press(pose, rng)
+        return self._sensor.read(image[None], [pose])[0], Press(image, self._things[self._current], pose, before)
 
     def advance(self) -> None:
         """See :class:`Objects`."""
-        self._objects = self._objects[1:]
+        self._world.advance()
+        self._current += 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,7 @@ def test_a_test_pays_the_papers_reward(decision, sampled):
         _, cost, terminated, truncated, _ = env.step(1)
         assert (cost, terminated, truncated) == (-0.03, False, False)
         _, reward, terminated, _, info = env.step(getattr(env, decision))
-        is_target = env._arrangement == (2,)
+        is_target = env.arrangement == (2,)
         assert info["is_success"] == (is_target == (decision == "confirm")) == (reward == 1.0)
         assert terminated
         rights += info["is_success"]
@@ -127,7 +127,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, samp
     for number in range(60):
         key = (0, 0, number)
         env.reset(options={"seed": key})
-        world = SyntheticWorld(model, env._arrangement)
+        world = SyntheticWorld(model, env.arrangement)
         decider = make_decider(("information_gain", "threshold", "random_confirm")[number % 3], model.outcome_table())
         episode = search(world, decider, env.problem, 0, model, key)
         total = 0.0
@@ -145,7 +145,7 @@ def test_live_touches_are_those_of_the_world_that_compare_plays(coarse):
     env.reset(options={"seed": (0, 3, 17)})
     rng = arrangement_rng((0, 3, 17))
     assert len(env._sample_arrangement(rng)) == 4
-    world = TouchWorld.sample(coarse.sensor, env._arrangement, rng)
+    world = TouchWorld.sample(coarse.sensor, env.arrangement, rng)
     episode = search(
         world, make_decider("information_gain", coarse.model.outcome_table()), env.problem, 3, coarse.model, (0, 3, 17)
     )

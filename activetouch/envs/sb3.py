@@ -1,0 +1,97 @@
+"""The paper's task on recorded touches as a vectorised environment of Stable-Baselines3; importing this loads torch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from activetouch.envs.episodes import BankEpisodes
+
+
+class BankVecEnv(VecEnv):
+    """:class:`activetouch.envs.episodes.BankEpisodes` for learners of Stable-Baselines3.
+
+    The dictionaries of episodes that end have ``episode`` (return with shaping, length), ``is_success`` and what SB3
+    asks for; the others are empty. An episode that is truncated counts as ended for good: T_max is part of the paper's
+    task and the time part of the state, so nothing lies beyond it that a value could be borrowed from.
+
+    Args:
+        episodes: what is played.
+        seed: of the episodes; what ``seed()`` sets is added to it.
+    """
+
+    def __init__(self, episodes: BankEpisodes, seed: Sequence[int]) -> None:
+        self._episodes, self._seed, self._rng = episodes, tuple(seed), np.random.default_rng(seed)
+        self._actions = np.zeros(episodes.num_envs, np.int64)
+        self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
+        self.render_mode = None
+        observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
+        super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
+
+    def reset(self) -> NDArray[np.float32]:
+        """New episodes in all rows."""
+        if self._seeds[0] is not None:
+            self._rng = np.random.default_rng([*self._seed, self._seeds[0]])
+        self._reset_seeds()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        self._episodes.reset(np.arange(self.num_envs), self._rng)
+        return self._episodes.observe()
+
+    def step_async(self, actions: NDArray[np.integer]) -> None:
+        """Say what to do next."""
+        self._actions = np.asarray(actions, np.int64)
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Do it; an episode that ends is begun anew."""
+        result = self._episodes.step(self._actions)
+        observations = self._episodes.observe()
+        self._returns += result.reward
+        self._lengths += 1
+        ended = result.terminated | result.truncated
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        rows = np.flatnonzero(ended)
+        if rows.size:
+            for row in rows.tolist():
+                infos[row] = {
+                    "terminal_observation": observations[row],
+                    "TimeLimit.truncated": False,
+                    "is_success": bool(result.success[row]),
+                    "episode": {"r": float(self._returns[row]), "l": int(self._lengths[row]), "t": 0.0},
+                }
+            self._returns[rows], self._lengths[rows] = 0.0, 0
+            self._episodes.reset(rows, self._rng)
+            observations = self._episodes.observe()
+        return observations, result.reward.astype(np.float32), ended, infos
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of the environment, as many times as there are rows."""
+        return [getattr(self, attr_name)] * len(self._rows(indices))
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused: rows have no attributes of their own."""
+        raise NotImplementedError(f"{type(self).__name__} cannot set {attr_name}: its rows share everything")
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions make sense, ``(B, P + 2)``."""
+        return self._episodes.action_masks()
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Only ``action_masks``, which :class:`sb3_contrib.MaskablePPO` asks for."""
+        if method_name != "action_masks":
+            raise AttributeError(f"{type(self).__name__} has no method {method_name!r} of single rows")
+        return list(self.action_masks()[self._rows(indices)])
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """No row is wrapped, though returns are recorded as by a ``Monitor``."""
+        return [False] * len(self._rows(indices))
+
+    def _rows(self, indices: int | Sequence[int] | None) -> NDArray[np.intp]:
+        return np.atleast_1d(np.arange(self.num_envs) if indices is None else np.asarray(indices))

@@ -1,0 +1,67 @@
+"""The paper's task on recorded touches as a vectorised Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from activetouch.envs.episodes import BankEpisodes
+
+
+class BankVectorEnv(VectorEnv):
+    """:class:`activetouch.envs.episodes.BankEpisodes` for learners that speak Gymnasium.
+
+    An episode that ends is begun anew in the same step: its last observation is in ``infos["final_obs"]``. ``infos``
+    also has ``is_success`` and ``num_touches`` of every episode, as they were before that.
+
+        bank = TouchBank.open(Path("data/coarse-bank/calibration"))
+        envs = BankVectorEnv(BankEpisodes(bank, model, target="cone", num_envs=64, state="posterior"))
+
+    Args:
+        episodes: what is played.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # type: ignore[misc]
+
+    def __init__(self, episodes: BankEpisodes) -> None:
+        self._episodes = episodes
+        self.num_envs = episodes.num_envs
+        self.single_action_space = spaces.Discrete(episodes.num_actions)
+        self.single_observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """Which actions make sense, ``(B, P + 2)``."""
+        return self._episodes.action_masks()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """New episodes in all rows."""
+        super().reset(seed=seed)
+        self._episodes.reset(np.arange(self.num_envs), self.np_random)
+        return self._episodes.observe(), {}
+
+    def step(
+        self, actions: NDArray[np.integer]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """One action in each episode."""
+        result = self._episodes.step(np.asarray(actions, np.int64))
+        observations, touches = self._episodes.observe(), self._episodes.num_touches
+        infos: dict[str, Any] = {"is_success": result.success, "num_touches": touches}
+        ended = result.terminated | result.truncated
+        rows = np.flatnonzero(ended)
+        if rows.size:
+            final = np.full(self.num_envs, None, object)
+            for row in rows.tolist():
+                final[row] = observations[row]
+            infos |= {"final_obs": final, "_final_obs": ended}
+            self._episodes.reset(rows, self.np_random)
+            observations = self._episodes.observe()
+        return observations, result.reward, result.terminated, result.truncated, infos

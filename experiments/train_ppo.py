@@ -1,0 +1,166 @@
+"""``activetouch train-ppo``: from touch banks to one policy a target."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from activetouch.atomic import atomic_path, write_text
+from activetouch.world import MODELS, OBSERVATION_FILE
+from belief.errors import UnknownName
+from belief.observation_model import read_observation_model
+from experiments.parallel import default_jobs, run_tasks
+from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
+from experiments.scene_choice import bank_folder, named_scene
+from experiments.touch_bank import TEST, TRAINING
+from planners.ppo import policy_file
+
+if TYPE_CHECKING:
+    from experiments.ppo_training import Score, Training
+
+RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
+
+
+@dataclass(frozen=True)
+class PPOChanges:
+    """What to change about the named recipes."""
+
+    steps: int | None = None
+    """Of all environments together."""
+    learning_rate: float | None = None
+    """At the start; falls linearly to nothing."""
+    entropy: float | None = None
+    """Weight of the entropy bonus."""
+    beta: float | None = None
+    """Weight of the shaping reward (decision 0031)."""
+    touch_cost: float | None = None
+    """λ."""
+    touch_limit: int | None = None
+    """T_max, touches of one object."""
+    target_prob: float | None = None
+    """How often the object of a training episode is the target (decision 0030)."""
+
+    def of(self, recipe: PPORecipe) -> PPORecipe:
+        """The recipe with these changes."""
+        return replace(recipe, **{name: value for name, value in asdict(self).items() if value is not None})
+
+
+@dataclass(frozen=True)
+class TrainPPO:
+    """Train PPO policies on recorded touches, one a target and seed, and keep the best seed of each.
+
+    Every training is kept in a folder of its own and goes on from there when the command is started again. Learning
+    curves are measured on the objects of the test split; which seed is kept, on those it learned from. OUT/policies is
+    what the deciders ppo, ppo_posterior and ppo_confident read: it belongs beside the sensor, in SENSOR/policies. With
+    tensorboard installed, SB3's log is in the folder of each training.
+
+    For example:
+
+        activetouch touch-bank --scene coarse
+        activetouch train-ppo --scene coarse
+        activetouch train-ppo --scene coarse --targets cone --recipes posterior_masked --seeds 1 --out runs/ppo-masked
+    """
+
+    scene: str = "gel"
+    """The scene it is for: decides the next three where they are not given."""
+    bank: Path | None = None
+    """Folder of the touch banks; data/SCENE-bank by default."""
+    sensor: Path | None = None
+    """Folder of the observation model; that of the sensor that comes with the scene by default."""
+    out: Path | None = None
+    """Where trainings and policies are kept; runs/ppo-SCENE by default."""
+    targets: tuple[str, ...] = ()
+    """Shapes to train for; all by default."""
+    recipes: tuple[RecipeName, ...] = ("paper", "posterior")
+    """What policies see, and how they learn; one recipe a state."""
+    change: PPOChanges = field(default_factory=PPOChanges)
+    """Settings that differ from the recipes'."""
+    seeds: int = 3
+    """Trainings of each."""
+    jobs: int = field(default_factory=default_jobs)
+    """Processes."""
+
+    def run(self) -> None:
+        """Train what is missing, choose, and write policies and learning curves."""
+        from experiments.ppo_training import POLICY  # loads gymnasium
+
+        named_scene(self.scene)  # or say which there are
+        out = self.out if self.out is not None else Path(f"runs/ppo-{self.scene}")
+        trainings = self._trainings(out)
+        tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
+        curves: dict[int, list[Score]] = {}
+        for index, curve in run_tasks(tasks, self.jobs, "training policies"):
+            curves[index] = curve
+            training, last = trainings[index], curve[-1]
+            print(
+                f"{training.recipe.state} {training.target} seed {training.seed}: return {last.mean_return:.3f}, "
+                f"success {last.success:.3f}, {last.touches:.2f} touches"
+            )
+        groups: dict[tuple[str, str], list[int]] = {}
+        for index, training in enumerate(trainings):
+            groups.setdefault((training.recipe.state, training.target), []).append(index)
+        found: dict[str, dict[str, list[list[Score]]]] = {}
+        for (state, target), members in groups.items():
+            best = max(members, key=lambda index: trainings[index].score().mean_return)
+            with atomic_path(out / "policies" / policy_file(state, target)) as temporary:
+                temporary.write_bytes((trainings[best].folder / POLICY).read_bytes())
+            found.setdefault(state, {})[target] = [curves[index] for index in members]
+        write_text(out / "curves.json", json.dumps(found, indent=1) + "\n")
+        draw_curves(found, out / "curves.svg")
+        print(f"wrote {out / 'policies'} and the learning curves, {out / 'curves.svg'}")
+
+    def _trainings(self, out: Path) -> list[Training]:
+        """All trainings, or an error before any is started."""
+        from activetouch.envs.bank import TouchBank  # loads gymnasium
+        from experiments.ppo_training import Training
+
+        folder = self.bank if self.bank is not None else bank_folder(self.scene)
+        sensor = self.sensor if self.sensor is not None else MODELS / self.scene
+        model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
+        bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
+        for target in self.targets:
+            if target not in bank.shape_labels:
+                raise UnknownName("target", target, list(bank.shape_labels))
+        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in self.recipes}
+        states = [recipe.state for recipe in recipes.values()]
+        if self.seeds < 1 or self.jobs < 1 or not recipes or len(set(states)) < len(states):
+            raise ImpossiblePPO(f"need --seeds and --jobs ≥ 1 and one recipe a state, got {self}")
+        return [
+            Training(bank, test_bank, model, target, recipe, seed, out / f"{name}-{target}-{seed}")
+            for name, recipe in recipes.items()
+            for target in dict.fromkeys(self.targets or bank.shape_labels)
+            for seed in range(self.seeds)
+        ]
+
+
+def _run(index: int, training: Training) -> tuple[int, list[Score]]:
+    import torch
+
+    torch.set_num_threads(1)  # networks this small only lose by more
+    return index, training.run()
+
+
+def draw_curves(found: Mapping[str, Mapping[str, Sequence[Sequence[Score]]]], path: Path) -> None:
+    """Return against steps, one panel a state, one colour a target: the mean of the seeds, and their range."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.2 * len(found), 3.2), layout="constrained")
+    axes = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    for panel, (state, targets) in zip(axes, found.items(), strict=True):
+        for index, (target, curves) in enumerate(targets.items()):
+            length = min(len(curve) for curve in curves)
+            steps = np.array([[point[0] for point in curve[:length]] for curve in curves]).mean(axis=0)
+            values = np.array([[point[1] for point in curve[:length]] for curve in curves])
+            panel.plot(steps, values.mean(axis=0), color=f"C{index}", label=target)
+            panel.fill_between(steps, values.min(axis=0), values.max(axis=0), color=f"C{index}", alpha=0.2, lw=0)
+        panel.set(title=f"{state} state", xlabel="steps")
+    axes[0].set_ylabel("return of a test")
+    axes[-1].legend()
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary)

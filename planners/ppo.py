@@ -1,0 +1,275 @@
+"""Searching by trained policies (paper §5.8): one network a target, run by numpy alone.
+
+A policy is a small multilayer perceptron in one safetensors file: float32 weights, and in the header everything needed
+to use them honestly, with a SHA-256 of it all. Loading runs no code from the file.
+
+>>> card = PolicyCard("paper", "cube", ("sphere", "cube"), ("front",), touch_limit=12)
+>>> policy = Policy(card, (np.zeros((3, 6), np.float32),), (np.array([0.0, 1.0, 0.5], np.float32),))
+>>> policy.scores(np.zeros((1, 6))).tolist()             # probe, CONFIRM, REJECT
+[[0.0, 1.0, 0.5]]
+>>> Policy.from_bytes(policy.to_bytes()).card == card
+True
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief import Confirm, Probe, Reject
+from belief.encoding import ENCODINGS, NO_ACTION, Situation, frame_probs
+from belief.errors import ActiveTouchError
+from belief.problem import Floats
+from planners.decider import Decision, InformationState
+
+_FORMAT = "activetouch-policy-1"
+_HOW = "train one with: activetouch train-ppo"
+
+
+class MissingPolicy(ActiveTouchError, FileNotFoundError):
+    """There is no trained policy for a target."""
+
+
+class BadPolicy(ActiveTouchError, ValueError):
+    """A policy file is damaged, or was trained for other shapes or poses."""
+
+
+@dataclass(frozen=True)
+class PolicyCard:
+    """What a policy is and what it was trained for; the file's header.
+
+    Attributes:
+        state: what it sees, a key of :data:`belief.encoding.ENCODINGS`.
+        target: shape it looks for.
+        shape_labels, pose_labels: of the scene it was trained on.
+        touch_limit: T_max, touches of one object.
+        training: how it was trained, for people.
+    """
+
+    state: str
+    target: str
+    shape_labels: tuple[str, ...]
+    pose_labels: tuple[str, ...]
+    touch_limit: int
+    training: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Policy:
+    """A multilayer perceptron with tanh between its layers.
+
+    Attributes:
+        card: what it is for.
+        weights: of the layers, ``(out, in)`` each, float32.
+        biases: of the layers, ``(out,)`` each, float32.
+
+    Raises:
+        BadPolicy: layers that do not fit each other or the card, or that are not finite.
+    """
+
+    card: PolicyCard
+    weights: tuple[NDArray[np.float32], ...]
+    biases: tuple[NDArray[np.float32], ...]
+
+    def __post_init__(self) -> None:
+        card, num_shapes, num_poses = self.card, len(self.card.shape_labels), len(self.card.pose_labels)
+        if card.state not in ENCODINGS or card.target not in card.shape_labels or card.touch_limit < 1:
+            raise BadPolicy(f"a policy needs a known state, a target among its shapes and a touch limit, got {card}")
+        one = Situation(
+            np.full((1, num_shapes), 1.0 / num_shapes),
+            np.full((1, num_shapes), -np.log(num_shapes)),
+            np.array([NO_ACTION]),
+            np.zeros((1, num_poses), np.int64),
+            np.zeros(1),
+        )
+        sizes = [ENCODINGS[card.state](one, 0).shape[1]]
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            if weight.shape != (len(bias), sizes[-1]) or not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+                raise BadPolicy(
+                    f"layer {len(sizes) - 1} must be finite and read {sizes[-1]} numbers, got {weight.shape}"
+                )
+            sizes.append(len(bias))
+        if sizes[-1] != num_poses + 2:
+            raise BadPolicy(f"{num_poses} poses, CONFIRM and REJECT need {num_poses + 2} scores, got {sizes[-1]}")
+
+    def scores(self, states: Floats) -> Floats:
+        """Logits of the poses, CONFIRM and REJECT, ``(B, P + 2)``, of states ``(B, S)``."""
+        hidden = np.asarray(states, np.float64)
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            hidden = np.tanh(hidden @ weight.T + bias)
+        return np.asarray(hidden @ self.weights[-1].T + self.biases[-1])
+
+    def to_bytes(self) -> bytes:
+        """The policy as a safetensors file."""
+        from safetensors.numpy import save
+
+        card = json.dumps(asdict(self.card))
+        header = json.dumps({"card": card, "sha256": _digest(card, self.weights, self.biases)})
+        tensors = {}
+        for index, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            tensors[f"weight_{index}"], tensors[f"bias_{index}"] = np.ascontiguousarray(weight), bias
+        return save(tensors, metadata={_FORMAT: header})
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Policy:
+        """The policy from :meth:`to_bytes`.
+
+        Raises:
+            BadPolicy: the bytes are damaged, or something else.
+
+        >>> Policy.from_bytes(b"no policy")                                   # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        ...
+        planners.ppo.BadPolicy: no policy file: ...
+        """
+        from safetensors import SafetensorError
+        from safetensors.numpy import load
+
+        try:
+            tensors = load(data)
+            header = json.loads(_metadata(data)[_FORMAT])
+            number = len(tensors) // 2
+            weights = tuple(tensors[f"weight_{index}"] for index in range(number))
+            biases = tuple(tensors[f"bias_{index}"] for index in range(number))
+            if header["sha256"] != _digest(header["card"], weights, biases):
+                raise BadPolicy("the policy was changed after it was written: it does not match its SHA-256")
+            fields = json.loads(header["card"])
+            fields |= {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels")}
+            return cls(PolicyCard(**fields), weights, biases)
+        except BadPolicy:
+            raise
+        except (SafetensorError, KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadPolicy(f"no policy file: {error}") from error
+
+
+def policy_file(state: str, target: str) -> str:
+    """Name of a policy's file in its folder.
+
+    >>> policy_file("paper", "cone")
+    'paper-cone.safetensors'
+    """
+    return f"{state}-{target}.safetensors"
+
+
+def load_policy(folder: Path | None, state: str, target: str) -> Policy:
+    """The policy for a target in a folder.
+
+    Raises:
+        MissingPolicy: there is none.
+        BadPolicy: the file is damaged, or is another policy's.
+
+    >>> load_policy(Path("nowhere"), "paper", "cone")
+    Traceback (most recent call last):
+    ...
+    planners.ppo.MissingPolicy: no policy for the target 'cone' and the state 'paper' in nowhere; \
+train one with: activetouch train-ppo
+    """
+    path = None if folder is None else folder / policy_file(state, target)
+    if path is None or not path.is_file():
+        where = "given: a folder of policies is needed" if folder is None else f"in {folder}"
+        raise MissingPolicy(f"no policy for the target {target!r} and the state {state!r} {where}; {_HOW}")
+    try:
+        policy = Policy.from_bytes(path.read_bytes())
+    except BadPolicy as error:
+        raise BadPolicy(f"{path}: {error}; {_HOW}") from error
+    if (policy.card.state, policy.card.target) != (state, target):
+        raise BadPolicy(f"{path} is for the target {policy.card.target!r} and the state {policy.card.state!r}; {_HOW}")
+    return policy
+
+
+@dataclass(frozen=True)
+class PPODecider:
+    """Does what the policy trained for the target finds best, object by object.
+
+    It is a decider, and by :meth:`choose` a probe selector: the pose it likes best, even if it would rather stop.
+    Policies were trained on one object at a time and know nothing of others but what the belief tells. After as many
+    touches of one object as a policy was trained for, it has to decide.
+
+    Attributes:
+        policies: folder of policies.
+        state: what they see.
+    """
+
+    policies: Path | None
+    state: str = "paper"
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        policy = self._policy(info)
+        scores = self.scores(info, policy)
+        probs = frame_probs(scores)
+        may_probe = len(info.history) < policy.card.touch_limit
+        num_poses = info.problem.num_poses
+        best = int(scores.argmax()) if may_probe else num_poses + int(scores[num_poses:].argmax())
+        why = {"target_prob": info.target_prob, "confirm": float(probs[-2]), "reject": float(probs[-1])}
+        if best < num_poses:
+            return Decision(Probe(best), why)
+        return Decision(Confirm() if best == num_poses else Reject(), why)
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`."""
+        poses = self.scores(info, self._policy(info))[: info.problem.num_poses]
+        return Decision(Probe(int(poses.argmax())), {"target_prob": info.target_prob})
+
+    def _policy(self, info: InformationState) -> Policy:
+        problem = info.problem
+        policy = _cached_policy(self.policies, self.state, problem.shape_labels[info.target])
+        card = policy.card
+        if (card.shape_labels, card.pose_labels) != (tuple(problem.shape_labels), tuple(problem.pose_labels)):
+            raise BadPolicy(
+                f"the policies in {self.policies} know the shapes {list(card.shape_labels)} and the poses "
+                f"{list(card.pose_labels)}, the search has {list(problem.shape_labels)} and "
+                f"{list(problem.pose_labels)}; {_HOW} for this scene"
+            )
+        return policy
+
+    def scores(self, info: InformationState, policy: Policy) -> Floats:
+        """What a policy thinks of the poses, CONFIRM and REJECT, ``(P + 2,)``."""
+        situation = situation_of(info.history, info.belief.log_probs, info.problem.num_poses, policy.card.touch_limit)
+        return np.asarray(policy.scores(ENCODINGS[self.state](situation, info.target))[0])
+
+
+def situation_of(history: Sequence[Any], log_probs: Floats, num_poses: int, touch_limit: int) -> Situation:
+    """What the touches of the current object amount to, as the one row of a batch.
+
+    >>> from belief import Touch
+    >>> here = situation_of([Touch(1, np.array([2.0, 0.0]))], np.log([0.9, 0.1]), num_poses=2, touch_limit=10)
+    >>> here.previous.tolist(), here.uses.tolist(), here.time.tolist(), here.frame_probs.round(2).tolist()
+    ([1], [[0, 1]], [0.1], [[0.88, 0.12]])
+    """
+    frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(len(log_probs))
+    poses = np.array([touch.pose for touch in history], np.int64)
+    return Situation(
+        frame_probs(frame)[None],
+        log_probs[None],
+        np.array([poses[-1] if history else NO_ACTION]),
+        np.bincount(poses, minlength=num_poses)[None],
+        np.array([min(len(history) / touch_limit, 1.0)]),
+    )
+
+
+@lru_cache(maxsize=64)
+def _cached_policy(folder: Path | None, state: str, target: str) -> Policy:
+    return load_policy(folder, state, target)
+
+
+def _metadata(data: bytes) -> dict[str, str]:
+    """The metadata of a safetensors file, which its numpy reader leaves out."""
+    length = int.from_bytes(data[:8], "little")
+    metadata: dict[str, str] = json.loads(data[8 : 8 + length])["__metadata__"]
+    return metadata
+
+
+def _digest(card: str, weights: Sequence[NDArray[np.float32]], biases: Sequence[NDArray[np.float32]]) -> str:
+    digest = hashlib.sha256(card.encode())
+    for weight, bias in zip(weights, biases, strict=True):
+        digest.update(np.ascontiguousarray(weight).tobytes() + bias.tobytes())
+    return digest.hexdigest()

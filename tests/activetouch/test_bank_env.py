@@ -1,0 +1,241 @@
+"""Recorded touches are served as they would be felt live, whatever serves them."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from activetouch import TactileSensor
+from activetouch.envs.bank import TouchBank
+from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.evidence import RecomputedEvidence, SummedEvidence
+from activetouch.envs.object_test import ObjectTestEnv
+from activetouch.envs.touches import LiveTouches, SampledTouches
+from activetouch.envs.vector import BankVectorEnv
+from activetouch.envs.wrappers import BeliefShaping, PosteriorState
+from activetouch.errors import CorruptFile, LabelMismatch
+from belief import BeliefTracker, Touch
+from belief.calibration import TemperatureScaling
+from belief.categorical import Belief
+from belief.errors import UnknownName
+from belief.observation_model import PLDAModel, RatioModel
+
+POSES = ("p0", "p1", "p2")
+
+
+@pytest.fixture
+def bank(model, rng):
+    shapes, poses = np.arange(60) % 4, np.tile(np.arange(3), 4)
+    logits = [model.sample_batch(int(k), poses[None], rng).logits.reshape(4, 3, 4) for k in shapes]
+    logits = np.array(logits, np.float32) + rng.normal(size=(60, 4, 3, 4)).astype(np.float32)
+    return TouchBank(logits, shapes, model.shape_labels, POSES, logits[..., :2], {"made by": "a test"})
+
+
+@pytest.fixture
+def ratio(model, bank):
+    references = np.moveaxis(bank.logits, 2, 0).reshape(3, -1, 4)
+    return RatioModel(model.shape_labels, TemperatureScaling(1.3, "ok"), np.full(4, 0.25), 0.4, references)
+
+
+def assert_same_episodes(env, target, bank, model, state, **settings):
+    """The same actions in the environment, live, and on its own recording: states, rewards and ends agree."""
+    episodes = BankEpisodes(bank, model, target, 1, state, **settings)
+    rng, num_poses = np.random.default_rng(5), episodes.num_poses
+    ends = set()
+    for index in range(bank.num_objects):
+        live, _ = env.reset(options={"seed": (index, 7)})
+        episodes.begin(np.array([0]), np.array([index]))
+        poses, over = rng.permutation(np.arange(num_poses).repeat(bank.num_rounds)).tolist(), False
+        while not over:
+            np.testing.assert_allclose(episodes.observe()[0], live, atol=2e-5)
+            np.testing.assert_array_equal(episodes.action_masks()[0], env.unwrapped.action_masks())
+            action = num_poses + int(rng.integers(2)) if rng.random() < 0.07 else poses.pop()
+            live, reward, terminated, truncated, info = env.step(action)
+            result = episodes.step(np.array([action]))
+            assert result.reward[0] == pytest.approx(reward, abs=1e-5)
+            assert (result.terminated[0], result.truncated[0]) == (terminated, truncated)
+            assert result.success[0] == info["is_success"]
+            over = terminated or truncated
+        ends.add((action if terminated else "truncated", info["is_success"]))
+    return ends
+
+
+@pytest.mark.torch
+@pytest.mark.mujoco
+def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
+    touches = LiveTouches(TactileSensor.shipped("coarse"))
+    recorder = ObjectTestEnv(touches=touches, target="cone", touch_limit=18)
+    bank = TouchBank.record(recorder, [(index, 7) for index in range(20)], rounds=3)
+    env = ObjectTestEnv(touches=touches, target="cone", touch_limit=14)
+    assert_same_episodes(env, "cone", bank, touches.model, "paper", touch_limit=14)
+
+
+@pytest.mark.parametrize("state", ["paper", "posterior"])
+@pytest.mark.parametrize("kind", ["ratio", "confusion"])
+def test_episodes_by_arrays_are_those_of_the_environment(state, kind, model, ratio):
+    used = ratio if kind == "ratio" else model
+    touches = SampledTouches(used, POSES)
+    recorder = ObjectTestEnv(touches=touches, target="shape_0", touch_limit=30)
+    bank = TouchBank.record(recorder, [(index, 7) for index in range(60)], rounds=10)
+    env = BeliefShaping(ObjectTestEnv(touches=touches, target="shape_0"), beta=0.3, discount=0.9)
+    env = PosteriorState(env) if state == "posterior" else env
+    ends = assert_same_episodes(env, "shape_0", bank, used, state, beta=0.3, discount=0.9)
+    assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}
+
+
+@pytest.mark.parametrize("kind", ["ratio", "confusion", "plda"])
+def test_evidence_kept_up_to_date_is_what_a_tracker_says(kind, model, ratio, bank, rng):
+    if kind == "plda":
+        flat = bank.logits.reshape(-1, 4)
+        touches = [Touch(i % 3, row) for i, row in enumerate(flat)]
+        used = PLDAModel.fit(touches, bank.shapes.repeat(12), np.arange(60).repeat(12))
+    else:
+        used = {"ratio": ratio, "confusion": model}[kind]
+    by_sum = kind != "plda"
+    evidence = SummedEvidence(bank.logits, used, 5) if by_sum else RecomputedEvidence(bank.logits, used, 5, 20)
+    again = RecomputedEvidence(bank.logits, used, 5, 20)
+    trackers, objects = [None] * 5, np.zeros(5, np.int64)
+    for turn in range(30):
+        if turn % 10 == 0:
+            rows = np.arange(5) if turn == 0 else np.array([1, 3])
+            objects[rows] = rng.integers(60, size=len(rows))
+            evidence.forget(rows)
+            again.forget(rows)
+            for row in rows:
+                trackers[row] = BeliefTracker(Belief.uniform(model.shape_labels), used)
+        if any(len(tracker.touches) == 20 for tracker in trackers):
+            break
+        rows = np.flatnonzero(rng.random(5) < 0.6)
+        rounds, poses = rng.integers(4, size=len(rows)), rng.integers(3, size=len(rows))
+        for some in (evidence, again):
+            some.add(rows, objects[rows], rounds, poses)
+        for row, round_, pose in zip(rows, rounds, poses, strict=True):
+            trackers[row].update(Touch(int(pose), bank.logits[objects[row], round_, pose].astype(np.float64)))
+        for found in (evidence.log_likelihoods(), again.log_likelihoods()):
+            posterior = found - np.logaddexp.reduce(found, axis=1, keepdims=True)
+            np.testing.assert_allclose(posterior, [t.belief.log_probs for t in trackers], atol=1e-9)
+
+
+def test_episodes_are_drawn_as_the_task_says(bank, model):
+    # 4 000 draws; each count is within 5 standard deviations with probability above 1 - 1e-5.
+    episodes = BankEpisodes(bank, model, "shape_1", 4000, target_prob=0.3)
+    episodes.reset(np.arange(4000), np.random.default_rng(0))
+    counts = np.bincount(bank.shapes[episodes.objects], minlength=4)
+    assert stats.chisquare(counts, 4000 * np.array([0.7 / 3, 0.3, 0.7 / 3, 0.7 / 3])).pvalue > 1e-4
+    for shape in range(4):
+        members = episodes.objects[bank.shapes[episodes.objects] == shape]
+        assert stats.chisquare(np.unique(members, return_counts=True)[1]).pvalue > 1e-4
+
+
+def test_rounds_of_a_pose_come_once_each_before_any_comes_again(bank, model):
+    episodes = BankEpisodes(bank, model, "shape_0", 40)
+    episodes.reset(np.arange(40), np.random.default_rng(0))
+    felt = []
+    for _ in range(5):
+        episodes.step(np.full(40, 2))
+        felt.append(episodes.situation().frame_probs.copy())
+    np.testing.assert_array_equal(felt[4], felt[0])
+    for row in range(40):
+        seen = {tuple(frames[row].round(12)) for frames in felt[:4]}
+        logits = bank.logits[episodes.objects[row], :, 2].astype(np.float64)
+        probs = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+        assert seen == {tuple(row.round(12)) for row in probs}
+
+
+def test_the_gymnasium_vector_env_resets_in_the_same_step_and_hands_out_last_states(bank, model):
+    envs = BankVectorEnv(BankEpisodes(bank, model, "shape_0", 32, "posterior"))
+    first, _ = envs.reset(seed=1)
+    again, _ = envs.reset(seed=1)
+    np.testing.assert_array_equal(first, again)
+    assert first in envs.observation_space
+    envs.step(np.zeros(32, np.int64))
+    actions = np.where(np.arange(32) < 10, 3, 1)
+    observations, rewards, terminated, truncated, infos = envs.step(actions)
+    assert terminated.tolist() == infos["_final_obs"].tolist() == (np.arange(32) < 10).tolist()
+    assert not truncated.any()
+    assert set(rewards[:10].tolist()) <= {-1.0, 1.0}
+    assert (infos["is_success"][:10] == (rewards[:10] == 1.0)).all()
+    assert (observations[:10, 5:] == 0.0).all()  # no pose used, no time passed
+    assert all(state[5] == 0.5 for state in infos["final_obs"][:10])  # pose 0 was used once
+    assert infos["num_touches"].tolist() == [1] * 10 + [2] * 22
+
+
+@pytest.mark.torch
+def test_the_sb3_vector_env_plays_the_same_and_reports_ends(bank, model):
+    from activetouch.envs.sb3 import BankVecEnv
+
+    envs = BankVecEnv(BankEpisodes(bank, model, "shape_0", 16, touch_limit=2), seed=(0,))
+    observations = envs.reset()
+    assert observations.shape == (16, 10)
+    assert np.stack(envs.env_method("action_masks")).all()
+    for _ in range(2):
+        envs.step(np.full(16, 2))
+    assert not np.stack(envs.env_method("action_masks"))[:, :3].any()
+    _, rewards, dones, infos = envs.step(np.full(16, 2))
+    assert dones.all()
+    assert rewards.tolist() == pytest.approx([-0.02] * 16)
+    for info in infos:
+        assert info["episode"]["r"] == pytest.approx(-0.06)
+        assert (info["episode"]["l"], info["is_success"], info["terminal_observation"][-1]) == (3, False, 1.0)
+    with pytest.raises(AttributeError, match="no method"):
+        envs.env_method("render")
+    envs.seed(3)
+    first = envs.reset()
+    envs.seed(3)
+    np.testing.assert_array_equal(envs.reset(), first)
+
+
+def test_a_bank_survives_its_folder(bank, tmp_path):
+    bank.save(tmp_path / "bank")
+    copy = TouchBank.open(tmp_path / "bank")
+    np.testing.assert_array_equal(copy.logits, bank.logits)
+    np.testing.assert_array_equal(copy.shapes, bank.shapes)
+    np.testing.assert_allclose(copy.features, bank.features, atol=1e-2)
+    assert (copy.shape_labels, copy.pose_labels, copy.source) == (bank.shape_labels, POSES, {"made by": "a test"})
+    assert isinstance(copy.logits, np.memmap)
+    assert not copy.logits.flags.writeable
+
+
+def test_a_damaged_bank_is_refused(bank, tmp_path):
+    with pytest.raises(CorruptFile, match="touch-bank"):
+        TouchBank.open(tmp_path)
+    bank.save(tmp_path)
+    logits = (tmp_path / "logits.npy").read_bytes()
+    (tmp_path / "logits.npy").write_bytes(logits[:-1] + bytes([logits[-1] ^ 1]))
+    with pytest.raises(CorruptFile, match="was changed"):
+        TouchBank.open(tmp_path)
+    bank.save(tmp_path)
+    (tmp_path / "shapes.npy").unlink()
+    with pytest.raises(CorruptFile, match="no touch bank"):
+        TouchBank.open(tmp_path)
+    bank.save(tmp_path)
+    manifest = json.loads((tmp_path / "manifest.json").read_text())
+    for wrong in ({**manifest, "format": "other"}, {**manifest, "pose_labels": ["p0"]}, [], {"format": 3}):
+        (tmp_path / "manifest.json").write_text(json.dumps(wrong))
+        with pytest.raises(CorruptFile):
+            TouchBank.open(tmp_path)
+
+
+def test_what_does_not_fit_is_refused(bank, model, ratio):
+    labels = bank.shape_labels
+    with pytest.raises(ValueError, match="every shape"):
+        TouchBank(bank.logits, np.zeros(60, np.int64), labels, POSES)
+    with pytest.raises(ValueError, match=r"must be \(N, R, 3, 4\)"):
+        TouchBank(bank.logits[:, :, :2], bank.shapes, labels, POSES)
+    with pytest.raises(ValueError, match="finite"):
+        TouchBank(np.full_like(bank.logits, np.nan), bank.shapes, labels, POSES)
+    with pytest.raises(ValueError, match="features"):
+        TouchBank(bank.logits, bank.shapes, labels, POSES, bank.logits[:5])
+    with pytest.raises(ValueError, match="shapes must be"):
+        TouchBank(bank.logits, bank.shapes[:5], labels, POSES)
+    with pytest.raises(UnknownName, match="target"):
+        BankEpisodes(bank, model, "cone", 2)
+    with pytest.raises(UnknownName, match="state"):
+        BankEpisodes(bank, model, "shape_0", 2, state="images")
+    other = RatioModel(("a", "b", "c", "d"), ratio.calibration, ratio.training_prior, 0.4, ratio.references)
+    with pytest.raises(LabelMismatch, match="'a'"):
+        BankEpisodes(bank, other, "shape_0", 2)
+    short = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_0")
+    with pytest.raises(ValueError, match="touch_limit of 15"):
+        TouchBank.record(short, [(1,)], rounds=5)
