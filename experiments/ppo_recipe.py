@@ -62,8 +62,8 @@ class PPORecipe:
 PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
     {
         "paper": PPORecipe(),
-        "posterior": PPORecipe(state="posterior", steps=250_000, beta=0.0),
-        "posterior_masked": PPORecipe(state="posterior", steps=250_000, beta=0.0, masked=True),
+        "posterior": PPORecipe(state="posterior", steps=160_000, beta=0.0),
+        "posterior_masked": PPORecipe(state="posterior", steps=160_000, beta=0.0, masked=True),
     }
 )
 """By name: the paper's state and shaping; the posterior in its place; and with masks."""
