@@ -37,7 +37,7 @@ class CollectionPlan:
         seed: of the whole collection, in ``[0, 2³²)``.
         repeats: rounds of all poses that every object is touched in. One teaches a classifier most for the time; how
             far touches of one object in one pose repeat each other shows in several only. The first round does not
-            depend on how many follow.
+            depend on how many follow, unless a press of a later one does not settle (decision 0020).
     """
 
     train: int = 2700
