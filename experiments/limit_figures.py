@@ -66,12 +66,16 @@ def draw_twins(path: Path, twins: Sequence[tuple[str, str, Twin]], noise: float)
                 vmax=1,
                 origin="lower",
             )
-            touch.set_title(shape)
-            image.set_title(f"{other}, d = {twin.distance:.2f}", fontsize=8.0)
+            touch.set_title(shape.replace("_", " "))
+            distance = f"d = {twin.distance:.2f}" if twin.distance >= 0.01 else "d < 0.01"
+            image.set_title(f"{other.replace('_', ' ')}, {distance}", fontsize=8.0)
         for axes, name in zip(grid[:, 0], ("touch", "twin", "difference"), strict=True):
             axes.set_ylabel(name, labelpad=6)
         for axes in grid.flat:
             axes.set(xticks=[], yticks=[])
-        figure.colorbar(shown, ax=grid[2, :].tolist(), label="noise of a taxel", shrink=0.9)
+            axes.spines[:].set(visible=True, color="0.8")
+        figure.colorbar(
+            shown, ax=grid.ravel().tolist(), label="noise of a taxel", shrink=0.3, anchor=(0.0, 0.0), pad=0.01
+        )
         with atomic_path(path) as temporary:
             figure.savefig(temporary, dpi=130)

@@ -90,7 +90,7 @@ def test_splits_share_no_image(original):
     assert not digests[1] & digests[2]
 
 
-KEYS = st.tuples(st.integers(0, 2**32 - 1), st.sampled_from(SPLITS), st.integers(0, 2**20))
+KEYS = st.tuples(st.integers(0, 2**32 - 1), st.sampled_from(SPLITS), st.integers(0, 2**20), st.integers(0, 9))
 
 
 @given(KEYS, KEYS)
