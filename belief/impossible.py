@@ -97,8 +97,10 @@ class FloorLikelihood:
 
     def temper(self, log_likelihood: Floats) -> Floats:
         """See :class:`ImpossiblePolicy`."""
-        best = log_likelihood.max(axis=-1, keepdims=True, initial=-np.inf)
-        return np.maximum(log_likelihood, np.where(best == -np.inf, 0.0, best + self.log_floor))
+        values = np.asarray(log_likelihood, np.float64)
+        best = values.max(axis=-1, keepdims=True, initial=-np.inf)
+        with np.errstate(over="ignore"):  # a floor below the least float is none
+            return np.maximum(values, np.where(best == -np.inf, 0.0, best + self.log_floor))
 
     def resolve(self, error: ImpossibleObservation) -> None:
         """See :class:`ImpossiblePolicy`; only what was told for certain can still contradict itself."""

@@ -34,12 +34,17 @@ def random_model(
 ) -> ConfusionModel:
     """A per-pose confusion model with random, strictly positive entries; larger ``sharpness``, better sensor.
 
+    Raises:
+        ValueError: a sharpness that is not finite.
+
     >>> for sharpness in (0.0, 4.0):
     ...     table = random_model(np.random.default_rng(0), sharpness=sharpness).outcome_table()
     ...     print(table.probs.shape, float(table.information().mean().round(1)))
     (3, 4, 4) 0.1
     (3, 4, 4) 1.1
     """
+    if not np.isfinite(sharpness):
+        raise ValueError(f"sharpness must be finite, got {sharpness}")
     scores = rng.normal(size=(num_poses, num_shapes, num_shapes)) + sharpness * np.eye(num_shapes)
     labels = tuple(f"shape_{k}" for k in range(num_shapes))
     return ConfusionModel(labels, softmax(scores, axis=2), TemperatureScaling(1.0, "ok"))

@@ -32,6 +32,7 @@ from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
+from belief.rows import as_real
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,8 @@ class GaussianModel(ArrayModel):
     covariances: Floats
 
     def __post_init__(self) -> None:
+        for name in ("means", "covariances"):
+            object.__setattr__(self, name, np.asarray(as_real(getattr(self, name), name), np.float64))
         require_means(self.means, len(self.shape_labels), self.embedding.num_components)
         require_covariances("covariances", self.covariances, self.means, definite=True)
 

@@ -38,6 +38,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.observation_model.variance_components import Components, estimate_components
 from belief.problem import Floats, Touch
+from belief.rows import as_real
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 
@@ -83,6 +84,9 @@ class PLDAModel(ArrayModel):
     status: Status = "ok"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "means", np.asarray(as_real(self.means, "means"), np.float64))
+        parts = (np.asarray(as_real(part, name), np.float64) for name, part in self.components._asdict().items())
+        object.__setattr__(self, "components", Components(*parts))
         require_means(self.means, len(self.shape_labels), self.embedding.num_components)
         for name, part in self.components._asdict().items():
             require_covariances(name, part, self.means, definite=name == "of_touch")

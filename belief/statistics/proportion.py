@@ -40,12 +40,12 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
 def _interval(
     successes: int, trials: int, confidence: float, method: Literal["wilson", "exact"]
 ) -> tuple[float, float]:
-    whole = float(successes).is_integer() and float(trials).is_integer()
-    if not (whole and 0 <= successes <= trials and 1 <= trials <= _MOST_TRIALS):
+    some, every = float(successes), float(trials)  # small floats cannot be compared with the largest number of trials
+    if not (some.is_integer() and every.is_integer() and 0 <= some <= every and 1 <= every <= _MOST_TRIALS):
         raise ValueError(
             f"need whole numbers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, "
             f"got {successes} of {trials}"
         )
     require_fraction("confidence", confidence)
-    interval = stats.binomtest(int(successes), int(trials)).proportion_ci(confidence, method)
+    interval = stats.binomtest(int(successes), int(trials)).proportion_ci(float(confidence), method)
     return float(interval.low), float(interval.high)

@@ -1,0 +1,363 @@
+"""Every public name of belief on numbers nobody would choose: an answer without NaN, or an error that says why.
+
+A public name that is not in the table below fails a test; so does one that is there and gone.
+"""
+
+import inspect
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import belief
+from belief import (
+    Belief,
+    Touch,
+    arrangement,
+    batch,
+    bayes,
+    calibration,
+    encoding,
+    folds,
+    metrics,
+    multisets,
+    novelty,
+    observation_model,
+    rows,
+    selection,
+    statistics,
+    synthetic,
+    tabular,
+)
+from belief.batch import TouchBatch
+from belief.observation_model.variance_components import Components
+
+EXTREMES = (0.0, -0.0, 1.0, 0.5, 1 / 3, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
+LABELS = ("ball", "cube", "cone")
+SHAPES = np.array([0, 1, 2, 1])
+MODULES = (
+    belief,
+    arrangement,
+    batch,
+    bayes,
+    calibration,
+    encoding,
+    folds,
+    metrics,
+    multisets,
+    novelty,
+    observation_model,
+    rows,
+    selection,
+    statistics,
+    synthetic,
+    tabular,
+)
+
+
+def rng():
+    return np.random.default_rng(0)
+
+
+def embedding():
+    return observation_model.LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
+
+
+def world(probs):
+    table = observation_model.OutcomeTable(np.stack([probs[:3]] * 2))
+    return observation_model.ConfusionModel(LABELS, table.probs, calibration.TemperatureScaling(1.0, "ok"))
+
+
+def touches(values):
+    return [Touch(i % 2, row) for i, row in enumerate(values)]
+
+
+def likelihood(kind):
+    """A model of this kind fitted to ordinary touches asked about others, and one fitted to all of them."""
+
+    def call(values):
+        ordinary = [Touch(i % 2, 2.0 * np.eye(3)[i % 3] + 0.1 * i) for i in range(9)]
+        ids = np.arange(9 + len(values)) // 2 * 3 + np.concatenate([np.arange(9) % 3, SHAPES])
+        model = fitted.setdefault(kind, kind.fit(ordinary, np.arange(9) % 3, ids[:9], num_poses=2))
+        every = kind.fit([*ordinary, *touches(values)], np.concatenate([np.arange(9) % 3, SHAPES]), ids, num_poses=2)
+        return model.log_likelihood(touches(values)), every.log_likelihood(touches(values))
+
+    return call
+
+
+fitted: dict = {}
+
+
+def about_logits(kind):
+    def call(values):
+        found = kind().fit(values, SHAPES)
+        return found.predict_log_proba(values), found.predict_proba(values), found.objective(values, SHAPES)
+
+    return call
+
+
+def tracked(values, on_impossible=belief.RaiseImpossible()):  # noqa: B008
+    tracker = belief.BatchedBeliefTracker(np.full((len(values), 3), 1 / 3), on_impossible=on_impossible)
+    tracker.update(values)
+    return tracker.log_probs, tracker.log_evidence
+
+
+def tracked_one(values):
+    tracker = belief.BeliefTracker(Belief.from_probs(LABELS, np.full(3, 1 / 3)), Told())
+    for touch in touches(values):
+        tracker.update(touch)
+    return tracker.belief.log_probs, tracker.log_evidence
+
+
+class Told:
+    """A model whose likelihoods are the logits."""
+
+    shape_labels = LABELS
+
+    def log_likelihood(self, some):
+        return np.sum([touch.logits for touch in some], axis=0) if some else np.zeros(3)
+
+
+def scene(values):
+    problem = belief.SearchProblem(LABELS, ("p", "q"), 3)
+    scene = belief.SceneBelief(problem, Told())
+    for i in range(3):
+        scene.update(i, touches(values[i : i + 1]))
+    return scene.log_marginals(), scene.prob_present(0)
+
+
+def as_labels(values):
+    """Integers from numbers, as a caller's array of them may be."""
+    return np.nan_to_num(np.asarray(values, np.float64), posinf=3, neginf=-3).clip(-3, 3).astype(int)
+
+
+# What to do with an array (4, 3): of probabilities, of scores, of anything.
+CALLS = {
+    # belief
+    "BatchedBeliefTracker": tracked,
+    "Belief": lambda a: (Belief.from_probs(LABELS, a[0]).log_probs, Belief(LABELS, a[1]).entropy),
+    "BeliefTracker": tracked_one,
+    "Composition": lambda a: belief.Composition(a[0, 0]).value,
+    "Counts": lambda a: belief.Counts(dict(zip(LABELS, a[0].tolist(), strict=True))).total,
+    "FloorLikelihood": lambda a: (
+        tracked(a, belief.FloorLikelihood(-20.0)),
+        tracked(a, belief.FloorLikelihood(a[0, 0])),
+    ),
+    "IgnoreImpossible": lambda a: tracked(a, belief.IgnoreImpossible()),
+    "RaiseImpossible": lambda a: tracked(a, belief.RaiseImpossible()),
+    "SceneBelief": scene,
+    "SearchProblem": lambda a: belief.SearchProblem(LABELS, ("p",), 2, touch_cost=float(a[0, 0])).reward(0, 0, 2),
+    # arrangement
+    "arrangement_marginals": arrangement.arrangement_marginals,
+    "log_arrangement_marginals": lambda a: arrangement.log_arrangement_marginals(a[:3]),
+    "log_arrangement_evidence": lambda a: arrangement.log_arrangement_evidence(a[:3]),
+    "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0, np.array([True, True, False])),
+    "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
+    "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
+    # batch, bayes, encoding, folds, multisets
+    "TouchBatch": lambda a: (
+        TouchBatch.of([touches(a)]).logits,
+        TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
+    ),
+    "update": lambda a: (bayes.update(np.log(np.full(3, 1 / 3)), a), bayes.update(a, a)),
+    "update_probs": lambda a: (bayes.update_probs(np.full(3, 1 / 3), a), bayes.update_probs(a, a)),
+    "entropy": bayes.entropy,
+    "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
+    "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
+    "certainty": lambda a: encoding.certainty(bayes.update(np.log(np.full(3, 1 / 3)), a)[0], 0),
+    "numbered_objects": lambda a: folds.numbered_objects(SHAPES, a[:, 0]),
+    "object_folds": lambda a: folds.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
+    "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
+    # calibration
+    "DirichletCalibration": about_logits(calibration.DirichletCalibration),
+    "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
+    "TemperatureScaling": about_logits(calibration.TemperatureScaling),
+    "VectorScaling": about_logits(calibration.VectorScaling),
+    "PerPose": lambda a: calibration.PerPose().fit(a, SHAPES, np.arange(4) % 2, 2).predict_proba(a, np.arange(4) % 2),
+    "choose_calibration": lambda a: calibration.choose_calibration(
+        np.tile(a, (2, 1)), np.tile(SHAPES, 2), np.arange(8), num_folds=2
+    ).calibration.predict_proba(a),
+    "calibration_from_json": lambda a: calibration.calibration_from_json(str(a.tolist()), LABELS),
+    # metrics
+    "accuracy": lambda a: metrics.accuracy(a, SHAPES),
+    "bias_corrected_interval": lambda a: metrics.bias_corrected_interval(
+        a, SHAPES, metrics.brier_score, rng(), num_resamples=3
+    ),
+    "brier_decomposition": lambda a: metrics.brier_decomposition(a, SHAPES),
+    "brier_score": lambda a: metrics.brier_score(a, SHAPES),
+    "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
+    "claims_at_stop": lambda a: metrics.claims_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
+    "classwise_calibration_error": lambda a: metrics.classwise_calibration_error(a, SHAPES),
+    "confusion_matrix": lambda a: metrics.confusion_matrix(a, SHAPES),
+    "debiased_calibration_error": lambda a: metrics.debiased_calibration_error(a, SHAPES),
+    "expected_calibration_error": lambda a: metrics.expected_calibration_error(a, SHAPES),
+    "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, SHAPES),
+    "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
+    "reliability_curve": lambda a: metrics.reliability_curve(a, SHAPES, binning="mass"),
+    "shape_scores": lambda a: metrics.shape_scores(a[:3]),
+    "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
+    # novelty
+    "energy_score": lambda a: (novelty.energy_score(a), novelty.energy_score(np.zeros((2, 3)), float(a[0, 0]))),
+    "MahalanobisScore": lambda a: novelty.MahalanobisScore.fit(a, SHAPES).score(a),
+    "auroc": lambda a: novelty.auroc(a[0], a[1]),
+    "auroc_interval": lambda a: novelty.auroc_interval(a[0], a[1]),
+    # observation models
+    "ConfusionModel": lambda a: (likelihood(observation_model.ConfusionModel)(a), world(a).log_likelihood(touches(a))),
+    "GaussianModel": lambda a: (
+        likelihood(observation_model.GaussianModel)(a),
+        observation_model.GaussianModel(LABELS, embedding(), a[None, :3, :2], np.stack([a[:2, :2]] * 3)).log_likelihood(
+            [Touch(0, np.zeros(3))]
+        ),
+    ),
+    "PLDAModel": lambda a: (
+        likelihood(observation_model.PLDAModel)(a),
+        observation_model.PLDAModel(
+            LABELS,
+            embedding(),
+            a[None, :3, :2],
+            Components(*[np.stack([part] * 3) for part in (a[:2, :2], a[2:, :2], np.eye(2))]),
+        ).log_likelihood([Touch(0, np.zeros(3))] * 3),
+    ),
+    "RatioModel": lambda a: (
+        likelihood(observation_model.RatioModel)(a),
+        observation_model.RatioModel(
+            LABELS, calibration.TemperatureScaling(), a[0], float(a[1, 0]), a[None]
+        ).log_likelihood([Touch(0, np.zeros(3))] * 3),
+    ),
+    "SignatureModel": lambda a: (
+        likelihood(observation_model.SignatureModel)(a),
+        observation_model.SignatureModel(world(a), float(a[3, 0])).log_likelihood(touches(np.eye(3)) * 2),
+    ),
+    "OutcomeTable": lambda a: (
+        observation_model.OutcomeTable(a[None]).information(),
+        observation_model.OutcomeTable(a[None]).merged(2).probs,
+    ),
+    "LogitEmbedding": lambda a: (
+        observation_model.LogitEmbedding.fit(TouchBatch.of([touches(a)]))(TouchBatch.of([touches(a)])),
+        observation_model.LogitEmbedding(a[0], a[1], float(a[2, 0]))(TouchBatch.of([touches(np.eye(3))])),
+    ),
+    "FeatureEmbedding": lambda a: observation_model.FeatureEmbedding.fit(
+        TouchBatch(np.zeros((1, 4), int), np.eye(4, 3)[None], a[None]), 2
+    )(TouchBatch(np.zeros((1, 4), int), np.eye(4, 3)[None], a[None])),
+    "information_of_touch": lambda a: observation_model.information_of_touch(world(a), rng(), num_samples=9),
+    "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
+    # rows, selection, synthetic, tabular
+    "as_real": lambda a: rows.as_real(a, "a").dtype.itemsize,
+    "require": lambda a: rows.require(a >= 0.0, a, "a", "what is below zero"),
+    "normalise_log_probs": rows.normalise_log_probs,
+    "normalise_probs": rows.normalise_probs,
+    "log_posteriors": lambda a: selection.log_posteriors(world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])),
+    "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
+    "sequence_nll": lambda a: selection.sequence_nll(
+        world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)]), SHAPES, np.arange(4)
+    ),
+    "cross_validated_nll": lambda a: selection.cross_validated_nll(
+        lambda *_: world(np.full((3, 3), 1 / 3)), touches(a), SHAPES, np.arange(4), 2
+    ),
+    "choose_observation_model": lambda a: selection.choose_observation_model(
+        touches(a),
+        SHAPES,
+        np.arange(4),
+        shape_labels=LABELS,
+        num_poses=2,
+        candidates={"confusion": observation_model.ConfusionModel.fit},
+        num_folds=2,
+    ).losses["confusion"],
+    "random_model": lambda a: synthetic.random_model(rng(), 2, 1, float(a[0, 0])).probs,
+    "SyntheticWorld": lambda a: synthetic.SyntheticWorld(world(a), [0, 1]).touch(0, rng()).logits,
+    "TabularModel": lambda a: tabular.TabularModel(LABELS, observation_model.OutcomeTable(a[None, :3])).log_likelihood(
+        []
+    ),
+    # statistics
+    "clopper_pearson_interval": lambda a: statistics.clopper_pearson_interval(a[0, 0], a[0, 1], a[0, 2]),
+    "cluster_bootstrap": lambda a: statistics.cluster_bootstrap(a[0], a[1], rng(), num_resamples=3),
+    "mcnemar_test": lambda a: statistics.mcnemar_test(a[0], a[1]),
+    "paired_bootstrap": lambda a: statistics.paired_bootstrap(a[0], a[1], rng(), num_resamples=3),
+    "pareto_front": lambda a: statistics.pareto_front(a[0], a[1]),
+    "pareto_probabilities": lambda a: statistics.pareto_probabilities(a, a),
+    "stratified_bootstrap": lambda a: statistics.stratified_bootstrap(a[:, 0], a[:, 1], rng(), num_resamples=3),
+    "wilson_interval": lambda a: statistics.wilson_interval(a[0, 0], a[0, 1], a[0, 2]),
+}
+NO_NUMBERS = {
+    "at": "an index",
+    "paper_state": "of situations that environments make",
+    "posterior_state": "of situations that environments make",
+    "sample_arrangement": "of a problem",
+}
+INFINITE = {"negative_log_likelihood", "calibration_report"}  # +inf where a label had no probability
+
+
+def is_made_by_others(kind):
+    """Records without methods, protocols, abstract classes and exceptions; two reports that functions return."""
+    methods = [n for n, member in vars(kind).items() if not n.startswith("_") and inspect.isroutine(member)]
+    return (
+        issubclass(kind, Exception)
+        or inspect.isabstract(kind)
+        or getattr(kind, "_is_protocol", False)
+        or (is_dataclass(kind) and not hasattr(kind, "__post_init__") and not methods)
+        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve)
+    )
+
+
+def public_names():
+    """What packages export and other modules define, without records, protocols, abstract classes and exceptions."""
+    for module in MODULES:
+        for name in getattr(module, "__all__", vars(module)):
+            member = getattr(module, name)
+            is_own = hasattr(module, "__all__") or getattr(member, "__module__", None) == module.__name__
+            if name.startswith("_") or not is_own or not (inspect.isfunction(member) or inspect.isclass(member)):
+                continue
+            if inspect.isclass(member) and is_made_by_others(member):
+                continue
+            yield name
+
+
+def test_no_public_name_is_missing_from_the_table():
+    assert set(public_names()) == set(CALLS) | set(NO_NUMBERS)
+
+
+@st.composite
+def anything(draw):
+    """Extreme numbers; or rows that are distributions, some of them spoilt; of any type of float."""
+    dtype = draw(st.sampled_from([np.float64, np.float64, np.float32, np.float16]))
+    if draw(st.booleans()):
+        values = draw(arrays(np.float64, (4, 3), elements=st.sampled_from(EXTREMES)))
+    else:
+        values = draw(arrays(np.float64, (4, 3), elements=st.sampled_from([0.0, 0.0, 1.0, 0.5, 1e-300, 5e-324])))
+        values[values.max(axis=1) < 0.1, 0] = 1.0
+        values /= values.sum(axis=1, keepdims=True)
+        for _ in range(draw(st.integers(0, 1))):
+            values[draw(st.integers(0, 3)), draw(st.integers(0, 2))] = draw(st.sampled_from(EXTREMES))
+    with np.errstate(over="ignore"):
+        return values.astype(dtype)
+
+
+def numbers_in(result):
+    """All numbers of a result, however they are packed."""
+    if result is None or isinstance(result, str | bytes):
+        return
+    if is_dataclass(result):
+        for field in fields(result):
+            yield from numbers_in(getattr(result, field.name))
+    elif isinstance(result, tuple | list):
+        for part in result:
+            yield from numbers_in(part)
+    else:
+        yield np.asarray(result, np.float64)
+
+
+@pytest.mark.parametrize("name", CALLS)
+@settings(max_examples=25)
+@given(anything())
+def test_an_answer_without_nan_or_an_error_that_says_why(name, values):
+    try:
+        result = CALLS[name](values)
+    except (ValueError, belief.ActiveTouchError) as error:
+        assert str(error)  # noqa: PT017
+        return
+    for found in numbers_in(result):
+        assert not np.isnan(found).any()
+        assert name in INFINITE or not (found == np.inf).any()  # log probabilities may well be -inf
