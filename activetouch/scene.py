@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from activetouch.contact import Contact
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.dynamic import Dynamic
+from activetouch.errors import UnstablePress
 from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.poses import POSES, Quaternion
@@ -37,6 +38,8 @@ from activetouch.stage import Stage
 from belief.errors import UnknownName
 
 __all__ = ["Dynamic", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
+
+_MOST_PRESSES = 10  # for one touch
 
 
 class Symmetry(StrEnum):
@@ -192,6 +195,25 @@ class Scene:
             UnstablePress: the simulation diverged.
         """
         return self.press_model.press(self.stage, placement, self.variation.force.sample(rng))
+
+    def settled_contact(
+        self, thing: WorldObject, pose: int, rng: np.random.Generator
+    ) -> tuple[Placement, Contact, int]:
+        """Press an object in a pose, again with other nuisances where a press does not settle (decision 0020).
+
+        Returns:
+            Where the object was, the contact, and how many presses before did not settle.
+
+        Raises:
+            UnstablePress: again and again it did not settle.
+        """
+        for again in range(_MOST_PRESSES):
+            placement = self.place(thing, pose, rng)
+            try:
+                return placement, self.contact(placement, rng), again
+            except UnstablePress as error:
+                last = error
+        raise UnstablePress(f"none of {_MOST_PRESSES} presses for one touch settled; the last one: {last}") from last
 
     def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
         """Press an object in a pose: the contact, and the sensor's image of it, ``(n, n)`` or ``(n, n, 3)``.

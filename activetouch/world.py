@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
+from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.rendering import read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.scenes import SCENES
 from belief import Touch
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 MODELS = Path(__file__).parent / "models"
 CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model.json"
 POLICIES = "policies"  # folder of trained policies beside the two
-_MOST_PRESSES = 10  # for one touch
 
 
 @dataclass
@@ -162,14 +162,10 @@ class TouchWorld:
         Raises:
             UnstablePress: again and again it did not settle.
         """
-        thing = self._objects[self._current]
-        for _ in range(_MOST_PRESSES):
-            try:
-                return self._sensor.scene.press(thing, pose, rng)[1]
-            except UnstablePress as error:
-                last = error
-                self._sensor.time.pressed_again += 1
-        raise UnstablePress(f"none of {_MOST_PRESSES} presses for one touch settled; the last one: {last}") from last
+        scene = self._sensor.scene
+        _, contact, again = scene.settled_contact(self._objects[self._current], pose, rng)
+        self._sensor.time.pressed_again += again
+        return read_out(scene.renderer(contact), scene.faults, rng)
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """Press the current object and read the image."""

@@ -143,11 +143,11 @@ def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
 
 def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator) -> Floats:
     """Ideal images of fresh objects of a shape, each touched once, ``(count, n, n)``."""
-    contacts = (
-        scene.contact(scene.place(scene.sample_object(shape, rng), number % len(scene.poses), rng), rng)
+    presses = (
+        scene.settled_contact(scene.sample_object(shape, rng), number % len(scene.poses), rng)
         for number in range(count)
     )
-    return np.stack([scene.renderer(contact) for contact in contacts])
+    return np.stack([scene.renderer(contact) for _, contact, _ in presses])
 
 
 def log_evidence_of_slice(

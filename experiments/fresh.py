@@ -61,12 +61,11 @@ def fresh_touch(scene: Scene, seed: int, stream: Stream, number: int) -> FreshTo
     Shapes take turns, and so do the poses.
 
     Raises:
-        UnstablePress: the simulation diverged.
+        UnstablePress: no press of it settled.
     """
     rng = np.random.default_rng([seed, stream, number])
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
-    placement = scene.place(scene.sample_object(shape, rng), pose, rng)
-    contact = scene.contact(placement, rng)
+    placement, contact, _ = scene.settled_contact(scene.sample_object(shape, rng), pose, rng)
     clean = scene.renderer(contact)
     before, after = split_at_noise(scene.faults)
     for fault in before:

@@ -242,7 +242,8 @@ def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
     number, pose = divmod(touch, len(scene.poses))
     thing = scene.sample_object(number % len(scene.shapes), np.random.default_rng([*key, _KEY, number, 2]))
     rng = np.random.default_rng([*key, _KEY, touch, 3])
-    return scene.contact(scene.place(thing, pose, rng), rng), thing.stiffness
+    _, contact, _ = scene.settled_contact(thing, pose, rng)
+    return contact, thing.stiffness
 
 
 def judged(touched: Exchanged, plain: Integers, lent: Integers) -> dict[str, Floats]:
