@@ -19,6 +19,7 @@ from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.errors import ActiveTouchError
 from belief.observation_model import RatioModel
 from belief.selection import OBSERVATION_MODELS
+from experiments.calibration_measurements import Measurements
 from experiments.calibration_models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
 from experiments.calibration_touches import CALIBRATION_FITS, score_touches
 from experiments.parallel import default_jobs, run_tasks
@@ -27,7 +28,7 @@ from experiments.scores import read_logits
 from experiments.sequences import KINDS, Rounds
 
 if TYPE_CHECKING:
-    from experiments.calibration_sections import Measurements, Section
+    from experiments.calibration_sections import Section
 
 
 class NoRepeats(ActiveTouchError, ValueError):
@@ -106,8 +107,6 @@ class CalibrationReport:
 
     def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
         """All numbers, from what a classifier read."""
-        from experiments.calibration_sections import Measurements
-
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
         touches = self._in_order(

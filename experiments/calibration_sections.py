@@ -7,59 +7,11 @@ from dataclasses import dataclass, field
 
 from belief.metrics import CalibrationError
 from experiments.calibration_figures import Picture, claims, discount, fused_error, fused_nll, reliability
-from experiments.calibration_models import INDEPENDENT, Fused, Kept, ModelScores, Weight
+from experiments.calibration_measurements import Measurements
+from experiments.calibration_models import INDEPENDENT, Fused
 from experiments.calibration_targets import decimals, judge_model, judge_touches, verdict
-from experiments.calibration_touches import RAW, Part, TouchScores
+from experiments.calibration_touches import Part, TouchScores
 from experiments.study import Grid
-
-
-@dataclass(frozen=True)
-class Measurements:
-    """All of a report.
-
-    Attributes:
-        scene: name of the scene.
-        seed: of chance.
-        confidence: at which searches stop.
-        num_objects: in each split.
-        num_rounds: of poses that every object was touched in.
-        touches: by calibration, the raw softmax first.
-        models: in the order of the table of models, :data:`INDEPENDENT` last.
-        correlation: ρ of the ratio model.
-        weights: of touches in one pose, by split.
-        kept: information of the chosen model.
-    """
-
-    scene: str
-    seed: int
-    confidence: float
-    num_objects: Mapping[str, int]
-    num_rounds: int
-    touches: Sequence[TouchScores]
-    models: Sequence[ModelScores]
-    correlation: float
-    weights: Mapping[str, Sequence[Weight]]
-    kept: Kept
-
-    @property
-    def calibration(self) -> TouchScores:
-        """The one of least cross-validated NLL."""
-        return best(self.touches)
-
-    @property
-    def model(self) -> ModelScores:
-        """The one of least cross-validated NLL."""
-        return best(self.models)
-
-    @property
-    def raw(self) -> TouchScores:
-        """The softmax as it is."""
-        return next(scores for scores in self.touches if scores.name == RAW)
-
-
-def best(candidates: Sequence) -> TouchScores | ModelScores:
-    """Of those that were cross-validated, the one of least loss."""
-    return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll)
 
 
 @dataclass(frozen=True)
@@ -163,7 +115,7 @@ def _touches(found: Measurements) -> Section:
             )
             for label, part in before.items()
         ]
-        return Grid(f"By {title}: {RAW} and {calibrated.name}", headings, rows)
+        return Grid(f"By {title}: {raw.name} and {calibrated.name}", headings, rows)
 
     sentence = (
         f"Calibrated by {calibrated.name}, which has the least cross-validated NLL, a touch has an NLL of "

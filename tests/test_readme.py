@@ -30,13 +30,22 @@ def test_the_code_in_the_description_of_the_world_runs(capsys):
     assert "an image of (128, 128, 3)" in capsys.readouterr().out
 
 
+def test_the_code_in_the_guide_to_calibration_prints_what_the_guide_says(capsys):
+    text = (ROOT / "docs" / "calibration.md").read_text()
+    [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
+    exec(compile(code, "docs/calibration.md", "exec"), {})
+    assert capsys.readouterr().out == printed
+
+
 @pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")} - LONG))
 def test_every_example_runs(name, capsys):
     runpy.run_path(str(ROOT / "examples" / name), run_name="__main__")
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/world.md", "docs/architecture.md", "docs/scale.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/world.md", "docs/architecture.md", "docs/calibration.md", "docs/scale.md"]
+)
 def test_every_file_a_page_links_to_exists(page):
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", (ROOT / page).read_text()):
         if not target.startswith("http"):
