@@ -87,13 +87,15 @@ class PointBased:
         confirm = float(worth[plans.actions == num_poses].max())
         reject = float(worth[plans.actions == num_poses + 1].max())
         scores = {"target_prob": info.target_prob, "value": value, "value_confirm": confirm, "value_reject": reject}
-        stop = Decision(Confirm() if confirm >= reject else Reject(), scores)
+        stop = Decision(Confirm() if confirm > reject else Reject(), scores)
         if plans.actions[best] >= num_poses or _all_touches_used(info):
             return stop
         if not info.history:
             return Decision(Probe(int(plans.actions[best])), scores)
         probes = self._look_ahead(planned, number, belief, value, self.repeats.weights(num_uses(info)))
-        scores |= {f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True)}
+        scores |= {
+            f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True) if q > -np.inf
+        }
         if probes.max() <= max(confirm, reject):
             return Decision(stop.action, scores)
         return Decision(Probe(int(probes.argmax())), scores)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 
-from belief.errors import UnknownName
+from belief.errors import ActiveTouchError, UnknownName
 from belief.observation_model import ObservationModel, OutcomeTable
 from planners.confident import Confident
 from planners.decider import Decider, SequentialDecider
@@ -28,11 +28,28 @@ class Knowledge:
         table: p(outcome | pose, shape) of single touches, which most deciders plan on.
         model: the observation model itself, for those that plan on touches as they are.
         policies: folder of trained policies, for those that follow one.
+        simulations: of each decision, for those that search a tree.
     """
 
     table: OutcomeTable
     model: ObservationModel | None = None
     policies: Path | None = None
+    simulations: int = 1000
+
+
+class MissingPackage(ActiveTouchError, ImportError):
+    """A decider needs a package that is not installed; the message says how to get it."""
+
+
+def _tree_search() -> ModuleType:
+    try:
+        from planners import pomdp_py_adapter
+    except ImportError as error:
+        raise MissingPackage(
+            "the deciders 'pouct' and 'pomcp' need pomdp-py: pip install 'activetouch[pomdp]' (wheels exist for Linux "
+            "and Python 3.11 and 3.12; elsewhere it is built from source)"
+        ) from error
+    return pomdp_py_adapter
 
 
 def confident_ppo(policies: Path | None) -> Decider:
@@ -60,6 +77,8 @@ DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
         "ppo": lambda known: PPODecider(known.policies),
         "ppo_posterior": lambda known: PPODecider(known.policies, "posterior"),
         "ppo_confident": lambda known: confident_ppo(known.policies),
+        "pouct": lambda known: _tree_search().Pouct(known.table, known.simulations),
+        "pomcp": lambda known: _tree_search().Pomcp(known.table, known.simulations),
         "point_based": lambda known: PointBased(known.table, repeat_discount(known.model)),
     }
 )
@@ -70,7 +89,11 @@ TRAINED = frozenset(("ppo", "ppo_posterior", "ppo_confident"))
 
 
 def make_decider(
-    name: str, table: OutcomeTable, model: ObservationModel | None = None, policies: Path | None = None
+    name: str,
+    table: OutcomeTable,
+    model: ObservationModel | None = None,
+    policies: Path | None = None,
+    simulations: int = 1000,
 ) -> Decider:
     """The named decider.
 
@@ -79,10 +102,12 @@ def make_decider(
         table: p(outcome | pose, shape) of single touches.
         model: the observation model itself; some deciders need it.
         policies: folder of trained policies; some deciders need it.
+        simulations: of each decision, for deciders that search a tree.
 
     Raises:
         UnknownName: there is none of that name; the message suggests the nearest.
+        MissingPackage: it needs a package that is not installed.
     """
     if name not in DECIDERS:
         raise UnknownName("decider", name, list(DECIDERS))
-    return DECIDERS[name](Knowledge(table, model, policies))
+    return DECIDERS[name](Knowledge(table, model, policies, simulations))

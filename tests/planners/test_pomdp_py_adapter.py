@@ -1,0 +1,136 @@
+"""pomdp-py's planners: models that agree with themselves and with the search, and what a rollout makes of them."""
+
+import random
+
+import numpy as np
+import pytest
+
+from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.observation_model import OutcomeTable
+from belief.synthetic import SyntheticWorld, sample_arrangement
+from belief.tabular import TabularModel
+from planners import InformationState, make_decider, search_lockstep
+
+adapter = pytest.importorskip("pomdp_py") and pytest.importorskip("planners.pomdp_py_adapter")
+
+TABLE = OutcomeTable(
+    [[[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.2, 0.7]], [[0.6, 0.4, 0.0], [0.2, 0.2, 0.6], [0, 0, 1]]]
+)
+POSES = ("p", "q")
+
+
+def problem_of(composition=Composition.DISTINCT, num_objects=2, touch_cost=0.02):
+    return SearchProblem(tuple("abc"), POSES, num_objects, composition, touch_cost)
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent", Counts({"a": 2, "b": 1})])
+def test_the_models_are_distributions_and_draw_from_them(composition):
+    rng = np.random.default_rng(0)
+    rules = adapter.Rules(problem_of(composition), 0, TABLE)
+    transitions, observations = adapter.TransitionModel(rules, rng), adapter.ObservationModel(rules, rng)
+    for action in rules.actions:
+        for state in transitions.get_all_states():
+            next_probs = {s: transitions.probability(s, state, action) for s in transitions.get_all_states()}
+            felt_probs = {o: observations.probability(o, state, action) for o in observations.get_all_observations()}
+            assert sum(next_probs.values()) == pytest.approx(1.0)
+            assert sum(felt_probs.values()) == pytest.approx(1.0)
+            drawn = [transitions.sample(state, action) for _ in range(60)]
+            assert all(next_probs[s] > 0.0 for s in drawn)
+            felt = [observations.sample(state, action) for _ in range(60)]
+            assert all(felt_probs[o] > 0.0 for o in felt)
+
+
+def test_outcomes_are_drawn_as_often_as_the_table_says():
+    rng = np.random.default_rng(0)
+    rules = adapter.Rules(problem_of(), 0, TABLE)
+    observations = adapter.ObservationModel(rules, rng)
+    [_, _, _, second_pose] = rules.actions
+    felt = [observations.sample(rules.states[0, 1, 0], second_pose).data for _ in range(5000)]
+    assert np.bincount(felt, minlength=3) / 5000 == pytest.approx(TABLE.probs[1, 1], abs=0.03)
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+def test_rewards_add_up_to_the_reward_of_a_search(composition):
+    rng = np.random.default_rng(1)
+    problem = problem_of(composition)
+    rules = adapter.Rules(problem, 0, TABLE)
+    transitions, rewards = adapter.TransitionModel(rules, rng), adapter.RewardModel(rules)
+    actions = list(rules.actions)
+    for _ in range(300):
+        state = rules.states[0, int(rng.integers(3)), 0]
+        shapes, total, touches, confirmed = [state.data[1]], 0.0, 0, None
+        while state != adapter.END:
+            action = actions[rng.integers(len(actions))]
+            following = transitions.sample(state, action)
+            total += rewards.sample(state, action, following)
+            touches += action.name in rules.poses
+            if action == adapter.CONFIRM:
+                confirmed = state.data[1]
+            state = following
+            if action == adapter.REJECT and state != adapter.END:
+                shapes.append(state.data[1])
+        assert total == pytest.approx(problem.reward(confirmed, 0, touches, 0 in shapes))
+        assert rewards.sample(adapter.END, actions[0], adapter.END) == 0.0
+
+
+def test_the_belief_knows_what_may_have_been_given_away():
+    model = TabularModel(tuple("abc"), TABLE)
+    for composition in ("distinct", "independent"):
+        problem = problem_of(composition, 3)
+        scene = SceneBelief(problem, model)
+        scene.update(0, [Touch(0, np.log(TABLE.probs[0, :, 0]))])
+        info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+        rules = adapter.Rules(problem, 0, TABLE)
+        histogram = adapter.belief_histogram(rules, info)
+        assert sum(histogram.values()) == pytest.approx(1.0)
+        given_away = sum(prob for state, prob in histogram.items() if state.data[2])
+        assert given_away == pytest.approx(scene.belief(0).probs[0])  # the chance that the first object was the target
+
+
+@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
+def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
+    decider = getattr(adapter, kind)(TABLE, 60)
+    problem = problem_of()
+    info = InformationState(problem, 0, Belief.uniform("abc"))
+    decisions = []
+    for seed in (1, 2):
+        random.seed(seed)
+        before = random.getstate()
+        decisions.append(decider.decide(info, np.random.default_rng(3)))
+        assert random.getstate() == before
+    assert decisions[0] == decisions[1]
+    assert decider.decide(info, np.random.default_rng(4)) != decisions[0]
+
+
+@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
+def test_enough_simulations_touch_when_unsure_and_stop_when_sure(kind):
+    decider = getattr(adapter, kind)(TABLE, 400)
+    problem = problem_of(Composition.INDEPENDENT, 1)
+    for probs, expected in (([0.5, 0.3, 0.2], Probe), ([0.995, 0.005, 0], Confirm), ([0.005, 0.99, 0.005], Reject)):
+        info = InformationState(problem, 0, Belief.from_probs("abc", probs))
+        assert isinstance(decider.decide(info, np.random.default_rng(0)).action, expected)
+
+
+def test_random_rollouts_touch_far_less_than_informed_ones():
+    model = TabularModel(tuple("abc"), TABLE)
+    problem = problem_of(num_objects=3)
+    touches = {}
+    for rollout in (adapter.RandomRollout, adapter.InformedRollout):
+        worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 9]))) for s in range(12)]
+        decider = adapter.Pouct(TABLE, 150, rollout)
+        episodes = search_lockstep(worlds, decider, problem, [0] * 12, model, [(s,) for s in range(12)])
+        touches[rollout] = np.mean([episode.num_touches for episode in episodes])
+    assert 2.0 * touches[adapter.RandomRollout] < touches[adapter.InformedRollout]
+
+
+def test_too_few_simulations_to_try_every_action_are_refused():
+    with pytest.raises(ValueError, match="2 poses need at least 5 simulations, got 4"):
+        make_decider("pouct", TABLE, simulations=4)
+
+
+def test_a_target_ruled_out_is_not_confirmed_by_few_simulations():
+    problem = problem_of(Composition.INDEPENDENT, 2)
+    info = InformationState(problem, 0, Belief.from_probs("abc", [0, 0.5, 0.5]))
+    for seed in range(20):
+        action = make_decider("pouct", TABLE, simulations=5).decide(info, np.random.default_rng(seed)).action
+        assert not isinstance(action, Confirm)
