@@ -1,8 +1,13 @@
-"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and richer scene."""
+"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and richer scene.
+
+And how many touches its sensor needs at the least to tell shapes apart, whoever decides.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Annotated
 
 import tyro
@@ -15,8 +20,13 @@ from activetouch.cost import Cost, measure
 from activetouch.errors import MissingRobot
 from activetouch.inventory import Entry, inventory, leaner, richer
 from activetouch.scenes import NamedScene
+from activetouch.world import MODELS, OBSERVATION_FILE
 from belief import Composition
+from belief.observation_model import OutcomeTable, read_observation_model
 from experiments.scene_choice import SceneChoice
+from planners.limits import touch_limits
+
+_HARDEST = 6  # pairs of shapes to show
 
 
 @dataclass(frozen=True)
@@ -35,9 +45,13 @@ class Explain:
     """Presses to measure in each scene."""
 
     def run(self) -> None:
-        """Print two tables."""
+        """Print three tables; that of limits where the scene comes with a sensor."""
         named, console = self.choice.named, Console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
+        path = MODELS / self.choice.scene / OBSERVATION_FILE
+        if path.exists():
+            model = read_observation_model(path.read_text())
+            console.print(limits_table(model.outcome_table(), model.shape_labels))
         variants = [("", "this scene", named.scene)]
         for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):
             if found is not None:
@@ -67,6 +81,28 @@ def hidden_variables(named: NamedScene) -> list[Entry]:
         Entry(shapes, "hidden probabilities", "shape of the current object; the others are independent of it"),
         Entry(objects, "objects", "any mixture of shapes"),
     ]
+
+
+def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float = 0.01) -> Table:
+    """The pairs of shapes that are hardest to tell apart, and how many touches that takes at least."""
+    limits = touch_limits(table, error)
+    pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
+    shown = Table(title=f"touches it takes at least to tell two shapes apart, {error:.0%} error", box=box.SIMPLE_HEAD)
+    for heading in ("if it is", "and not", "touches", "the other way round", "Chernoff, nats"):
+        shown.add_column(heading, justify="left" if heading in ("if it is", "and not") else "right")
+    for one, other in pairs:
+        shown.add_row(
+            shape_labels[one],
+            shape_labels[other],
+            *(f"{limits.least_touches[pair]:.1f}" for pair in ((one, other), (other, one))),
+            f"{limits.chernoff[one, other]:.2f}",
+        )
+    alike = [f"{shape_labels[one]} and {shape_labels[other]}" for one, other in limits.indistinguishable]
+    shown.caption = (
+        "on average, whoever decides: Wald's bound for independent touches in the best pose; "
+        f"pairs that no pose tells apart: {', '.join(alike) or 'none'}"
+    )
+    return shown
 
 
 def _what_table(name: str, entries: list[Entry]) -> Table:

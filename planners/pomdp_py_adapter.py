@@ -42,7 +42,7 @@ from planners.rest import prob_missed, target_chances
 END = SimpleState("end")
 NOTHING = SimpleObservation("nothing")
 CONFIRM, REJECT = SimpleAction("confirm"), SimpleAction("reject")
-_EXPLORATION = 1.0  # returns lie in about [-1, 1]
+_EXPLORATION = 0.3  # of UCB1; returns lie in about [-1, 1]
 _DEPTH = 12  # steps ahead beyond the two that every object left may need
 
 

@@ -1,0 +1,253 @@
+r"""Touch problems as files of Cassandra's ``.pomdp`` format, for other solvers: pomdp-solve, SARSOP, POMDPs.jl.
+
+A file holds everything as plain numbers: discount, states, actions, observations, the start, and full tables
+T(s' | a, s), O(o | a, s') and R(s, a). States are those of :mod:`planners.solve.stages` and one that is terminal:
+absorbing, and worth nothing. Labels are made of letters, digits, ``-`` and ``_`` and begin with a letter, which all
+parsers of the format take.
+
+Many solvers want a discount below one. Ours may be one; such a problem exported with .999 is nearly the same.
+
+>>> from planners.solve import TouchProblem
+>>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
+>>> text = to_pomdp(TouchProblem(table, [0.5, 0.5], target=0, touch_cost=0.05), ("cube", "cone"), ("front",))
+>>> print("\n".join(text.splitlines()[1:7]))
+discount: 1.0
+values: reward
+states: cube cone end
+actions: probe_front confirm reject
+observations: outcome_0 outcome_1 nothing
+start: 0.5 0.5 0.0
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief.problem import Floats
+from planners.solve.problem import SearchTouchProblem, TouchProblem
+from planners.solve.stages import StagedProblem, staged
+
+_MAX_NUMBERS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class TabularPomdp:
+    """A decision process as arrays.
+
+    Attributes:
+        discount: γ.
+        states, actions, observations: labels.
+        start: of the state, ``(S,)``.
+        transitions: T(s' | a, s), ``(A, S, S)``.
+        observation_probs: O(o | a, s'), ``(A, S, O)``.
+        rewards: R(s, a), ``(A, S)``.
+    """
+
+    discount: float
+    states: tuple[str, ...]
+    actions: tuple[str, ...]
+    observations: tuple[str, ...]
+    start: Floats
+    transitions: Floats
+    observation_probs: Floats
+    rewards: Floats
+
+
+def as_pomdp(
+    problem: TouchProblem | SearchTouchProblem,
+    shape_labels: Sequence[str] | None = None,
+    pose_labels: Sequence[str] | None = None,
+) -> TabularPomdp:
+    """A touch problem as the arrays of a decision process.
+
+    Args:
+        problem: one object, or a small search.
+        shape_labels: names of the K shapes; ``shape_0`` and so on by default.
+        pose_labels: names of the P poses; ``pose_0`` and so on by default.
+
+    Raises:
+        ValueError: another number of names, or tables too large to be of use as text.
+
+    >>> from planners.solve import SearchTouchProblem
+    >>> pomdp = as_pomdp(SearchTouchProblem(np.full((1, 2, 2), 0.5), 2, "distinct", target=0, touch_cost=0.1))
+    >>> pomdp.states
+    ('object_0_shape_0', 'object_0_shape_1', 'object_1_shape_1', 'object_1_shape_0', 'end')
+    """
+    stages = staged(problem)
+    num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
+    shapes = _names(shape_labels, num_shapes, "shape")
+    poses = _names(pose_labels, num_poses, "pose")
+    sizes = [len(stage.shapes) for stage in stages.stages]
+    num_states, num_actions = sum(sizes) + 1, num_poses + 2
+    if num_actions * num_states * (num_states + num_outcomes + 1) > _MAX_NUMBERS:
+        raise ValueError(
+            f"{num_states} states, {num_actions} actions and {num_outcomes} outcomes make a file of more than "
+            f"{_MAX_NUMBERS} numbers; export fewer objects, or planners.solve it here"
+        )
+    end, starts = num_states - 1, np.concatenate([[0], np.cumsum(sizes)])
+    transitions = np.zeros((num_actions, num_states, num_states))
+    observed = np.zeros((num_actions, num_states, num_outcomes + 1))
+    rewards = np.zeros((num_actions, num_states))
+    transitions[:num_poses] = np.eye(num_states)
+    transitions[num_poses:, :, end] = 1.0
+    observed[:, :, num_outcomes] = 1.0
+    rewards[:num_poses, :end] = -problem.touch_cost
+    for number, stage in enumerate(stages.stages):
+        here = slice(starts[number], starts[number + 1])
+        observed[:num_poses, here, :num_outcomes] = stages.likelihoods(number)
+        observed[:num_poses, here, num_outcomes] = 0.0
+        rewards[num_poses, here], rewards[num_poses + 1, here] = stage.confirm, stage.reject
+        if stage.moves is not None:
+            transitions[num_poses + 1, here, end] = 0.0
+            transitions[num_poses + 1, here, starts[number + 1] : starts[number + 2]] = stage.moves
+    return TabularPomdp(
+        problem.discount,
+        legal_labels([*_state_names(stages, shapes), "end"]),
+        legal_labels([*(f"probe_{pose}" for pose in poses), "confirm", "reject"]),
+        legal_labels([*(f"outcome_{outcome}" for outcome in range(num_outcomes)), "nothing"]),
+        np.concatenate([stages.initial, np.zeros(num_states - sizes[0])]),
+        transitions,
+        observed,
+        rewards,
+    )
+
+
+def to_pomdp(
+    problem: TouchProblem | SearchTouchProblem,
+    shape_labels: Sequence[str] | None = None,
+    pose_labels: Sequence[str] | None = None,
+) -> str:
+    """The text of a ``.pomdp`` file; arguments and errors are those of :func:`as_pomdp`.
+
+    Numbers are written so that they read back to the last bit.
+
+    >>> from planners.solve import TouchProblem
+    >>> text = to_pomdp(TouchProblem(np.full((1, 2, 2), 0.5), [0.5, 0.5], target=0, touch_cost=0.05))
+    >>> read_pomdp(text).rewards.tolist()
+    [[-0.05, -0.05, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]]
+    """
+    pomdp = as_pomdp(problem, shape_labels, pose_labels)
+    lines = [
+        "# Is it the target? States stay as they are while probed; the last state is terminal.",
+        f"discount: {pomdp.discount!r}",
+        "values: reward",
+        f"states: {' '.join(pomdp.states)}",
+        f"actions: {' '.join(pomdp.actions)}",
+        f"observations: {' '.join(pomdp.observations)}",
+        f"start: {_row(pomdp.start)}",
+    ]
+    for index, action in enumerate(pomdp.actions):
+        lines += [f"T: {action}", *map(_row, pomdp.transitions[index])]
+        lines += [f"O: {action}", *map(_row, pomdp.observation_probs[index])]
+        lines += [
+            f"R: {action} : {state} : * : * {reward!r}"
+            for state, reward in zip(pomdp.states, pomdp.rewards[index].tolist(), strict=True)
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def read_pomdp(text: str) -> TabularPomdp:
+    """The arrays of a ``.pomdp`` file, as far as :func:`to_pomdp` uses the format.
+
+    That is: labels, not numbers of them, in the preamble; ``T`` and ``O`` of an action as a matrix or ``identity`` or
+    ``uniform``; ``R: action : state : * : * value``, actions and states by label or ``*``.
+
+    Raises:
+        ValueError: a line that is none of these, or tables that are no distributions; the message quotes it.
+    """
+    lines = [line.split("#")[0].strip() for line in text.splitlines()]
+    preamble: dict[str, list[str]] = {}
+    body = [line for line in lines if line]
+    while body and body[0][:2] not in ("T:", "O:", "R:"):
+        key, colon, rest = body.pop(0).partition(":")
+        if not colon or key.strip() not in ("discount", "values", "states", "actions", "observations", "start"):
+            raise ValueError(f"not a preamble of a .pomdp file: {key + colon + rest!r}")
+        preamble[key.strip()] = rest.split()
+    missing = {"discount", "values", "states", "actions", "observations", "start"} - preamble.keys()
+    if missing or preamble["values"] != ["reward"]:
+        raise ValueError(f"the preamble needs {sorted(missing)} and 'values: reward', got {preamble.get('values')}")
+    states, actions, observations = (tuple(preamble[key]) for key in ("states", "actions", "observations"))
+    transitions = np.zeros((len(actions), len(states), len(states)))
+    observed = np.zeros((len(actions), len(states), len(observations)))
+    rewards = np.zeros((len(actions), len(states)))
+    while body:
+        kind, *fields = re.split(r"\s*:\s*", body.pop(0))
+        if kind == "R" and len(fields) == 4:
+            target, value = fields[3].split()
+            if (fields[2], target) != ("*", "*"):
+                raise ValueError(f"rewards may not depend on what follows here, got R: {' : '.join(fields)}")
+            rewards[np.ix_(_chosen(fields[0], actions), _chosen(fields[1], states))] = float(value)
+        elif kind in ("T", "O") and len(fields) == 1:
+            table = transitions if kind == "T" else observed
+            table[_chosen(fields[0], actions)] = _matrix(body, len(states), table.shape[2])
+        else:
+            raise ValueError(f"not understood: {kind} : {' : '.join(fields)}")
+    start = np.array(preamble["start"], np.float64)
+    for name, probs in (("start", start), ("T", transitions), ("O", observed)):
+        if not ((probs >= 0.0).all() and np.allclose(probs.sum(axis=-1), 1.0, atol=1e-6)):
+            raise ValueError(f"{name} has rows that are no distributions")
+    return TabularPomdp(
+        float(preamble["discount"][0]), states, actions, observations, start, transitions, observed, rewards
+    )
+
+
+def legal_labels(labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels as parsers take them, still different from each other.
+
+    >>> legal_labels(["cube face", "cube.face", "45°"])
+    ('cube_face', 'cube_face_2', 'x45_')
+    """
+    legal: list[str] = []
+    for label in labels:
+        plain = re.sub(r"[^A-Za-z0-9_-]", "_", label)
+        plain = plain if re.match(r"[A-Za-z]", plain) else f"x{plain}"
+        unique, number = plain, 1
+        while unique in legal:
+            number += 1
+            unique = f"{plain}_{number}"
+        legal.append(unique)
+    return tuple(legal)
+
+
+def _state_names(stages: StagedProblem, shapes: Sequence[str]) -> list[str]:
+    names = [[shapes[shape] for shape in stage.shapes] for stage in stages.stages]
+    if len(names) == 1:
+        return names[0]
+    return [f"object_{number}_{name}" for number, stage in enumerate(names) for name in stage]
+
+
+def _names(labels: Sequence[str] | None, size: int, kind: str) -> Sequence[str]:
+    names = labels if labels is not None else [f"{kind}_{index}" for index in range(size)]
+    if len(names) != size:
+        raise ValueError(f"there are {size} {kind}s, names are {list(names)}")
+    return names
+
+
+def _row(values: Floats) -> str:
+    return " ".join(map(repr, values.tolist()))
+
+
+def _chosen(label: str, labels: Sequence[str]) -> list[int]:
+    if label == "*":
+        return list(range(len(labels)))
+    if label not in labels:
+        raise ValueError(f"{label!r} is none of {', '.join(labels)}")
+    return [labels.index(label)]
+
+
+def _matrix(body: list[str], num_rows: int, num_columns: int) -> Floats:
+    """The matrix that the next lines hold, which are taken from ``body``."""
+    if body and body[0] == "identity" and num_rows == num_columns:
+        body.pop(0)
+        return np.eye(num_rows)
+    if body and body[0] == "uniform":
+        body.pop(0)
+        return np.full((num_rows, num_columns), 1.0 / num_columns)
+    rows = [body.pop(0).split() for _ in range(min(num_rows, len(body)))]
+    if len(rows) < num_rows or any(len(row) != num_columns for row in rows):
+        raise ValueError(f"a matrix of {num_rows} rows of {num_columns} is needed, got {[len(row) for row in rows]}")
+    return np.array(rows, np.float64)
