@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from belief.observation_model.labelled import LabelledTouches
 from belief.problem import Floats
@@ -90,6 +92,48 @@ def whitened(vectors: Floats, bases: Floats) -> Floats:
     """
     flat = bases.reshape(-1, bases.shape[2])
     return (vectors @ flat.T).reshape(*vectors.shape[:-1], *bases.shape[:2])
+
+
+class PoseStatistics(NamedTuple):
+    """All that Gaussian models need to know of S sequences of touches, however long they are.
+
+    Attributes:
+        used: the p poses that occur in any of them, rising.
+        counts: touches of each sequence in each of these, ``(S, p)``.
+        means: of their vectors, ``(S, p, D)``; zero where there is none.
+        scatter: sums of squares about the means, over all touches of a sequence, ``(S, D, D)``.
+    """
+
+    used: NDArray[np.int64]
+    counts: Floats
+    means: Floats
+    scatter: Floats
+
+    @classmethod
+    def of(cls, vectors: Floats, poses: NDArray[np.int64]) -> PoseStatistics:
+        """From vectors ``(S, n, D)`` in poses ``(S, n)``.
+
+        >>> found = PoseStatistics.of(np.array([[[1.0], [3.0], [5.0]]]), np.array([[4, 4, 7]]))
+        >>> found.used.tolist(), found.counts.tolist(), found.means.ravel().tolist(), found.scatter.tolist()
+        ([4, 7], [[2.0, 1.0]], [2.0, 5.0], [[[2.0]]])
+        """
+        used, index = np.unique(poses, return_inverse=True)
+        index = index.reshape(poses.shape)
+        membership = (index[..., None] == np.arange(len(used))).astype(np.float64)  # (S, n, p)
+        counts = membership.sum(axis=1)
+        means = np.swapaxes(membership, 1, 2) @ vectors / np.maximum(counts, 1.0)[..., None]
+        spread = vectors - means[np.arange(len(poses))[:, None], index]
+        return cls(used, counts, means, np.swapaxes(spread, 1, 2) @ spread)
+
+
+def squares_within(scatter: Floats, bases: Floats) -> Floats:
+    """Sums of squares ``(S, D, D)`` as traces in the basis of every shape, ``(S, K)``, from all A, ``(K, D, D)``.
+
+    >>> squares_within(np.diag([1.0, 2.0])[None], np.stack([np.eye(2), np.diag([2.0, 0.0])])).tolist()
+    [[3.0, 4.0]]
+    """
+    precision = np.swapaxes(bases, 1, 2) @ bases
+    return np.asarray(scatter.reshape(len(scatter), -1) @ precision.reshape(len(bases), -1).T)
 
 
 def require_means(means: Floats, num_shapes: int, num_components: int) -> None:

@@ -18,12 +18,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.observation_model.covariances import (
+    PoseStatistics,
     pooled,
     pose_means,
     positive_definite,
     require_covariances,
     require_means,
     scatter_of_shapes,
+    squares_within,
     whitened,
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
@@ -109,9 +111,12 @@ class GaussianModel(ArrayModel):
         return len(self.means)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`; the sum over touches."""
-        white = whitened(self.embedding(batch), self._whitening) - self._white_means[batch.poses]  # (S, n, K, D)
-        return np.asarray((self._log_determinants - 0.5 * (white**2).sum(axis=-1)).sum(axis=1))
+        """See :class:`ArrayModel`; the sum over touches, of which counts, means and scatter are enough."""
+        found = PoseStatistics.of(self.embedding(batch), batch.poses)
+        shifts = whitened(found.means, self._whitening) - self._white_means[found.used]  # (S, p, K, D)
+        squares = np.einsum("sp,spkd,spkd->sk", found.counts, shifts, shifts)
+        squares += squares_within(found.scatter, self._whitening)
+        return batch.num_touches * self._log_determinants - 0.5 * squares
 
     @cached_property
     def _whitening(self) -> Floats:

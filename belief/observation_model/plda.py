@@ -23,12 +23,14 @@ from scipy.linalg import eigh
 
 from belief.batch import TouchBatch
 from belief.observation_model.covariances import (
+    PoseStatistics,
     pooled,
     pose_means,
     positive_definite,
     require_covariances,
     require_means,
     scatter_of_shapes,
+    squares_within,
     whitened,
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
@@ -140,19 +142,11 @@ class PLDAModel(ArrayModel):
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; sums over poses of what their number of touches, mean and scatter say."""
-        vectors, (num_sequences, n) = self.embedding(batch), batch.poses.shape
-        used, poses = np.unique(batch.poses, return_inverse=True)
-        poses = poses.reshape(num_sequences, n)
-        membership = (poses[..., None] == np.arange(len(used))).astype(np.float64)  # (S, n, p)
-        counts = membership.sum(axis=1)  # (S, p)
-        present = np.maximum(counts, 1.0)
-        means = np.swapaxes(membership, 1, 2) @ vectors / present[..., None]  # (S, p, D)
-        spread = vectors - means[np.arange(num_sequences)[:, None], poses]
-        scatter = np.swapaxes(spread, 1, 2) @ spread  # (S, D, D)
-        basis = self._basis
-        within = scatter.reshape(num_sequences, -1) @ basis.precision.reshape(len(basis.precision), -1).T
+        found, basis = PoseStatistics.of(self.embedding(batch), batch.poses), self._basis
+        counts, present = found.counts, np.maximum(found.counts, 1.0)  # (S, p)
+        within = squares_within(found.scatter, basis.whiten)
         # In the basis of a shape W is the identity, V is diagonal, and each pose's mean has variance V + 1 / count.
-        y = whitened(means, basis.whiten) - basis.means[used]  # (S, p, K, D)
+        y = whitened(found.means, basis.whiten) - basis.means[found.used]  # (S, p, K, D)
         weight = np.where(counts > 0.0, 1.0, 0.0)[..., None, None] / (basis.of_pose + 1.0 / present[..., None, None])
         between = (weight * y**2).sum(axis=(1, 3))
         pull = (weight * y).sum(axis=1)  # (S, K, D)
@@ -163,11 +157,11 @@ class PLDAModel(ArrayModel):
         log_det = np.linalg.slogdet(inner)[1] + np.log1p(counts[example][..., None, None] * basis.of_pose).sum(
             axis=(1, 3)
         )
-        explained, pattern = np.empty((num_sequences, y.shape[2])), pattern.ravel()
+        explained, pattern = np.empty((len(batch), y.shape[2])), pattern.ravel()
         for i, of_pattern in enumerate(gain):
             some = np.swapaxes(pull[pattern == i], 0, 1)  # (K, s, D)
             explained[pattern == i] = ((some @ of_pattern) * some).sum(axis=2).T
-        return n * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
+        return batch.num_touches * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
 
     @cached_property
     def _basis(self) -> _Basis:
@@ -177,7 +171,6 @@ class PLDAModel(ArrayModel):
         return _Basis(
             whiten,
             np.linalg.slogdet(whiten)[1],
-            vectors @ whiten,
             np.einsum("ked,pkd->pke", whiten, self.means),
             np.maximum(values, 0.0),
             whiten @ self.components.of_object @ vectors,
@@ -221,7 +214,6 @@ class _Basis(NamedTuple):
     Attributes:
         whiten: A with A W Aᵀ = I, ``(K, D, D)``.
         log_scale: log |det A|, ``(K,)``.
-        precision: Aᵀ A = W⁻¹, ``(K, D, D)``.
         means: A m, ``(P, K, D)``.
         of_pose: the diagonal of A V Aᵀ, ``(K, D)``.
         of_object: A B Aᵀ, ``(K, D, D)``.
@@ -229,7 +221,6 @@ class _Basis(NamedTuple):
 
     whiten: Floats
     log_scale: Floats
-    precision: Floats
     means: Floats
     of_pose: Floats
     of_object: Floats
