@@ -23,8 +23,15 @@ from belief import (
     ZeroPriorTarget,
 )
 from belief.arrangement import arrangement_marginals, log_arrangement_evidence, log_arrangement_marginals
+from belief.batch import TouchBatch
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
+from belief.calibration import TemperatureScaling
+from belief.folds import object_folds
+from belief.metrics import accuracy, expected_calibration_error
+from belief.novelty import auroc, energy_score
+from belief.observation_model import ConfusionModel, OutcomeTable
 from belief.rows import normalise_log_probs, normalise_probs
+from belief.statistics import mcnemar_test, paired_bootstrap, wilson_interval
 
 LABELS = ("a", "b", "c")
 
@@ -196,6 +203,60 @@ def test_an_absent_target_is_an_answer():
     scene.update(1, [felt(0.0, 0.0, -np.inf)])
     assert scene.prob_present(2) == 0.0
     assert scene.prob_present(0) == 1.0
+
+
+def test_twelve_distinct_objects_are_exact(rng):
+    # The sum over 12! arrangements is a permanent, here by Ryser's formula.
+    weights = rng.dirichlet(np.ones(12), size=12)
+    subsets = (np.arange(1 << 12)[:, None] >> np.arange(12)) & 1
+    signs = 1.0 - 2.0 * (subsets.sum(axis=1) % 2)
+
+    def permanent(matrix):
+        size = matrix.shape[1]
+        chosen = subsets[: 1 << size, :size]
+        return (-1.0) ** size * (signs[: 1 << size] * (chosen @ matrix.T).prod(axis=1)).sum()
+
+    marginals = arrangement_marginals(np.log(weights))
+    for i, k in ((0, 0), (5, 11), (11, 3)):
+        rest = np.delete(np.delete(weights, i, axis=0), k, axis=1)
+        assert marginals[i, k] == pytest.approx(weights[i, k] * permanent(rest) / permanent(weights), rel=1e-9)
+
+
+# Nothing at all.
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: update([], []),
+        lambda: update(np.zeros((0, 3)), np.zeros((1, 0))),
+        lambda: update_probs([], []),
+        lambda: entropy([]),
+        lambda: expected_information_gain([], np.zeros((1, 0, 2))),
+        lambda: target_information_gain([], np.zeros((1, 0, 2)), 0),
+        lambda: normalise_probs([]),
+        lambda: Belief.from_probs((), []),
+        lambda: BatchedBeliefTracker([]),
+        lambda: arrangement_marginals(np.zeros((0, 3))),
+        lambda: log_arrangement_evidence([[]]),
+        lambda: SearchProblem((), (), 1),
+        lambda: OutcomeTable([]),
+        lambda: TouchBatch.of([]),
+        lambda: ConfusionModel.fit([], []),
+        lambda: object_folds([], [], 2),
+        lambda: TemperatureScaling().fit(np.zeros((0, 3)), []),
+        lambda: accuracy(np.zeros((0, 3)), []),
+        lambda: expected_calibration_error(np.zeros((0, 3)), []),
+        lambda: auroc([], [1.0]),
+        lambda: energy_score(np.zeros((0, 3))),
+        lambda: wilson_interval(0, 0),
+        lambda: paired_bootstrap([], [], np.random.default_rng(0)),
+        lambda: mcnemar_test([], []),
+    ],
+)
+def test_nothing_at_all_is_refused(call):
+    with pytest.raises(ValueError, match=r"\w"):
+        call()
 
 
 # Every public function on numbers nobody would choose: an error, or an answer that can be right.

@@ -20,7 +20,6 @@ from belief import (
     batch,
     bayes,
     calibration,
-    encoding,
     folds,
     metrics,
     multisets,
@@ -44,7 +43,6 @@ MODULES = (
     batch,
     bayes,
     calibration,
-    encoding,
     folds,
     metrics,
     multisets,
@@ -157,7 +155,7 @@ CALLS = {
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0, np.array([True, True, False])),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
-    # batch, bayes, encoding, folds, multisets
+    # batch, bayes, folds, multisets
     "TouchBatch": lambda a: (
         TouchBatch.of([touches(a)]).logits,
         TouchBatch(np.zeros((1, 4), int), a[None], a[None]).features,
@@ -167,7 +165,6 @@ CALLS = {
     "entropy": bayes.entropy,
     "expected_information_gain": lambda a: bayes.expected_information_gain(a, a[None, :3]),
     "target_information_gain": lambda a: bayes.target_information_gain(a, a[None, :3], 1),
-    "certainty": lambda a: encoding.certainty(bayes.update(np.log(np.full(3, 1 / 3)), a)[0], 0),
     "numbered_objects": lambda a: folds.numbered_objects(SHAPES, a[:, 0]),
     "object_folds": lambda a: folds.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
     "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
@@ -283,8 +280,6 @@ CALLS = {
 }
 NO_NUMBERS = {
     "at": "an index",
-    "paper_state": "of situations that environments make",
-    "posterior_state": "of situations that environments make",
     "sample_arrangement": "of a problem",
 }
 INFINITE = {"negative_log_likelihood", "calibration_report"}  # +inf where a label had no probability
