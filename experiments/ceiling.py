@@ -1,8 +1,13 @@
-"""The ceiling of a comparison: what could be known if touches were free and objects could be gone back to.
+"""What no decider can exceed: the ceiling of a comparison in success, and a bound on what it can expect in return.
 
-Every object is touched once in every pose, everything is fused, and the object most probably the target is confirmed
-(none, if its absence is likelier).
+The ceiling is what could be known if touches were free and objects could be gone back to. Every object is touched once
+in every pose, everything is fused, and the object most probably the target is confirmed (none, if its absence is
+likelier).
 No decider that touches each pose at most once can expect to do better with the same sensor and observation model.
+
+The bound counts what touches cost: :mod:`planners.solve` certifies what no policy's expected return exceeds where every
+touch is a fresh draw from the outcome table, for searches small enough to solve. Live touches in one pose repeat each
+other, and hold a little more than their outcome does.
 """
 
 from __future__ import annotations
@@ -11,10 +16,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from belief import SceneBelief
+from belief import Composition, SceneBelief
 from belief.chance import touch_rng
 from experiments.episodes import Setting, episode_seed, load_sensor, make_world
 from planners.search import TouchRequest
+from planners.solve import SearchTouchProblem, solve
+from planners.solve.stages import num_states
+
+_MOST_STATES = 64  # four distinct objects have 32, and take some seconds
 
 
 def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
@@ -39,3 +48,12 @@ def solved_by_full_information(setting: Setting, target: int, seed: int, numbers
         else:
             solved.append(world.arrangement[int(np.argmax(here))] == target)
     return solved
+
+
+def best_expected_return(setting: Setting, target: int) -> float | None:
+    """What no policy expects to exceed in a search for this target; None where that cannot be solved."""
+    problem, probs = setting.problem, load_sensor(setting).model.outcome_table().probs
+    if not isinstance(problem.composition, Composition) or problem.touch_cost == 0.0:
+        return None
+    search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, problem.touch_cost)
+    return solve(search).upper_bound if num_states(search) <= _MOST_STATES else None

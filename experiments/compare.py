@@ -23,7 +23,7 @@ from belief import SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
 from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
-from experiments.results import CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
+from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
 from experiments.shards import ShardTask, identity
 from experiments.sheets import ALL
 from experiments.summary import Comparison, compare_episodes
@@ -76,6 +76,8 @@ class Compare:
     """Where their sensors are, with {scene} and {renderer}; those that come with the scenes by default."""
     out: Path | None = None
     """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
+    bound: bool = True
+    """Also find what return no planner can expect to exceed: some seconds a target, where searches are small."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"
@@ -173,8 +175,9 @@ class Compare:
             for target in targets
             if (keys := [key for key in self._ceiling_keys(targets) if key.target == target])
         }
-        rng = np.random.default_rng(self.seed)
-        return compare_episodes(problem, episodes, seconds, solved, self.reference or self.deciders[0], rng)
+        bounds = {t: json.loads(folder.lines(_bound_key(t))[0])["bound"] for t in targets if self.bound}
+        rng, reference = np.random.default_rng(self.seed), self.reference or self.deciders[0]
+        return compare_episodes(problem, episodes, seconds, solved, reference, rng, bounds)
 
     def fill(self) -> tuple[SearchProblem, list[str]]:
         """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
@@ -186,7 +189,8 @@ class Compare:
         if warning:
             print(warning, file=sys.stderr)
         keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
-        keys = [key for key in (keys + self._ceiling_keys(targets))[first::parts] if not folder.has(key)]
+        keys += self._ceiling_keys(targets) + [_bound_key(target) for target in targets if self.bound]
+        keys = [key for key in keys[first::parts] if not folder.has(key)]
         # Whoever else fills this folder now should not be one step behind all the time, doing everything again.
         np.random.default_rng().shuffle(keys)
 
@@ -240,6 +244,10 @@ class Compare:
 
     def _arguments(self) -> dict[str, object]:
         return {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
+
+
+def _bound_key(target: str) -> ShardKey:
+    return ShardKey(BOUND, target, 0)
 
 
 def render_table(comparison: Comparison) -> Table:

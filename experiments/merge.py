@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import tyro
 
 from belief.errors import ActiveTouchError
-from experiments.results import CEILING, RunFolder, RunMismatch, ShardKey
+from experiments.results import RunFolder, RunMismatch, ShardKey
 
 
 class Conflict(ActiveTouchError, ValueError):
@@ -40,7 +40,7 @@ class Merge:
     def run(self) -> None:
         """Merge and say what there is now."""
         keys = merge(self.folders, self.out)
-        for decider in sorted({key.decider for key in keys} - {CEILING}):
+        for decider in sorted({key.decider for key in keys if key.is_played}):
             shards = [key for key in keys if key.decider == decider]
             targets = sorted({key.target for key in shards})
             print(f"{decider}: {sum(len(key.episodes) for key in shards)} episodes of {', '.join(targets)}")
@@ -87,13 +87,13 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
                 )
     keys = united.complete_keys()
     united.write_run({**runs[0], "arguments": _arguments([run["arguments"] for run in runs], keys)})
-    united.write_episodes(line for key in keys if key.decider != CEILING for line in united.lines(key))
+    united.write_episodes(line for key in keys if key.is_played for line in united.lines(key))
     return keys
 
 
 def _arguments(arguments: Sequence[dict[str, Any]], keys: Sequence[ShardKey]) -> dict[str, Any]:
     """Those of the first, and who searches for what in any."""
-    played = [key for key in keys if key.decider != CEILING]
+    played = [key for key in keys if key.is_played]
     return {
         **arguments[0],
         "deciders": list(dict.fromkeys(key.decider for key in played)),

@@ -4,6 +4,7 @@ run.json            what decides an episode (seed, setting, sensor, versions), t
 shards/*.jsonl      one line an episode, 25 of them, written whole or not at all
 shards/*.time.json  seconds the shard took, by part (kept apart: episodes are reproducible, seconds are not)
 shards/ceiling-*    whether full information solves the episodes; shards like all others
+shards/bound-*      what return no planner can expect to exceed, a single line
 episodes.jsonl      the episodes last asked for, in a fixed order, once all are there
 
 Shards are keyed by what they hold, and what they hold follows from the run's identity. So it does not matter who writes
@@ -42,13 +43,13 @@ class CannotWrite(ActiveTouchError, OSError):
 EPISODES_PER_SHARD = 25
 """Fixed, because the network's last bits depend on what is read together."""
 
-CEILING = "ceiling"
-"""Stands for a decider in the keys of shards that say what full information solves."""
+CEILING, BOUND = "ceiling", "bound"
+"""Stand for deciders in the keys of shards that say what full information solves, and what planners can expect."""
 
 
 @dataclass(frozen=True)
 class ShardKey:
-    """Which episodes a shard holds: the ``number``-th lot of one decider (or the ceiling) and target."""
+    """Which episodes a shard holds: the ``number``-th lot of one decider (or the ceiling, or the bound) and target."""
 
     decider: str
     target: str
@@ -65,6 +66,16 @@ class ShardKey:
         decider, rest = stem.split("-", 1)
         target, number = rest.rsplit("-", 1)
         return cls(decider, target, int(number))
+
+    @property
+    def is_played(self) -> bool:
+        """Whether it holds searches of a decider."""
+        return self.decider not in (CEILING, BOUND)
+
+    @property
+    def num_lines(self) -> int:
+        """Of a whole shard."""
+        return 1 if self.decider == BOUND else EPISODES_PER_SHARD
 
     @property
     def episodes(self) -> range:
@@ -155,7 +166,7 @@ class RunFolder:
             lines = self.lines(key)
         except (OSError, ValueError, TypeError):
             return False
-        return len(lines) == EPISODES_PER_SHARD and all(line.startswith("{") and line.endswith("}\n") for line in lines)
+        return len(lines) == key.num_lines and all(line.startswith("{") and line.endswith("}\n") for line in lines)
 
     def complete_keys(self) -> list[ShardKey]:
         """All whole shards, in the order of their names."""

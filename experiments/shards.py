@@ -14,9 +14,9 @@ from typing import Any
 
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE, POLICIES
 from belief.errors import ActiveTouchError
-from experiments.ceiling import solved_by_full_information
+from experiments.ceiling import best_expected_return, solved_by_full_information
 from experiments.episodes import Setting, episode_seed, play
-from experiments.results import CEILING, Seconds, ShardKey, episode_lines, versions
+from experiments.results import BOUND, CEILING, Seconds, ShardKey, episode_lines, versions
 
 _PLAYING = threading.Lock()  # a cluster's worker may run several tasks as threads; physics and clocks are one a process
 
@@ -76,6 +76,8 @@ class ShardTask:
         with _PLAYING:
             self._require_same()
             target = list(self.setting.problem.shape_labels).index(self.key.target)
+            if self.key.decider == BOUND:
+                return self.key, [json.dumps({"bound": best_expected_return(self.setting, target)}) + "\n"], Seconds()
             if self.key.decider == CEILING:
                 return self.key, self._ceiling_lines(target), Seconds()
             try:

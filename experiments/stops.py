@@ -91,6 +91,29 @@ def by_position(episodes: Sequence[Episode]) -> list[Place]:
     ]
 
 
+def gap(
+    episodes: Mapping[str, Sequence[Episode]],
+    bounds: Mapping[str, float | None],
+    problem: SearchProblem,
+    rng: np.random.Generator,
+) -> tuple[float, float, float] | None:
+    """How far a decider's mean return stays below what no planner expects to exceed: mean and 95 % interval.
+
+    Args:
+        episodes: of one decider, by target.
+        bounds: of the expected return, by target; None where there is none.
+        problem: the rules.
+        rng: source of the bootstrap.
+
+    Returns:
+        None if the bound of some target is not known.
+    """
+    best = [bounds.get(target) for target, some in episodes.items() for _ in some]
+    if None in best:
+        return None
+    return paired_bootstrap(best, [e.reward(problem) for some in episodes.values() for e in some], rng)
+
+
 def regret(
     episodes: Mapping[str, Sequence[Episode]],
     solved: Mapping[str, Sequence[bool]],

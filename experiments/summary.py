@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from belief.metrics import ClaimsAtStop
 from belief.statistics import wilson_interval
 from experiments.paired import Difference, differences, prob_best
 from experiments.results import Seconds
-from experiments.stops import Place, by_position, claims, regret
+from experiments.stops import Place, by_position, claims, gap, regret
 from planners import Episode, Outcome
 
 
@@ -83,6 +84,7 @@ class Comparison:
         positions: success by where the target lay, by decider.
         claims: at the stop, by decider; None for one that never confirmed.
         regret: to the best reader of all touches, by decider: mean and 95 % interval.
+        gap: of the mean return to what no planner expects to exceed, by decider, likewise; None where not known.
         prob_best: probability of the highest mean return, by decider.
         solved: whether full information solves the first episodes, by target (:mod:`experiments.ceiling`).
         reference: the decider the others are compared with.
@@ -95,6 +97,7 @@ class Comparison:
     positions: Mapping[str, Sequence[Place]]
     claims: Mapping[str, ClaimsAtStop | None]
     regret: Mapping[str, tuple[float, float, float]]
+    gap: Mapping[str, tuple[float, float, float] | None]
     prob_best: Mapping[str, float]
     solved: Mapping[str, Sequence[bool]]
     reference: str
@@ -138,6 +141,7 @@ def compare_episodes(
     solved: Mapping[str, Sequence[bool]],
     reference: str,
     rng: np.random.Generator,
+    bounds: Mapping[str, float | None] = MappingProxyType({}),
 ) -> Comparison:
     """All numbers of a comparison.
 
@@ -148,6 +152,7 @@ def compare_episodes(
         solved: whether full information solves the first episodes, by target.
         reference: the decider the others are compared with.
         rng: source of the bootstraps.
+        bounds: what no planner's return is expected to exceed, by target, where that is known.
     """
     cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
     by_decider: dict[str, dict[str, Sequence[Episode]]] = {}
@@ -165,6 +170,7 @@ def compare_episodes(
         positions={name: by_position(some) for name, some in together.items()},
         claims={name: claims(some) for name, some in together.items()},
         regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
+        gap={name: gap(by_target, bounds, problem, rng) for name, by_target in by_decider.items()},
         prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
         solved=solved,
         reference=reference,

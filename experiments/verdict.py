@@ -42,9 +42,24 @@ def _best(comparison: Comparison) -> str:
 
 def _frame(comparison: Comparison) -> str:
     solved, tried = comparison.ceiling
+    bound = _bound(comparison)
     return (
         f"Without a touch one succeeds in {_share(comparison.floor)} (floor); who touches everything in every pose "
-        f"before answering, in {solved} of {tried} (ceiling)."
+        f"before answering, in {solved} of {tried} (ceiling).{bound}"
+    )
+
+
+def _bound(comparison: Comparison) -> str:
+    """How far the best decider stays below what planning could achieve."""
+    name = max(comparison.deciders, key=lambda name: comparison.cells[name, ALL].reward)
+    gap = comparison.gap[name]
+    if gap is None:
+        return ""
+    mean, low, high = gap
+    bound = comparison.cells[name, ALL].reward + mean
+    return (
+        f" No planner can expect a return above {bound:.3f} if touches come as the outcome table has them; {name} "
+        f"is {mean:.3f} [{low:+.3f}, {high:+.3f}] below."
     )
 
 

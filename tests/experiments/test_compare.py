@@ -20,7 +20,12 @@ from experiments.results import RunFolder, RunMismatch
 from experiments.scene_choice import SceneChoice
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
-SMALL = {"deciders": ("information_gain", "threshold", "random_confirm"), "targets": ("cone", "sphere"), "seed": 3}
+SMALL = {
+    "deciders": ("information_gain", "threshold", "random_confirm"),
+    "targets": ("cone", "sphere"),
+    "seed": 3,
+    "bound": False,
+}
 
 
 def episodes(folder):
@@ -173,7 +178,13 @@ def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):
     folder, comparison = finished
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     twice = Compare(
-        deciders=("threshold", "threshold"), targets=("cone", "cone"), seed=3, episodes=30, out=tmp_path, jobs=1
+        deciders=("threshold", "threshold"),
+        targets=("cone", "cone"),
+        seed=3,
+        episodes=30,
+        out=tmp_path,
+        jobs=1,
+        bound=False,
     ).play()
     assert twice.cells["threshold", "all"].num_episodes == 30
     assert twice.cells["threshold", "cone"].successes == comparison.cells["threshold", "cone"].successes
@@ -182,7 +193,7 @@ def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):
 def test_the_floor_is_the_best_guess_without_a_touch(tmp_path):
     # Two of four shapes are there: confirming any object is right one time in four, confirming none two in four.
     comparison = Compare(
-        deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1
+        deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1, bound=False
     ).play()
     assert comparison.floor == 0.5
     # 1 000 searches without a touch: 1/4 plus or minus .06 holds but with probability 1e-5.
@@ -237,7 +248,7 @@ def test_several_worlds_are_shown_side_by_side(tmp_path, capsys):
 
 
 def test_two_parts_merged_are_the_whole(finished, tmp_path):
-    small = {"deciders": ("threshold",), "targets": ("cone",), "seed": 3, "episodes": 30, "jobs": 1}
+    small = {"deciders": ("threshold",), "targets": ("cone",), "seed": 3, "episodes": 30, "jobs": 1, "bound": False}
     for part, name in (("1/2", "a"), ("2/2", "b")):
         Compare(**small, out=tmp_path / name, part=part).fill()
     keys = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "both")

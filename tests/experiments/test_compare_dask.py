@@ -19,7 +19,13 @@ from experiments.scene_choice import SceneChoice
 from experiments.shards import ShardTask, WorkerMismatch
 
 COARSE = Setting(SceneChoice(scene="coarse"))
-SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 30, "setting": COARSE}
+SMALL = {
+    "deciders": ("threshold", "random_confirm"),
+    "targets": ("sphere",),
+    "episodes": 30,
+    "setting": COARSE,
+    "bound": False,
+}
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="the extra dask is not installed: pip install distributed"
 )

@@ -14,8 +14,18 @@ from experiments.results import RunFolder
 from experiments.scene_choice import SceneChoice
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
-SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60}
-OPTIONS = ["--deciders", *SMALL["deciders"], "--targets", *SMALL["targets"], "--episodes", "60", "--scene", "coarse"]
+SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60, "bound": False}
+OPTIONS = [
+    "--deciders",
+    *SMALL["deciders"],
+    "--targets",
+    *SMALL["targets"],
+    "--episodes",
+    "60",
+    "--scene",
+    "coarse",
+    "--no-bound",
+]
 
 
 def start(folder):

@@ -76,7 +76,13 @@ def report(tmp_path_factory):
     """The report of a few searches."""
     folder, setting = tmp_path_factory.mktemp("report"), Setting(SceneChoice(scene="coarse"))
     comparison = Compare(
-        deciders=("information_gain", "threshold"), targets=("cone",), episodes=4, setting=setting, out=folder, jobs=1
+        deciders=("information_gain", "threshold"),
+        targets=("cone",),
+        episodes=4,
+        setting=setting,
+        out=folder,
+        jobs=1,
+        bound=False,
     ).play()
     return write_report(folder, comparison, setting, seed=0).read_text()
 

@@ -12,7 +12,7 @@ from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.paired import prob_best
 from experiments.results import Seconds
 from experiments.sheets import Sheet, sheets
-from experiments.stops import by_position, claims, regret
+from experiments.stops import by_position, claims, gap, regret
 from experiments.summary import compare_episodes, summarise
 from experiments.verdict import verdict
 from planners import Decision, Episode, Outcome, Step
@@ -148,6 +148,25 @@ def test_regret_is_to_the_best_reader_on_the_episodes_it_was_tried_on(rng):
     # Best +1, -1, +1; got .9, -1, .8; the third search for "a" was not tried.
     assert mean == pytest.approx((0.1 + 0.0 + 0.2) / 3)
     assert low <= mean <= high
+
+
+def test_the_gap_is_to_the_bound_of_each_target(rng):
+    episodes = {"a": [search("tc"), search("rc"), search("c")], "b": [search("rttc", target=1)]}
+    mean, low, high = gap(episodes, {"a": 0.95, "b": 0.85}, PROBLEM, rng)
+    assert mean == pytest.approx((0.05 + 1.95 - 0.05 + 0.05) / 4)
+    assert low < mean < high
+    assert gap(episodes, {"a": 0.95, "b": None}, PROBLEM, rng) is None
+    assert gap(episodes, {}, PROBLEM, rng) is None
+
+
+def test_the_verdict_names_the_bound_where_there_is_one(rng):
+    some = [search("tc")] * 8
+    comparison = compare_episodes(
+        PROBLEM, {("x", "a"): some}, {("x", "a"): Seconds()}, {"a": [True]}, "x", rng, {"a": 0.95}
+    )
+    assert "No planner can expect a return above 0.950" in verdict(comparison)[1]
+    assert "x is 0.050 [+0.050, +0.050] below" in verdict(comparison)[1]
+    assert "planner" not in verdict(compared({"x": some}, rng))[1]
 
 
 def test_a_clear_result_is_called_settled(rng):
