@@ -1,6 +1,7 @@
 """How near to the best possible solved policies are, and what solving and deciding cost. One thread.
 
-Run: python benchmarks/solve.py [paper]      (some minutes; tables of synthetic, coarse and gel by default)
+Run: python benchmarks/solve.py                                                        (half an hour)
+     python benchmarks/solve.py coarse paper --outcomes 48 --touch-costs 0.02          (ceilings of live searches)
 
 For every target and touch cost: what the policy is worth at the start (achieved), and what no policy exceeds
 (certified), of one object and of a search among four distinct ones; seconds to solve; microseconds a decision. The
@@ -9,7 +10,7 @@ synthetic table is softmax(2 z), z standard normal: 6 poses, 4 shapes, 12 outcom
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from pathlib import Path
 
@@ -21,15 +22,13 @@ from belief.observation_model import read_observation_model
 from belief.problem import Floats
 from planners.solve import SearchTouchProblem, TouchPolicy, TouchProblem, solve
 
-TOUCH_COSTS = (0.01, 0.05, 0.1)
 
-
-def table(name: str) -> Floats:
+def table(name: str, num_outcomes: int | None) -> Floats:
     """An outcome table, by name."""
     if name == "synthetic":
         return np.asarray(softmax(2.0 * np.random.default_rng(1).normal(size=(6, 4, 12)), axis=2))
     file = Path(activetouch.__file__).parent / "models" / name / "observation_model.json"
-    return read_observation_model(file.read_text()).outcome_table().probs
+    return read_observation_model(file.read_text()).outcome_table(num_outcomes).probs
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:
@@ -48,12 +47,17 @@ def decision_times(policy: TouchPolicy) -> tuple[float, float]:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", default=["synthetic", "coarse", "gel"], help="synthetic, or scenes")
+    parser.add_argument("--touch-costs", type=float, nargs="+", default=[0.01, 0.05, 0.1], metavar="λ")
+    parser.add_argument("--outcomes", type=int, help="of the scenes' tables; their own number by default")
+    chosen = parser.parse_args()
     print("| table | λ | target | one object | | solved in | decision alone, batched | search of four | | solved in |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    for name in sys.argv[1:] or ("synthetic", "coarse", "gel"):
-        probs = table(name)
+    for name in chosen.tables:
+        probs = table(name, chosen.outcomes)
         num_shapes = probs.shape[1]
-        for cost in TOUCH_COSTS:
+        for cost in chosen.touch_costs:
             for target in range(num_shapes):
                 started = time.perf_counter()
                 single = solve(TouchProblem(probs, np.full(num_shapes, 1 / num_shapes), target, cost))
