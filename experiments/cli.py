@@ -34,6 +34,7 @@ def commands() -> dict[str, type]:
     from experiments.stress import Stress
     from experiments.touch import Gallery, Record, Touch, View
     from experiments.touch_bank import MakeTouchBank
+    from experiments.tradeoff import Tradeoff
     from experiments.train import Train
     from experiments.train_ppo import TrainPPO
 
@@ -60,6 +61,7 @@ def commands() -> dict[str, type]:
         "limit": Limit,
         "robustness": Robustness,
         "stress": Stress,
+        "tradeoff": Tradeoff,
     }
 
 
