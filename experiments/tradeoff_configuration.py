@@ -1,7 +1,8 @@
 """What the trade between speed and accuracy is swept over: one frozen configuration for each point.
 
 A configuration has a name for people and a key for files. The key follows from everything that decides the result, the
-checkpoint by content, so that a result is found again wherever it was measured, and never mistaken for another.
+checkpoint and a shipped observation model by content, so that a result is found again wherever it was measured, and
+never mistaken for another.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Literal
 
 from activetouch.scenes import SCENES
-from activetouch.world import CLASSIFIER_FILE, MODELS
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
 from belief.selection import OBSERVATION_MODELS
 from experiments.episodes import Setting
 from experiments.scene_choice import FIDELITIES, SceneChoice
@@ -49,7 +50,7 @@ class Network:
 
         path = checkpoint if checkpoint is not None else MODELS / scene / CLASSIFIER_FILE
         card = TouchClassifier.load(path).card
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = _digest(path)
         return cls(
             scene, "" if checkpoint is None else str(checkpoint), f"{card.backbone} {card.input_size} px", digest
         )
@@ -104,6 +105,8 @@ class Configuration:
         """Of its result; the same wherever the checkpoint lies."""
         fields = asdict(self)
         del fields["network"]["checkpoint"]
+        if self.observation_model == SHIPPED:
+            fields["observation_model"] = _digest(MODELS / self.scene / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     @property
@@ -117,6 +120,10 @@ class Configuration:
         words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
         words += [f"--sensor {sensor}"] if sensor is not None else []
         return " ".join([*words, f"--out runs/compare-{self.key}"])
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def sweep(networks: Sequence[Network], recorded: Sequence[str], episodes: int, seed: int) -> list[Configuration]:
