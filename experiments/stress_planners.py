@@ -17,8 +17,10 @@ from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.stress_cases import Case, answers, equal_to, refuses, such_that
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
+from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
 from planners.stopping import ConsecutiveFrames, PosteriorThresholds
+from planners.table import TRAINED
 
 _LABELS = ("cube", "cone", "sphere")
 _POSES = ("front", "side")
@@ -40,12 +42,7 @@ def _decider(name: str, model: ConfusionModel) -> Decider:
     return make_decider(name, model.outcome_table(), model, _UNTRAINED)
 
 
-def _is_trained(name: str) -> bool:
-    """Whether a decider follows a trained policy; those need a sensor's, and refuse to be made of a bare model."""
-    return name.startswith("ppo")
-
-
-_MODEL_BASED = tuple(name for name in DECIDERS if not _is_trained(name))
+_MODEL_BASED = tuple(name for name in DECIDERS if name not in TRAINED)
 
 
 def _search(decider: Decider, problem: SearchProblem, model: ConfusionModel, number: int, target: int = 0) -> Episode:
@@ -54,7 +51,7 @@ def _search(decider: Decider, problem: SearchProblem, model: ConfusionModel, num
     return search(world, decider, problem, target, model, (number,))
 
 
-def _ends(name: str, problem: SearchProblem, model: ConfusionModel, episodes: int = 10) -> bool:
+def _ends(name: str, problem: SearchProblem, model: ConfusionModel, episodes: int = 4) -> bool:
     """Whether every search ends within the touch limit, by a decision or by the limit, and is the same again."""
     for number in range(episodes):
         first, again = (_search(_decider(name, model), problem, model, number) for _ in range(2))
@@ -156,11 +153,10 @@ CASES: tuple[Case, ...] = (
             f"DECIDERS[{name!r}]",
             "no trained policy",
             lambda name=name: _search(_decider(name, _NOISY), _PROBLEM, _NOISY, 0),
-            Exception,
-            "(?i)train|polic",
+            MissingPolicy,
+            "no policy for the target",
         )
-        for name in DECIDERS
-        if _is_trained(name)
+        for name in sorted(TRAINED)
     ),
     refuses(
         "make_decider",

@@ -54,6 +54,8 @@ class Tradeoff:
     """Of the episodes and intervals."""
     out: Path = Path("runs/tradeoff")
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
+    recorded: bool = True
+    """Whether to search on recorded touches where there are some; else live only, and fewer configurations."""
     jobs: int = 1
     """Processes; the results do not depend on it."""
 
@@ -78,7 +80,7 @@ class Tradeoff:
 
         networks = [Network.of(scene) for scene in self.scenes]
         networks += [Network.of("gel", path) for path in self.checkpoints if "gel" in self.scenes]
-        recorded = [scene for scene in self.scenes if _has_test_objects(scene)]
+        recorded = [scene for scene in self.scenes if self.recorded and _has_test_objects(scene)]
         configurations = sweep(networks, recorded, self.episodes, self.seed)
         costs = {c.key: touch_cost(c, self.out) for c in configurations}
         self._read(configurations)

@@ -20,11 +20,11 @@ from belief.selection import OBSERVATION_MODELS
 from experiments.episodes import Setting
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from planners import DECIDERS
+from planners.table import TRAINED
 
 SHIPPED = "shipped"
 """Stands for the observation model that comes with a scene's sensor."""
 _FLOOR = "random_confirm"
-_LEARNED = "ppo"  # beginning of the names of deciders that need trained policies
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _scaled(episodes: int, scene: str) -> int:
 
 def _deciders(base: Configuration) -> Iterator[Configuration]:
     for decider in DECIDERS:
-        if decider != _FLOOR and not decider.startswith(_LEARNED):
+        if decider != _FLOOR and decider not in TRAINED:
             yield replace(base, decider=decider)
 
 

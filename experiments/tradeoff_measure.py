@@ -155,7 +155,9 @@ def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
     name = f"{configuration.scene}-{configuration.network.sha256[:12]}-{configuration.precision}"
     path = folder / "costs" / f"{name}-{configuration.fidelity or 'own'}.json"
     if not path.exists():
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
+        context.set_forkserver_preload(["activetouch.classifier", "activetouch.rig", __name__])
+        with ProcessPoolExecutor(1, mp_context=context) as pool:
             cost = pool.submit(_cost_here, configuration).result()
         write_text(path, json.dumps(asdict(cost)) + "\n")
     return TouchCost(**json.loads(path.read_text()))

@@ -28,7 +28,7 @@ from experiments.scores import read_logits
 from experiments.sequences import Rounds
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
 
-_OBJECTS = {"calibration": 400, "test": 600}  # of a split, to read
+_OBJECTS = {"calibration": 200, "test": 300}  # of a split, to read
 _ROUNDS = 3  # of every object; a search seldom touches one more often in a pose
 
 
@@ -78,7 +78,8 @@ class RecordedWorld:
 
 def read_rounds(network: Network, precision: str, split: str, folder: Path) -> Rounds:
     """What a network reads of the first objects of a split; read once, and kept in a folder."""
-    path = folder / f"{network.scene}-{network.sha256[:12]}-{precision}-{split}.npz"
+    stem = f"{network.scene}-{network.sha256[:12]}-{precision}"
+    path = folder / f"{stem}-{split}-{_OBJECTS[split]}.npz"
     if not path.exists():
         from activetouch.classifier import TouchClassifier  # loads torch
 

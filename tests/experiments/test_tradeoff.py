@@ -19,6 +19,7 @@ from experiments.tradeoff_measure import Result, TouchCost, measured
 from experiments.tradeoff_picks import Point, fronts, picks
 from experiments.tradeoff_touches import RecordedWorld
 from planners import DECIDERS
+from planners.table import TRAINED
 
 COARSE = Network("coarse", "", "cnn 16 px", "ab" * 32)
 GEL = Network("gel", "", "cnn 64 px", "cd" * 32)
@@ -57,7 +58,7 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     found = sweep([COARSE, GEL, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
-    wanted = {name for name in DECIDERS if name != "random_confirm" and not name.startswith("ppo")}
+    wanted = {name for name in DECIDERS if name != "random_confirm" and name not in TRAINED}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found if c.touches == "live"} == {None, "quasistatic", "guarded_move"}
