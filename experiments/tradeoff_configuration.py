@@ -25,6 +25,7 @@ from planners.table import TRAINED
 SHIPPED = "shipped"
 """Stands for the observation model that comes with a scene's sensor."""
 _FLOOR = "random_confirm"
+_TREES = ("pouct", "pomcp")  # deciders whose every decision takes simulations
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Configuration:
         touch_cost: λ.
         fidelity: how presses are made; the scene's own way by default.
         touches: "recorded" ones of unseen objects, or "live" ones, pressed in the search.
+        simulations: of each decision, for deciders that search a tree.
         episodes: searches for each target.
         seed: of the episodes.
     """
@@ -84,6 +86,7 @@ class Configuration:
     touch_cost: float = 0.02
     fidelity: str | None = None
     touches: Literal["recorded", "live"] = "recorded"
+    simulations: int = 1000
     episodes: int = 250
     seed: int = 0
 
@@ -98,6 +101,8 @@ class Configuration:
         parts = [self.scene, self.network.label, self.observation_model, self.decider, f"λ {self.touch_cost:g}"]
         if self.precision != "fp32":
             parts.insert(2, self.precision)
+        if self.decider in _TREES:
+            parts[-2] += f" × {self.simulations}"
         return ", ".join([*parts, *([self.fidelity] if self.fidelity else []), self.touches])
 
     @property
@@ -105,6 +110,8 @@ class Configuration:
         """Of its result; the same wherever the checkpoint lies."""
         fields = asdict(self)
         del fields["network"]["checkpoint"]
+        if self.decider not in _TREES:
+            del fields["simulations"]  # which are of no effect
         if self.observation_model == SHIPPED:
             fields["observation_model"] = _digest(MODELS / self.scene / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
@@ -163,7 +170,11 @@ def _scaled(episodes: int, scene: str) -> int:
 
 def _deciders(base: Configuration) -> Iterator[Configuration]:
     for decider in DECIDERS:
-        if decider != _FLOOR and decider not in TRAINED:
+        if decider in _TREES:
+            for simulations in (100, 1000):
+                fewer = max(1, base.episodes // 10)  # they take a hundred times as long
+                yield replace(base, decider=decider, simulations=simulations, episodes=fewer)
+        elif decider != _FLOOR and decider not in TRAINED:
             yield replace(base, decider=decider)
 
 

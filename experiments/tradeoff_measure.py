@@ -20,7 +20,7 @@ import numpy as np
 
 from activetouch import TactileSensor
 from activetouch.atomic import write_text
-from activetouch.world import MODELS
+from activetouch.world import MODELS, POLICIES
 from belief import Touch
 from experiments.episodes import episode_seed, make_world
 from experiments.tradeoff_configuration import Configuration, Network
@@ -92,7 +92,9 @@ def _search(configuration: Configuration, cache: Path) -> Result:
     setting = configuration.setting
     problem = setting.problem
     model = observation_model(configuration, cache)
-    decider = make_decider(configuration.decider, model.outcome_table(), model, setting.sensor_folder / "policies")
+    decider = make_decider(
+        configuration.decider, model.outcome_table(), model, setting.sensor_folder / POLICIES, configuration.simulations
+    )
     serve: Callable[[Sequence[TouchRequest[Any]]], Sequence[Touch]]
     if configuration.touches == "live":
         sensor = replace(_sensor(configuration), model=model)

@@ -79,8 +79,9 @@ class Point:
 
     @property
     def is_playable(self) -> bool:
-        """Whether ``activetouch compare`` can play it: it reads in single precision."""
-        return self.configuration.precision == "fp32"
+        """Whether ``activetouch compare`` can play it: it reads in single precision, with as many simulations."""
+        c = self.configuration
+        return c.precision == "fp32" and c.simulations == Configuration.simulations
 
 
 @dataclass(frozen=True)
