@@ -1,6 +1,7 @@
 """Laws that every observation model must obey, whatever it is made of."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -109,8 +110,10 @@ def damaged(text, path, *values):
 
 
 def test_damaged_text_is_refused_or_read_as_a_model_that_works(any_model, rng):
-    text, (batch, _) = any_model.to_json(), objects(any_model, rng, 2, [0, 1])
-    refused = 0
+    batch, _ = objects(any_model, rng, 2, [0, 1])
+    if any_model.name == "ratio":  # a few references will do, and are read faster
+        any_model = replace(any_model, references=any_model.references[:, :3])
+    text, refused = any_model.to_json(), 0
     values = (None, "x", [], {}, -1, [[1.0]], float("nan"), float("inf"))
     for path in paths(json.loads(text)):
         for broken in damaged(text, path, *values):
