@@ -161,12 +161,11 @@ class RatioModel(ArrayModel):
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
         counts = membership.sum(axis=1)
         if self.directions is not None:
-            sums = np.moveaxis(membership, 1, 2).astype(np.float64) @ centred(log_ratio)  # (S, P, K)
-            by_count = [
-                np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ discounts(n, self.directions).T
-                for n in np.unique(counts[counts > 0]).tolist()
-            ]
-            return np.sum(by_count, axis=0)
+            sums = np.swapaxes(membership, 1, 2).astype(np.float64) @ centred(log_ratio)  # (S, P, K)
+            total = np.zeros((len(batch), sums.shape[2]))
+            for n in sorted(set(counts.ravel().tolist()) - {0}):
+                total += np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ self._discount(n).T
+            return total
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
         return np.asarray((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
@@ -221,6 +220,17 @@ class RatioModel(ArrayModel):
             fields["status"],
             np.array(fields["directions"], np.float64) if "directions" in fields else None,
         )
+
+    def _discount(self, num_touches: int) -> Floats:
+        """What turns a sum of so many log ratios into what they are worth, ``(K, K)``; kept, as few numbers occur."""
+        assert self.directions is not None
+        if num_touches not in self._discounts:
+            self._discounts[num_touches] = discounts(num_touches, self.directions)
+        return self._discounts[num_touches]
+
+    @cached_property
+    def _discounts(self) -> dict[int, Floats]:
+        return {}
 
     @cached_property
     def _log_prior(self) -> Floats:
