@@ -15,6 +15,7 @@ from belief.problem import Floats
 
 ASSUMED_CORRELATION = 0.5  # where no object was touched twice in a pose
 _LARGEST = 0.999
+_LONGEST = 12  # touches of a group that count: by then it shows how they repeat, and one long group costs no memory
 
 
 def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
@@ -31,7 +32,7 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
 
 
 class Repeats(NamedTuple):
-    """Touches of one object in one pose, as G groups of at most n; shorter ones are filled up.
+    """Touches of one object in one pose, as G groups of at most n ≤ 12; shorter ones are filled up.
 
     Attributes:
         rows: index of each touch, ``(G, n)``; -1 where there is none.
@@ -43,7 +44,7 @@ class Repeats(NamedTuple):
 
 
 def repeats(data: LabelledTouches) -> Repeats | None:
-    """The groups of at least two touches of one object in one pose, in the order they came.
+    """The groups of at least two touches of one object in one pose, in the order they came; of each the first twelve.
 
     None if there are none of at least two shapes, as then nothing is learnt of what repeats do to telling them apart.
 
@@ -61,7 +62,7 @@ def repeats(data: LabelledTouches) -> Repeats | None:
     kept = np.flatnonzero(sizes > 1)
     if np.unique(data.shapes[order[first[kept]]]).size < 2:
         return None
-    steps = np.arange(sizes.max())
+    steps = np.arange(min(sizes.max(), _LONGEST))
     inside = steps < sizes[kept, None]
     rows = np.where(inside, order[np.minimum(first[kept, None] + steps, len(order) - 1)], -1)
     return Repeats(rows, data.shapes[rows[:, 0]])

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
-from belief.observation_model import OutcomeTable, RatioModel, read_observation_model
+from belief.observation_model import OutcomeTable, RatioModel, SignatureModel, read_observation_model
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.repeats import effective_touches, fit_correlation, repeats
 from belief.selection import log_posteriors
@@ -117,6 +117,14 @@ def test_the_discount_is_fitted_to_objects_the_calibration_has_not_seen(rng):
 
     RatioModel.fit(*correlated(rng, 0.5, num_objects=9), calibration=Counting(), num_folds=3)
     assert sorted(Counting.seen) == [48, 48, 48, 72]
+
+
+@pytest.mark.parametrize("kind", [RatioModel, SignatureModel])
+def test_one_object_touched_ten_thousand_times_among_others_is_no_trouble(kind, rng):
+    touches, shapes, ids = correlated(rng, 0.5, num_objects=300)
+    extra = [Touch(0, row) for row in np.array([1.5, 0.0, 0.0]) + rng.normal(size=(10_000, 3))]
+    model = kind.fit(touches + extra, np.append(shapes, np.zeros(10_000, int)), np.append(ids, np.full(10_000, 999)))
+    assert model.status == "ok"
 
 
 @pytest.mark.parametrize(("num_shapes", "rounds"), [(3, 1), (1, 4)])
