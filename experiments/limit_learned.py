@@ -25,6 +25,7 @@ from scipy.special import log_softmax
 
 from activetouch.dataset import read_manifest, read_split
 from activetouch.scene import Symmetry
+from belief.statistics import cluster_bootstrap
 from experiments.bank import symmetric_views
 from experiments.parallel import progress_bar
 from experiments.press_numbers import cover_hart_accuracy
@@ -57,6 +58,9 @@ class LearnedView:
         asked = read_views(classifier, readings, Symmetry.NONE, "reading fresh touches")
         turned = read_views(classifier, readings, symmetry, "reading all views of them")
         right, views_right = asked.labels == study.shapes, turned.labels == study.shapes
+        fitted, *interval = cluster_bootstrap(
+            known.labels == learned.shapes, learned.object_ids, np.random.default_rng(study.seed)
+        )
         sizes = [size for part in _PARTS if (size := len(learned.shapes) // part)]
         neighbours = {}
         for seen in SEEN:
@@ -67,7 +71,7 @@ class LearnedView:
         numbers: dict[str, Any] = {
             "estimator": "learned view",
             "classifier": share(right),
-            "learned_from": share(known.labels == learned.shapes),
+            "learned_from": {"value": fitted, "interval": interval},
             "all_views": share(views_right),
             "gain_of_views": paired_difference(views_right, right, study.seed),
             "sizes": sizes,
