@@ -3,7 +3,8 @@ r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Vene
 The search as pomdp-py sees it: a state is (object, its shape, whether a target was given away), or the end. CONFIRM and
 a last REJECT lead to the end; an earlier REJECT brings the next object, which is the target with the chance that
 drawing without putting back gives it, or else any of the other shapes: that no two of *these* are alike is left out.
-One object by itself is a search of one (paper §5.8). Every decision plans anew from the belief it is given.
+One object by itself is a search of one (paper §5.8). Every decision plans anew from the belief it is given. In the tree
+all touches are fresh; at its root only the poses used least may be probed in, because repeats are not (decision 0006).
 
 Leaves of the tree are valued by rollouts. pomdp-py's own rollout acts at random: from any belief it sooner or later
 confirms something wrong, so no touch ever seems to be worth its price, and the planner confirms or rejects untouched.
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 import random
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -37,12 +38,13 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
 from planners.decider import Decision, InformationState
+from planners.probing import num_uses
 from planners.rest import prob_missed, target_chances
 
 END = SimpleState("end")
 NOTHING = SimpleObservation("nothing")
 CONFIRM, REJECT = SimpleAction("confirm"), SimpleAction("reject")
-_EXPLORATION = 0.3  # of UCB1; returns lie in about [-1, 1]
+_EXPLORATION = 0.5  # of UCB1; returns lie in about [-1, 1]
 _DEPTH = 12  # steps ahead beyond the two that every object left may need
 
 
@@ -165,15 +167,18 @@ class RewardModel(pomdp_py.RewardModel):
 class RandomRollout(pomdp_py.RolloutPolicy):
     """Acts at random: what pomdp-py does by itself, kept to show that it fails."""
 
-    def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
+    def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:
         self._rules, self._rng = rules, rng
         self._all = list(rules.actions)
+        self._now = self._all if now is None else list(now)  # what there is to choose from before anything was done
 
     def get_all_actions(
         self, state: SimpleState | None = None, history: tuple[object, ...] | None = None
     ) -> list[SimpleAction]:
-        """Every action; at the end one is as good as another."""
-        return self._all if state is not END else [CONFIRM]
+        """Every action that makes sense now, every one at all later; at the end one is as good as another."""
+        if state is END:
+            return [CONFIRM]
+        return self._all if history else self._now
 
     def sample(self, state: SimpleState) -> SimpleAction:
         """Any action."""
@@ -215,7 +220,8 @@ class Pouct:
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         rules = Rules(info.problem, info.target, self.table)
-        agent = make_agent(rules, pomdp_py.Histogram(belief_histogram(rules, info)), self.rollout, rng)
+        policy = self.rollout(rules, rng, _root_actions(rules, info))
+        agent = make_agent(rules, pomdp_py.Histogram(belief_histogram(rules, info)), policy, rng)
         planner = pomdp_py.POUCT(**_settings(info, self.simulations, agent))
         return _plan(planner, agent, rules, info, rng)
 
@@ -237,25 +243,21 @@ class Pomcp:
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         rules = Rules(info.problem, info.target, self.table)
+        policy = self.rollout(rules, rng, _root_actions(rules, info))
         histogram = belief_histogram(rules, info)
         states, probs = list(histogram), np.array(list(histogram.values()))
         drawn = rng.choice(len(states), size=self.simulations, p=probs / probs.sum())
         particles = pomdp_py.Particles([states[index] for index in drawn.tolist()])
-        agent = make_agent(rules, particles, self.rollout, rng)
+        agent = make_agent(rules, particles, policy, rng)
         planner = pomdp_py.POMCP(**_settings(info, self.simulations, agent))
         return _plan(planner, agent, rules, info, rng)
 
 
 def make_agent(
-    rules: Rules,
-    belief: pomdp_py.GenerativeDistribution,
-    rollout: type[RandomRollout],
-    rng: np.random.Generator,
+    rules: Rules, belief: pomdp_py.GenerativeDistribution, policy: pomdp_py.PolicyModel, rng: np.random.Generator
 ) -> pomdp_py.Agent:
     """An agent of pomdp-py, for its planners and whatever else takes one; its models draw from ``rng``."""
-    return pomdp_py.Agent(
-        belief, rollout(rules, rng), TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules)
-    )
+    return pomdp_py.Agent(belief, policy, TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules))
 
 
 def belief_histogram(rules: Rules, info: InformationState) -> dict[SimpleState, float]:
@@ -296,26 +298,30 @@ def _settings(info: InformationState, simulations: int, agent: pomdp_py.Agent) -
     }
 
 
+def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
+    """What makes sense now: not to confirm what is ruled out, nor to repeat a pose while another is fresher."""
+    uses = num_uses(info)
+    all_used = len(info.history) >= max(info.problem.touch_limit // info.problem.num_objects, 1)
+    return [
+        theirs
+        for theirs, ours in rules.actions.items()
+        if not (isinstance(ours, Confirm) and info.target_prob == 0.0)
+        and not (isinstance(ours, Probe) and (all_used or uses[ours.pose] > uses.min()))
+    ]
+
+
 def _plan(
     planner: pomdp_py.Planner, agent: pomdp_py.Agent, rules: Rules, info: InformationState, rng: np.random.Generator
 ) -> Decision:
     with _seeded_global_random(int(rng.integers(2**63))):
         planner.plan(agent)
-    nodes = {ours: agent.tree[theirs] for theirs, ours in rules.actions.items()}
-    values = {ours: float(node.value) for ours, node in nodes.items() if node.num_visits}
-    labels = {Confirm(): "confirm", Reject(): "reject"}
+    nodes = {theirs: agent.tree[theirs] for theirs in agent.tree.children}
+    values = {rules.actions[theirs]: float(node.value) for theirs, node in nodes.items() if node.num_visits}
     scores = {"target_prob": info.target_prob}
     for action, value in values.items():
-        label = info.problem.pose_labels[action.pose] if isinstance(action, Probe) else labels[action]
+        label = info.problem.pose_labels[action.pose] if isinstance(action, Probe) else type(action).__name__.lower()
         scores[f"value_{label}"] = value
-    limit = max(info.problem.touch_limit // info.problem.num_objects, 1)
-    allowed = [
-        action
-        for action in values
-        if not (isinstance(action, Confirm) and info.target_prob == 0.0)  # simulations are too few to rely on
-        and not (isinstance(action, Probe) and len(info.history) >= limit)
-    ]
-    return Decision(max(allowed, key=values.__getitem__), scores)
+    return Decision(max(values, key=values.__getitem__), scores)
 
 
 @contextmanager

@@ -120,7 +120,7 @@ def test_random_rollouts_touch_far_less_than_informed_ones():
         decider = adapter.Pouct(TABLE, 150, rollout)
         episodes = search_lockstep(worlds, decider, problem, [0] * 12, model, [(s,) for s in range(12)])
         touches[rollout] = np.mean([episode.num_touches for episode in episodes])
-    assert 2.0 * touches[adapter.RandomRollout] < touches[adapter.InformedRollout]
+    assert 1.5 * touches[adapter.RandomRollout] < touches[adapter.InformedRollout]
 
 
 def test_too_few_simulations_to_try_every_action_are_refused():
@@ -134,3 +134,11 @@ def test_a_target_ruled_out_is_not_confirmed_by_few_simulations():
     for seed in range(20):
         action = make_decider("pouct", TABLE, simulations=5).decide(info, np.random.default_rng(seed)).action
         assert not isinstance(action, Confirm)
+
+
+def test_a_pose_used_before_gives_way_to_one_that_is_not():
+    same = OutcomeTable(np.repeat(TABLE.probs[:1], 2, axis=0))
+    problem = problem_of(Composition.INDEPENDENT, 1)
+    for used in (0, 1):
+        info = InformationState(problem, 0, Belief.from_probs("abc", [0.5, 0.3, 0.2]), (Touch(used, np.zeros(3)),))
+        assert adapter.Pouct(same, 200).decide(info, np.random.default_rng(0)).action == Probe(1 - used)

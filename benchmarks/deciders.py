@@ -1,0 +1,198 @@
+"""What every decider makes of the same searches: return, success, touches, and the time a decision takes.
+
+Run: python benchmarks/deciders.py                     (--help for less; about an hour of one core as it stands)
+
+Objects are touched in the table the deciders plan on: outcomes are drawn from it, so that beliefs are exactly right and
+point-based bounds hold. One table is random, the other that of scene ``coarse``. All deciders search the same episodes;
+tree search gets the first few of them, as it thinks for seconds, and is compared with ``point_based`` on those alone.
+Writes a CSV file and a figure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.world import MODELS, OBSERVATION_FILE
+from belief import SearchProblem
+from belief.observation_model import OutcomeTable, read_observation_model
+from belief.statistics import paired_bootstrap, wilson_interval
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from belief.tabular import TabularModel
+from planners import DECIDERS, Decider, Decision, Episode, InformationState, make_decider, search_lockstep
+from planners.pomdp_py_adapter import Pouct, RandomRollout
+from planners.solve import SearchTouchProblem, solve
+from planners.table import TRAINED
+
+NUM_OBJECTS, TOUCH_COST = 4, 0.02
+TREES = ("pouct", "pomcp")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one decider made of its episodes; intervals are 95 %."""
+
+    model: str
+    decider: str
+    episodes: int
+    mean_return: float
+    return_std_error: float
+    success: float
+    success_low: float
+    success_high: float
+    touches: float
+    ms_per_decision: float
+    over_point_based: float
+    over_low: float
+    over_high: float
+
+
+class Timed:
+    """A decider whose decisions are timed."""
+
+    def __init__(self, decider: Decider) -> None:
+        self._decider, self.seconds = decider, list[float]()
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """As the decider does."""
+        started = time.process_time()  # other processes do not count
+        decision = self._decider.decide(info, rng)
+        self.seconds.append(time.process_time() - started)
+        return decision
+
+
+def tables() -> dict[str, OutcomeTable]:
+    coarse = read_observation_model((MODELS / "coarse" / OBSERVATION_FILE).read_text())
+    return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
+
+
+def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[tuple[str, int, Callable[[], Decider]]]:
+    """Name, episodes and maker of each; those that follow trained policies have none for a bare table."""
+    found: list[tuple[str, int, Callable[[], Decider]]] = [
+        (name, episodes, lambda name=name: make_decider(name, table))
+        for name in ("point_based", *(n for n in DECIDERS if n not in (*TRAINED, *TREES, "point_based")))
+    ]
+    for simulations, number in zip((100, 1000, 10_000), trees, strict=True):
+        for name in TREES:
+            found.append(
+                (f"{name} {simulations}", number, lambda n=name, s=simulations: make_decider(n, table, simulations=s))
+            )
+    found.append(("pouct 1000, random rollouts", trees[1], lambda: Pouct(table, 1000, RandomRollout)))
+    return [entry for entry in found if entry[1]]
+
+
+def play(table: OutcomeTable, decider: Decider, episodes: int, seed: int) -> tuple[list[Episode], SearchProblem]:
+    labels = tuple(f"shape_{k}" for k in range(table.num_shapes))
+    model = TabularModel(labels, table)
+    poses = tuple(f"pose_{p}" for p in range(table.num_poses))
+    problem = SearchProblem(labels, poses, NUM_OBJECTS, touch_cost=TOUCH_COST, touch_limit=12 * NUM_OBJECTS)
+    seeds = [(seed, number) for number in range(episodes)]
+    worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([*key, 2]))) for key in seeds]
+    targets = [number % table.num_shapes for number in range(episodes)]
+    return search_lockstep(worlds, decider, problem, targets, model, seeds), problem
+
+
+def measure(name: str, table: OutcomeTable, arguments: argparse.Namespace) -> list[Row]:
+    rows, reference = [], np.empty(0)
+    for label, number, make in deciders(table, arguments.episodes, arguments.trees):
+        timed = Timed(make())
+        episodes, problem = play(table, timed, number, arguments.seed)
+        returns = np.array([episode.reward(problem) for episode in episodes])
+        reference = reference if reference.size else returns
+        over, low, high = paired_bootstrap(returns, reference[:number], np.random.default_rng(arguments.seed))
+        right = sum(episode.success for episode in episodes)
+        rows.append(
+            Row(
+                name,
+                label,
+                number,
+                float(returns.mean()),
+                float(returns.std(ddof=1) / np.sqrt(number)),
+                right / number,
+                *wilson_interval(right, number),
+                float(np.mean([episode.num_touches for episode in episodes])),
+                1e3 * float(np.median(timed.seconds)),
+                over,
+                low,
+                high,
+            )
+        )
+        row = rows[-1]
+        print(
+            f"{label:28}{number:6}{row.mean_return:8.3f} ± {row.return_std_error:.3f}{row.success:8.3f}"
+            f"{row.touches:8.2f}{row.ms_per_decision:10.3f}   {over:+.3f} [{low:+.3f}, {high:+.3f}]",
+            flush=True,
+        )
+    return rows
+
+
+def bounds(table: OutcomeTable) -> tuple[float, float]:
+    """Certified bounds on the best possible return, mean over targets."""
+    policies = [
+        solve(SearchTouchProblem(table.probs, NUM_OBJECTS, "distinct", target, TOUCH_COST))
+        for target in range(table.num_shapes)
+    ]
+    return float(np.mean([p.lower_bound for p in policies])), float(np.mean([p.upper_bound for p in policies]))
+
+
+def draw(rows: Sequence[Row], limits: dict[str, tuple[float, float]], path: Path) -> None:
+    """Return against the time of a decision, and success against touches."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    beside = {"xytext": (4, 3), "textcoords": "offset points", "size": 7}
+    figure, axes = plt.subplots(len(limits), 2, figsize=(12, 4.5 * len(limits)), squeeze=False, layout="constrained")
+    for (left, right), (model, (low, high)) in zip(axes, limits.items(), strict=True):
+        for row in (row for row in rows if row.model == model):
+            left.errorbar(row.ms_per_decision, row.mean_return, 1.96 * row.return_std_error, fmt="o", ms=4, lw=1)
+            left.annotate(
+                row.decider, (row.ms_per_decision, row.mean_return), (4, 3), textcoords="offset points", size=7
+            )
+            right.errorbar(
+                row.touches,
+                row.success,
+                [[row.success - row.success_low], [row.success_high - row.success]],
+                fmt="o",
+                ms=4,
+                lw=1,
+            )
+            right.annotate(row.decider, (row.touches, row.success), **beside)
+        left.axhspan(low, high, color="0.8", zorder=0)
+        left.set(xscale="log", xlabel="processor time of a decision [ms]", ylabel="return", title=f"table: {model}")
+        right.set(xlabel="touches in a search", ylabel="success", title="grey, left: the optimum lies in here")
+    figure.savefig(path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--episodes", type=int, default=2000, help="searches of each decider but tree search")
+    parser.add_argument("--trees", type=int, nargs=3, default=(200, 100, 20), help="of those with 100, 1 000, 10 000")
+    parser.add_argument("--models", nargs="+", default=["coarse", "random"], choices=["coarse", "random"])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("runs/deciders"))
+    arguments = parser.parse_args()
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    rows, limits = [], {}
+    for name in arguments.models:
+        print(f"\ntouches drawn from the table: {name}")
+        print(f"{'decider':28}{'n':>6}{'return':>16}{'success':>8}{'touches':>8}{'ms':>10}   over point_based")
+        rows += measure(name, tables()[name], arguments)
+        limits[name] = bounds(tables()[name])
+        print(f"the optimum returns between {limits[name][0]:.3f} and {limits[name][1]:.3f}", flush=True)
+        with (arguments.out / "deciders.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, [field.name for field in fields(Row)])
+            writer.writeheader()
+            writer.writerows(asdict(row) for row in rows)
+        draw(rows, limits, arguments.out / "deciders.svg")
+
+
+if __name__ == "__main__":
+    main()

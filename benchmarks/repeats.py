@@ -1,0 +1,122 @@
+"""What it gains to know the price of repeats: searches among recorded objects that were touched again and again.
+
+Run: python benchmarks/repeats.py                      (needs data/coarse-repeats: see docs/calibration.md)
+
+Every touch is a recorded one of a real object of the test split, read by the shipped network; a second touch in a pose
+is the same object in the next round. So touches repeat each other as they do live, and beliefs come from the shipped
+observation model, which discounts them. What differs is only how a decider picks poses:
+
+- ``least used``: by information gain among the poses used least (decision 0006);
+- ``fresh``: by information gain, repeats taken for as good as new;
+- ``priced``: by information gain times what the model says a repeat is worth.
+
+The same with the value of information, which also stops by it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.classifier import TouchClassifier
+from activetouch.dataset import read_split
+from activetouch.manifest import read_manifest
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from belief import SearchProblem, Touch
+from belief.observation_model import OutcomeTable, read_observation_model
+from belief.statistics import paired_bootstrap
+from belief.synthetic import sample_arrangement
+from experiments.scores import read_logits
+from experiments.sequences import Rounds
+from planners import Decider, search_lockstep
+from planners.decider import SequentialDecider
+from planners.probing import TargetInformationGain
+from planners.repeats import CorrelatedRepeats, LeastUsedFirst, RepeatDiscount, repeat_discount
+from planners.stopping import PosteriorThresholds
+from planners.value_of_information import ValueOfInformation
+
+
+class RecordedWorld:
+    """Recorded objects, each touched in its recorded rounds, in random order."""
+
+    def __init__(self, rounds: Rounds, arrangement: Sequence[int], rng: np.random.Generator) -> None:
+        self.arrangement = tuple(arrangement)
+        self._rounds, self._current = rounds, 0
+        self._objects = [int(rng.choice(np.flatnonzero(rounds.shapes == shape))) for shape in arrangement]
+        number, poses = len(self._objects), rounds.num_poses
+        order = np.tile(np.arange(rounds.num_rounds), (number, poses, 1))
+        self._order = rng.permuted(order, axis=2)
+        self._uses = np.zeros((number, poses), np.int64)
+
+    def touch(self, pose: int, rng: np.random.Generator) -> Touch:
+        """The next round of the current object in this pose; after the last, the first again."""
+        number = self._uses[self._current, pose] % self._rounds.num_rounds
+        self._uses[self._current, pose] += 1
+        drawn = self._order[self._current, pose, number]
+        return Touch(pose, self._rounds.logits[self._objects[self._current], drawn, pose])
+
+    def advance(self) -> None:
+        """Bring the next object."""
+        self._current += 1
+
+    def reset(self) -> None:
+        """Bring the first object, as if none had been touched."""
+        self._current = 0
+        self._uses[:] = 0
+
+
+def read_rounds(data: Path, sensor: Path) -> Rounds:
+    manifest = read_manifest(data)
+    touches = read_split(data, "test")
+    logits = read_logits(TouchClassifier.load(sensor / CLASSIFIER_FILE), touches.images, "reading test touches")
+    return Rounds.of(touches, logits, len(manifest.pose_labels))
+
+
+def deciders(table: OutcomeTable, known: RepeatDiscount) -> Mapping[str, Decider]:
+    discounts = {"least used": LeastUsedFirst(), "fresh": CorrelatedRepeats(0.0), "priced": known}
+    gains = {
+        f"information gain, {name}": SequentialDecider(PosteriorThresholds(), TargetInformationGain(table, discount))
+        for name, discount in discounts.items()
+    }
+    values = {
+        f"value of information, {name}": ValueOfInformation(table, 2, discount) for name, discount in discounts.items()
+    }
+    return {**gains, **values}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scene", default="coarse")
+    parser.add_argument("--episodes", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    sensor = MODELS / arguments.scene
+    rounds = read_rounds(Path("data") / f"{arguments.scene}-repeats", sensor)
+    model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
+    known = repeat_discount(model)
+    poses = tuple(f"pose_{pose}" for pose in range(rounds.num_poses))
+    problem = SearchProblem(model.shape_labels, poses, 4, touch_limit=48)
+    print(f"{arguments.scene}: {rounds.num_objects} objects, {arguments.episodes} searches, {known}")
+    print(f"{'':36}{'return':>8}{'success':>9}{'touches':>9}   over least used, paired, 95 %")
+    reference = np.empty(0)
+    for name, decider in deciders(model.outcome_table(), known).items():
+        seeds = [(arguments.seed, number) for number in range(arguments.episodes)]
+        rngs = [np.random.default_rng([*seed, 2]) for seed in seeds]
+        worlds = [RecordedWorld(rounds, sample_arrangement(problem, rng), rng) for rng in rngs]
+        targets = [number % problem.num_shapes for number in range(arguments.episodes)]
+        episodes = search_lockstep(worlds, decider, problem, targets, model, seeds)
+        returns = np.array([episode.reward(problem) for episode in episodes])
+        reference = returns if name.endswith("least used") else reference
+        over, low, high = paired_bootstrap(returns, reference, np.random.default_rng(arguments.seed))
+        print(
+            f"{name:36}{returns.mean():8.3f}{np.mean([e.success for e in episodes]):9.3f}"
+            f"{np.mean([e.num_touches for e in episodes]):9.2f}   {over:+.4f} [{low:+.4f}, {high:+.4f}]",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
