@@ -14,9 +14,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from activetouch.rendering import RENDERERS
 from belief import SearchProblem
@@ -25,13 +23,12 @@ from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
 from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
 from experiments.shards import ShardTask, identity
-from experiments.sheets import ALL
 from experiments.summary import Comparison, compare_episodes
+from experiments.terminal import render_table
 from experiments.verdict import verdict
 from planners import DECIDERS
 
 _CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
-_ROWS_PER_TARGET = 40  # in a terminal; more, and targets are left to the report
 
 
 class BadArgument(ActiveTouchError, ValueError):
@@ -114,6 +111,8 @@ class Compare:
         """
         choice = self.setting.choice
         if not self.scenes and not self.renderers:
+            if self.sensors is not None:
+                raise BadArgument("--sensors is for --scenes or --renderers; name a single sensor with --sensor")
             return {choice.scene: self}
         for plural, chosen in ((self.scenes, choice.scene != "gel"), (self.renderers, choice.renderer is not None)):
             if plural and chosen:
@@ -127,9 +126,9 @@ class Compare:
                 name = scene if renderer is None else f"{scene}-{renderer}"
                 sensor = self.setting.sensor
                 if self.sensors is not None:
-                    sensor = Path(self.sensors.format(scene=scene, renderer=renderer))
+                    sensor = Path(self.sensors.replace("{scene}", scene).replace("{renderer}", str(renderer)))
                 setting = replace(self.setting, choice=replace(choice, scene=scene, renderer=renderer), sensor=sensor)
-                found[name] = replace(self, scenes=(), renderers=(), setting=setting, out=root / name)
+                found[name] = replace(self, scenes=(), renderers=(), sensors=None, setting=setting, out=root / name)
         return found
 
     def _run_one(self, console: Console) -> Comparison | None:
@@ -248,33 +247,3 @@ class Compare:
 
 def _bound_key(target: str) -> ShardKey:
     return ShardKey(BOUND, target, 0)
-
-
-def render_table(comparison: Comparison) -> Table:
-    """The comparison as a table that fits an 80-column terminal."""
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), caption_justify="left")
-    table.caption = (
-        f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
-        f"intervals. Floor (without touching) {comparison.floor:.2f}; ceiling (touch everything first) "
-        f"{comparison.ceiling[0]}/{comparison.ceiling[1]}. ms/touch = physics+network+decision"
-    )
-    for heading in ("target", "success", "95 %", "wrong", "none", "touches", "ms/touch"):
-        table.add_column(heading, justify="left" if heading == "target" else "right", no_wrap=True)
-    by_target = len(comparison.deciders) * (len(comparison.targets) + 1) <= _ROWS_PER_TARGET
-    for decider in comparison.deciders:
-        table.add_row(decider, style="bold")
-        for target in [*(comparison.targets if by_target else ()), ALL]:
-            cell = comparison.cells[decider, target]
-            low, high = cell.success_interval
-            ms = cell.seconds.ms_per_touch()
-            table.add_row(
-                f"  {target}",
-                f"{cell.success:.3f}",
-                f"{low:.3f}–{high:.3f}",
-                str(cell.wrong),
-                str(cell.none + cell.truncated),
-                f"{cell.touches:.2f}",
-                f"{ms['physics']:.1f}+{ms['network']:.1f}+{ms['decision']:.1f}" if cell.touches else "–",
-                end_section=target == ALL,
-            )
-    return table

@@ -204,7 +204,8 @@ def _offset(index: int, count: int) -> float:
 
 
 def _legend(axes: Axes, comparison: Comparison) -> None:
-    columns = 3 if sum(map(len, comparison.deciders[:3])) < 42 else 2
+    widest = 0.55 + 0.075 * max(map(len, comparison.deciders))  # inches
+    columns = min(max(int(_WIDTH / widest), 1), len(comparison.deciders))
     axes.legend(frameon=False, ncols=columns, loc="lower center", bbox_to_anchor=(0.5, 1), fontsize=9)
 
 

@@ -83,7 +83,7 @@ def _open(difference: Difference, comparison: Comparison) -> str:
     if needed is None:
         most = 1.0 - (1.0 - 0.95) ** (1.0 / pairs.num_episodes)
         if pairs.first_only + pairs.second_only == 0:
-            return f"they differ in fewer than {100 * most:.2g} % of searches (95 %), and none seen says how"
+            return f"they differ in fewer than {100 * most:.2g} % of all searches (95 %)"
         return "they are right equally often, so no number of searches follows from what was seen"
     more = max(needed - pairs.num_episodes, 0)
     if more == 0:

@@ -5,19 +5,22 @@ import io
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from belief.errors import UnknownName
-from experiments.compare import BadArgument, Compare, render_table
+from experiments.compare import BadArgument, Compare
 from experiments.episodes import Setting
 from experiments.merge import merge
 from experiments.replay import replay
 from experiments.report import write_report
-from experiments.results import RunFolder, RunMismatch
+from experiments.results import RunFolder, RunMismatch, Seconds
 from experiments.scene_choice import SceneChoice
+from experiments.terminal import render_table
+from planners import DECIDERS
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 SMALL = {
@@ -143,12 +146,33 @@ def test_run_json_says_what_was_run(finished):
     assert len(run["identity"]["sensor_sha256"]) == 64
 
 
-def test_the_table_fits_an_ordinary_terminal(finished):
+def rendered(comparison):
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(render_table(finished[1]))
-    text = console.export_text()
+    console.print(render_table(comparison))
+    return console.export_text()
+
+
+def test_the_table_fits_an_ordinary_terminal(finished):
+    text = rendered(finished[1])
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= 80
+    assert text.count("cone") == 3
+
+
+def test_a_table_of_all_deciders_fits_too(finished):
+    _, comparison = finished
+    cells = {
+        (name, target): replace(
+            comparison.cells["threshold", target], seconds=Seconds(1.0, 0.09, 0.04, 10), wrong=9999, touches=99.0
+        )
+        for name in DECIDERS
+        for target in [*comparison.targets, "all"]
+    }
+    everybody = {(name, target): comparison.episodes["threshold", target] for name, target in cells if target != "all"}
+    text = rendered(replace(comparison, cells=cells, episodes=everybody))
+    assert "…" not in text
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert text.count("100+9.0+4.0") == len(DECIDERS)  # too long for targets
 
 
 @pytest.mark.parametrize(
@@ -205,6 +229,7 @@ def test_the_floor_is_the_best_guess_without_a_touch(tmp_path):
     ("options", "message"),
     [
         ({"renderers": ("presure",)}, "Did you mean 'pressure'"),
+        ({"sensors": "runs/{scene}"}, "name a single sensor with --sensor"),
         ({"scenes": ("gel",), "setting": Setting(SceneChoice(scene="coarse"))}, "either --scene or --scenes"),
     ],
 )

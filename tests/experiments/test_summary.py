@@ -194,7 +194,7 @@ def test_an_open_result_says_how_many_searches_would_settle_it(rng):
 def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict(compared({"x": same, "y": same}, rng)))
-    assert "they differ in fewer than 3 % of searches (95 %)" in told  # 1 - .05^(1/100)
+    assert "they differ in fewer than 3 % of all searches (95 %)" in told  # 1 - .05^(1/100)
 
 
 def test_presses_that_were_made_again_are_counted_and_told(rng):
