@@ -73,8 +73,8 @@ class Compare:
     """Where their sensors are, with {scene} and {renderer}; those that come with the scenes by default."""
     out: Path | None = None
     """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
-    bound: bool = True
-    """Also find what return no planner can expect to exceed: some seconds a target, where searches are small."""
+    bound: bool = False
+    """Also find what return no planner can expect to exceed, in searches among few objects: up to a minute a target."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"

@@ -59,7 +59,7 @@ def _bound(comparison: Comparison) -> str:
     bound = comparison.cells[name, ALL].reward + mean
     return (
         f" No planner can expect a return above {bound:.3f} if touches come as the outcome table has them; {name} "
-        f"is {mean:.3f} [{low:+.3f}, {high:+.3f}] below."
+        f"is {abs(mean):.3f} {'below' if mean >= 0.0 else 'above, by chance'} [{low:+.3f}, {high:+.3f}]."
     )
 
 

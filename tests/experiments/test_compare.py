@@ -27,7 +27,6 @@ SMALL = {
     "deciders": ("information_gain", "threshold", "random_confirm"),
     "targets": ("cone", "sphere"),
     "seed": 3,
-    "bound": False,
 }
 
 
@@ -208,7 +207,6 @@ def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):
         episodes=30,
         out=tmp_path,
         jobs=1,
-        bound=False,
     ).play()
     assert twice.cells["threshold", "all"].num_episodes == 30
     assert twice.cells["threshold", "cone"].successes == comparison.cells["threshold", "cone"].successes
@@ -217,7 +215,7 @@ def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):
 def test_the_floor_is_the_best_guess_without_a_touch(tmp_path):
     # Two of four shapes are there: confirming any object is right one time in four, confirming none two in four.
     comparison = Compare(
-        deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1, bound=False
+        deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1
     ).play()
     assert comparison.floor == 0.5
     # 1 000 searches without a touch: 1/4 plus or minus .06 holds but with probability 1e-5.
@@ -249,6 +247,16 @@ def test_scenes_and_renderers_make_a_world_each(tmp_path):
     assert one.setting.sensor == Path("s/coarse-gelsight")
 
 
+def test_the_bound_of_planning_is_found_where_it_is_asked_for(tmp_path):
+    one = {"deciders": ("random_confirm",), "targets": ("cone",), "episodes": 1, "setting": Setting(num_objects=1)}
+    assert Compare(**one, out=tmp_path, jobs=1).play().gap == {"random_confirm": None}
+    comparison = Compare(**one, out=tmp_path, jobs=1, bound=True).play()
+    mean, low, high = comparison.gap["random_confirm"]
+    # One of four shapes: guessing "none" gets .5 on average, and touches this good nearly 1.
+    assert 0.5 < mean + comparison.cells["random_confirm", "all"].reward < 1.0
+    assert low == mean == high  # one episode
+
+
 def test_several_worlds_are_shown_side_by_side(tmp_path, capsys):
     Compare(
         deciders=("threshold", "random_confirm"),
@@ -273,7 +281,7 @@ def test_several_worlds_are_shown_side_by_side(tmp_path, capsys):
 
 
 def test_two_parts_merged_are_the_whole(finished, tmp_path):
-    small = {"deciders": ("threshold",), "targets": ("cone",), "seed": 3, "episodes": 30, "jobs": 1, "bound": False}
+    small = {"deciders": ("threshold",), "targets": ("cone",), "seed": 3, "episodes": 30, "jobs": 1}
     for part, name in (("1/2", "a"), ("2/2", "b")):
         Compare(**small, out=tmp_path / name, part=part).fill()
     keys = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "both")

@@ -24,7 +24,6 @@ SMALL = {
     "targets": ("sphere",),
     "episodes": 30,
     "setting": COARSE,
-    "bound": False,
 }
 needs_dask = pytest.mark.skipif(
     importlib.util.find_spec("distributed") is None, reason="the extra dask is not installed: pip install distributed"

@@ -14,7 +14,7 @@ from experiments.results import RunFolder
 from experiments.scene_choice import SceneChoice
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
-SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60, "bound": False}
+SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60}
 OPTIONS = [
     "--deciders",
     *SMALL["deciders"],
@@ -24,7 +24,6 @@ OPTIONS = [
     "60",
     "--scene",
     "coarse",
-    "--no-bound",
 ]
 
 

@@ -82,7 +82,6 @@ def report(tmp_path_factory):
         setting=setting,
         out=folder,
         jobs=1,
-        bound=False,
     ).play()
     return write_report(folder, comparison, setting, seed=0).read_text()
 

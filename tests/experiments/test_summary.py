@@ -165,7 +165,7 @@ def test_the_verdict_names_the_bound_where_there_is_one(rng):
         PROBLEM, {("x", "a"): some}, {("x", "a"): Seconds()}, {"a": [True]}, "x", rng, {"a": 0.95}
     )
     assert "No planner can expect a return above 0.950" in verdict(comparison)[1]
-    assert "x is 0.050 [+0.050, +0.050] below" in verdict(comparison)[1]
+    assert "x is 0.050 below [+0.050, +0.050]" in verdict(comparison)[1]
     assert "planner" not in verdict(compared({"x": some}, rng))[1]
 
 
