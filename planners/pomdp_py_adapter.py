@@ -7,9 +7,9 @@ One object by itself is a search of one (paper §5.8). Every decision plans anew
 all touches are fresh; at its root only the poses used least may be probed in, because repeats are not (decision 0006).
 
 Leaves of the tree are valued by rollouts. pomdp-py's own rollout acts at random: from any belief it sooner or later
-confirms something wrong, so no touch ever seems to be worth its price, and the planner confirms or rejects untouched.
-An *informed* rollout looks at the state and does what is right for it. That is far too optimistic, but the same for all
-actions that go on; CONFIRM is valued as it is.
+confirms something wrong, so touching hardly seems worth its price, and the planner stops far too early. An *informed*
+rollout looks at the state and does what is right for it. That is far too optimistic, but the same for all actions that
+go on; CONFIRM is valued as it is.
 
 Only this module needs pomdp-py, whose wheels exist for Linux and Python 3.11 and 3.12; elsewhere it is the extra
 ``pomdp``. It draws from Python's global generator, which is seeded for the time of a plan and put back afterwards.
