@@ -4,10 +4,11 @@ Plans are made once for every search problem and target, on the outcome table: f
 that has at most some thousand values (:mod:`planners.solve.stages`), else for whether a target was rejected before
 (:mod:`planners.by_target`). What was felt comes in as it is, through the observation model, not as outcomes.
 
-Plans take every touch for a fresh one. Once an object was touched, probes are therefore weighed by one exact step of
-looking ahead, in which a repeated pose adds only the share w of a fresh touch's worth that repeats leave it:
+Poses are few and touches in one repeat each other, so there are plans for each number of touches that an object has had
+(:mod:`planners.solve.limited`). Which pose is next is decided by one exact step of looking ahead, in which a pose that
+was used before adds only the share w of a fresh touch's worth that repeats leave it:
 
-    Q(p) = -λ + w_p ∑_o p(o | b, p) V(b_o) + (1 - w_p) V(b)
+    Q(p) = -λ + w_p ∑_o p(o | b, p) W_{t+1}(b_o) + (1 - w_p) W_{t+1}(b)
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from planners.decider import Decision, InformationState
 from planners.probing import num_uses
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 from planners.solve import SearchTouchProblem
+from planners.solve.files import table_sha256
+from planners.solve.limited import limited_plans
 from planners.solve.plans import Plans
 from planners.solve.point_based import point_based
 from planners.solve.stages import StagedProblem, num_states, stage_belief, staged
@@ -33,6 +36,7 @@ MAX_STATES = 200
 """Hidden states up to which a search is planned exactly; four distinct objects have 32."""
 ROUNDS = (200, 200, 400, 400)
 """Searches simulated in each round of planning."""
+_MOST_USES = 3  # of each pose on one object, after which it is decided
 LEAST_COST = 1e-3
 """Price of a touch at the least, when planning: free touches would be made until the touch limit."""
 
@@ -43,12 +47,12 @@ class Planned:
 
     Attributes:
         search: what was planned for.
-        plans: one set an object.
+        plans: for every object, by number of touches it has had.
         exact: whether the hidden state is.
     """
 
     search: StagedProblem
-    plans: Sequence[Plans]
+    plans: Sequence[Sequence[Plans]]
     exact: bool
 
 
@@ -65,21 +69,29 @@ class PointBased:
     table: OutcomeTable
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
     rounds: Sequence[int] = ROUNDS
-    _made: dict[tuple[str, int], Planned] = field(default_factory=dict, init=False, repr=False)
 
     def planned(self, problem: SearchProblem, target: int) -> Planned:
-        """The plans for a search, which follow from the table and the search alone."""
-        key = (repr(problem), target)
-        if key not in self._made:
+        """The plans for a search, which follow from this decider and the search alone; made once a process."""
+        key = (table_sha256(self.table.probs), repr(self.repeats), tuple(self.rounds), repr(problem), target)
+        if key not in _MADE:
             search, exact = self._stages(problem, target)
-            self._made[key] = Planned(search, point_based(search, np.random.default_rng(0), self.rounds), exact)
-        return self._made[key]
+            rng = np.random.default_rng(0)
+            fresh = point_based(search, rng, self.rounds)
+            _MADE[key] = Planned(search, limited_plans(search, fresh, self._weights(problem.num_poses), rng), exact)
+        return _MADE[key]
+
+    def _weights(self, num_poses: int) -> Floats:
+        """What the first touch of an object is worth, the second …, if poses are used in turn."""
+        uses = np.repeat(np.arange(_MOST_USES), num_poses)
+        return np.array([self.repeats.weights(np.full(num_poses, used)).max() for used in uses])
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         problem, target, number = info.problem, info.target, info.object_index
         planned = self.planned(problem, target)
-        plans, num_poses = planned.plans[number], problem.num_poses
+        by_touches, num_poses = planned.plans[number], problem.num_poses
+        touches = min(len(info.history), len(by_touches) - 1)
+        plans = by_touches[touches]
         belief = self._belief(planned, info)
         worth = plans.alphas @ belief
         best = int(worth.argmax())
@@ -92,7 +104,8 @@ class PointBased:
             return stop
         if not info.history:
             return Decision(Probe(int(plans.actions[best])), scores)
-        probes = self._look_ahead(planned, number, belief, value, self.repeats.weights(num_uses(info)))
+        weights = self.repeats.weights(num_uses(info))
+        probes = _look_ahead(planned.search, number, by_touches[touches + 1], belief, weights)
         scores |= {
             f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True) if q > -np.inf
         }
@@ -123,13 +136,16 @@ class PointBased:
         belief = before * ratio[shapes]
         return np.asarray(belief / belief.sum()) if belief.sum() > 0.0 else before
 
-    def _look_ahead(self, planned: Planned, number: int, belief: Floats, value: float, weights: Floats) -> Floats:
-        """What one more touch in each pose is worth, ``(P,)``."""
-        likelihoods = planned.search.likelihoods(number)  # (P, n, M)
-        joint = np.moveaxis(belief[:, None] * likelihoods, 2, 1)  # (P, M, n)
-        fresh = (joint @ planned.plans[number].alphas.T).max(axis=2).sum(axis=1)
-        worth = weights * fresh + (1.0 - weights) * value - planned.search.touch_cost
-        return np.where(weights > 0.0, worth, -np.inf)
+
+_MADE: dict[tuple[object, ...], Planned] = {}
+
+
+def _look_ahead(search: StagedProblem, number: int, after: Plans, belief: Floats, weights: Floats) -> Floats:
+    """What one more touch in each pose is worth, ``(P,)``."""
+    joint = np.moveaxis(belief[:, None] * search.likelihoods(number), 2, 1)  # (P, M, n)
+    fresh = (joint @ after.alphas.T).max(axis=2).sum(axis=1)
+    worth = weights * fresh + (1.0 - weights) * float((after.alphas @ belief).max()) - search.touch_cost
+    return np.where(weights > 0.0, worth, -np.inf)
 
 
 def _all_touches_used(info: InformationState) -> bool:

@@ -55,7 +55,7 @@ def _backward(problem: StagedProblem, reached: list[list[Floats]], known: list[P
     solved: list[Plans] = []
     for number in reversed(range(len(problem.stages))):
         beliefs = np.concatenate(reached[number])
-        plans = _stopping(problem, problem.stages[number], solved[-1] if solved else None, beliefs)
+        plans = stopping_plans(problem, problem.stages[number], solved[-1] if solved else None, beliefs)
         num_stops = len(plans.alphas)
         if known is not None:
             old = known[number]
@@ -63,13 +63,13 @@ def _backward(problem: StagedProblem, reached: list[list[Floats]], known: list[P
             plans = plans.joined(Plans(old.alphas[is_probe], old.actions[is_probe]))
         likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
         for level in reversed(reached[number]):
-            plans = plans.joined(_improving(problem, likelihoods, plans, _different(level)))
+            plans = plans.joined(_improving(problem, likelihoods, plans, different(level)))
         kept = np.union1d(np.unique(plans.best(beliefs)), np.arange(min(2, num_stops)))  # what stops is always there
         solved.append(Plans(plans.alphas[kept], plans.actions[kept]))
     return solved[::-1]
 
 
-def _stopping(problem: StagedProblem, stage: Stage, following: Plans | None, beliefs: Floats) -> Plans:
+def stopping_plans(problem: StagedProblem, stage: Stage, following: Plans | None, beliefs: Floats) -> Plans:
     """CONFIRM, then REJECT with each plan for what follows that is best at a belief."""
     num_poses = len(problem.outcome_probs)
     rejects = stage.reject[None]
@@ -82,15 +82,23 @@ def _stopping(problem: StagedProblem, stage: Stage, following: Plans | None, bel
 
 def _improving(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats) -> Plans:
     """Plans that begin with a probe and are worth more, at one of the beliefs, than those there are."""
-    found = _backup(problem, likelihoods, plans, beliefs)
+    found = backup(problem, likelihoods, plans, beliefs)
     gain = (found.alphas * beliefs).sum(axis=1) - plans.value(beliefs)
     better = gain > _LEAST_GAIN
     found = Plans(found.alphas[better], found.actions[better])
     return found.useful(beliefs) if len(found.actions) else found
 
 
-def _backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats) -> Plans:
-    """The best plan that begins with a probe, at each belief; ``likelihoods (P, M, n)``."""
+def backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats, weight: float = 1.0) -> Plans:
+    """The best plan that begins with a probe, at each belief.
+
+    Args:
+        problem: gives touch cost and discount.
+        likelihoods: p(outcome | pose, state), ``(P, M, n)``.
+        plans: to go on with.
+        beliefs: ``(B, n)``.
+        weight: chance that a probe shows an outcome at all, and not nothing.
+    """
     num_poses, num_outcomes, num_states = likelihoods.shape
     single = likelihoods.reshape(-1, num_states).astype(np.float32)
     transposed = np.ascontiguousarray(plans.alphas.T, np.float32)  # which plan is best may be rounded, its value not
@@ -103,6 +111,8 @@ def _backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: 
         candidates = np.empty((len(some), num_poses, num_states))
         for pose in range(num_poses):
             candidates[:, pose] = np.einsum("mn,bmn->bn", likelihoods[pose], plans.alphas[best[:, pose]])
+        if weight < 1.0:
+            candidates = weight * candidates + (1.0 - weight) * plans.alphas[plans.best(some)][:, None]
         candidates = problem.discount * candidates - problem.touch_cost
         pose_of = np.einsum("bpn,bn->bp", candidates, some).argmax(axis=1)
         alphas.append(candidates[np.arange(len(some)), pose_of])
@@ -110,6 +120,11 @@ def _backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: 
     return Plans(np.concatenate(alphas), np.concatenate(actions))
 
 
-def _different(beliefs: Floats) -> Floats:
+def different(beliefs: Floats) -> Floats:
+    """Beliefs ``(B, n)`` without those that are nearly another, in their order.
+
+    >>> different(np.array([[0.5, 0.5], [0.9, 0.1], [0.50001, 0.49999]])).tolist()
+    [[0.5, 0.5], [0.9, 0.1]]
+    """
     _, index = np.unique(beliefs.round(_ALIKE), axis=0, return_index=True)
     return beliefs[np.sort(index)]
