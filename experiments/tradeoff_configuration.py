@@ -172,7 +172,7 @@ def _deciders(base: Configuration) -> Iterator[Configuration]:
     for decider in DECIDERS:
         if decider in _TREES:
             for simulations in (100, 1000):
-                fewer = max(1, base.episodes // 10)  # they take a hundred times as long
+                fewer = max(1, base.episodes // 20)  # they take hundreds of times as long
                 yield replace(base, decider=decider, simulations=simulations, episodes=fewer)
         elif decider != _FLOOR and decider not in TRAINED:
             yield replace(base, decider=decider)
