@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment sensor figures clean
+.PHONY: search test check environment sensor figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -59,6 +59,10 @@ sensor: environment
 figures: search
 	$(BIN)/activetouch replay --target cone --number 121 --out docs/search.png
 	$(BIN)/activetouch gallery --out docs/gallery.png
+
+# The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.
+reproduce: environment
+	$(BIN)/activetouch reproduce $(ARGS)
 
 clean:
 	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info

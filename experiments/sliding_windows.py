@@ -6,13 +6,16 @@ copies among the images of its own press, and how a data set is split decides wh
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.atomic import atomic_path
 from activetouch.dataset import TouchSet
 from activetouch.presentation import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
@@ -57,6 +60,18 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
     parts = sorted(run_tasks(tasks, jobs, "sliding windows over presses"), key=lambda part: part.object_ids[0])
     return TouchSet.join(parts)
+
+
+def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
+    """:func:`record_windows`, from a file of the folder if it is there; recorded and kept there if not."""
+    key = hashlib.sha256(repr((scene, plan)).encode()).hexdigest()[:16]
+    path = folder / f"windows-{stream}-{key}.npz"
+    if not path.exists():
+        touches = record_windows(scene, plan, stream, jobs)
+        with atomic_path(path) as temporary:
+            np.savez_compressed(temporary, **vars(touches))
+    with np.load(path, allow_pickle=False) as found:
+        return TouchSet(**found)
 
 
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
