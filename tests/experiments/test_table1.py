@@ -94,7 +94,7 @@ def test_the_table_holds_the_scores_of_the_confusion_matrix():
 def test_the_command_goes_on_where_it_stopped_and_writes_its_files(tmp_path):
     def reproduce(epochs):
         settings = {"backbone": "cnn", "input_size": 32, "images": PLAN, "jobs": 1}
-        Reproduce(**settings, change=Changes(epochs=epochs), out=tmp_path).run()
+        Reproduce(parts=("table1",), **settings, change=Changes(epochs=epochs), out=tmp_path).run()
         return json.loads((tmp_path / "table1.json").read_text())
 
     first = reproduce(1)
