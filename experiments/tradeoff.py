@@ -21,6 +21,7 @@ from experiments.scene_choice import named_scene, repeats_folder
 if TYPE_CHECKING:
     from experiments.study import Grid
     from experiments.tradeoff_configuration import Configuration, Network
+    from experiments.tradeoff_measure import Result, TouchCost
     from experiments.tradeoff_picks import Front, Pick, Point
 
 
@@ -56,27 +57,32 @@ class Tradeoff:
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
     recorded: bool = True
     """Whether to search on recorded touches where there are some; else live only, and fewer configurations."""
+    finished: bool = False
+    """Measure nothing: report on all results that the folder holds by now, whatever sweeps they are of."""
     jobs: int = 1
     """Processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Measure what is missing, then pick, write and print."""
-        from experiments.tradeoff_picks import fronts, picks
+        from experiments.tradeoff_measure import finished
+        from experiments.tradeoff_picks import Point, fronts, picks
 
         for scene in self.scenes:
             named_scene(scene)
         if self.episodes < 1 or self.jobs < 1 or not self.scenes:
             raise BadArgument("--episodes and --jobs must be at least 1, and --scenes must name one")
-        points = self.measure()
+        measured = finished(self.out) if self.finished else self.measure()
+        points = [Point(result, cost) for result, cost in measured]
+        if not points:
+            raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
         found = fronts(points, np.random.default_rng(self.seed))
         answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
         self._write(found, answers)
 
-    def measure(self) -> list[Point]:
+    def measure(self) -> list[tuple[Result, TouchCost]]:
         """All configurations with their results and costs."""
         from experiments.tradeoff_configuration import Network, sweep
         from experiments.tradeoff_measure import measured, touch_cost
-        from experiments.tradeoff_picks import Point
 
         networks = [Network.of(scene) for scene in self.scenes]
         networks += [Network.of("gel", path) for path in self.checkpoints if "gel" in self.scenes]
@@ -86,7 +92,7 @@ class Tradeoff:
         self._read(configurations)
         tasks = [partial(measured, c, self.out) for c in configurations]
         results = {result.configuration.key: result for result in run_tasks(tasks, self.jobs, "searching")}
-        return [Point(results[c.key], costs[c.key]) for c in configurations]
+        return [(results[c.key], costs[c.key]) for c in configurations]
 
     def _read(self, configurations: Sequence[Configuration]) -> None:
         """Read the recorded touches by every network once, before processes could do so twice."""

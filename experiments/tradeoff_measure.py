@@ -85,6 +85,27 @@ def measured(configuration: Configuration, folder: Path) -> Result:
     return Result(**{**fields, "configuration": configuration})
 
 
+def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
+    """All results that a folder holds, with their costs; of those that differ in their number only the largest."""
+    found: dict[Configuration, tuple[Result, TouchCost]] = {}
+    for path in sorted((folder / "results").glob("[!.]*.json")):
+        fields = json.loads(path.read_text())
+        network = Network(**fields["configuration"].pop("network"))
+        configuration = Configuration(network=network, **fields["configuration"])
+        if configuration.key != path.stem or not _cost_file(configuration, folder).exists():
+            continue  # of a shipped sensor that is no longer shipped, or not fully measured
+        result = Result(**{**fields, "configuration": configuration})
+        same = replace(configuration, episodes=0)
+        if same not in found or len(found[same][0].successes) < len(result.successes):
+            found[same] = (result, touch_cost(configuration, folder))
+    return list(found.values())
+
+
+def _cost_file(configuration: Configuration, folder: Path) -> Path:
+    name = f"{configuration.scene}-{configuration.network.sha256[:12]}-{configuration.precision}"
+    return folder / "costs" / f"{name}-{configuration.fidelity or 'own'}.json"
+
+
 def _search(configuration: Configuration, cache: Path) -> Result:
     import torch
 
@@ -154,8 +175,7 @@ def _sensor(configuration: Configuration) -> TactileSensor:
 
 def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
     """What a touch costs in a configuration: from its shard if it is there; measured in a fresh process if not."""
-    name = f"{configuration.scene}-{configuration.network.sha256[:12]}-{configuration.precision}"
-    path = folder / "costs" / f"{name}-{configuration.fidelity or 'own'}.json"
+    path = _cost_file(configuration, folder)
     if not path.exists():
         context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
         context.set_forkserver_preload(["activetouch.classifier", "activetouch.rig", __name__])
