@@ -60,7 +60,7 @@ def run_lazily(
         scheduler: address of a Dask scheduler whose workers run the tasks instead, such as tcp://10.0.0.1:8786.
 
     Raises:
-        NoCluster: the scheduler does not answer, or the extra ``dask`` is not installed.
+        NoCluster: the scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
     with _backend(scheduler), progress_bar() as progress:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
@@ -85,5 +85,10 @@ def _backend(scheduler: str | None) -> Iterator[Any]:
         client = Client(scheduler, timeout=_SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise NoCluster(f"no Dask scheduler answers at {scheduler}: {error}. Start one with: dask scheduler") from error
-    with client, joblib.parallel_config("dask", client=client, wait_for_workers_timeout=_SECONDS_TO_CONNECT) as config:
-        yield config
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_SECONDS_TO_CONNECT)
+        except TimeoutError as error:
+            raise NoCluster(f"{scheduler} has no workers. Start some with: dask worker {scheduler}") from error
+        with joblib.parallel_config("dask", client=client) as config:
+            yield config

@@ -69,6 +69,18 @@ def test_no_scheduler_at_the_address_is_said_and_how_to_start_one(monkeypatch):
         list(run_tasks([int], 1, "counting", "nonsense"))
 
 
+@needs_dask
+def test_a_scheduler_without_workers_is_said_and_how_to_start_some(monkeypatch):
+    from distributed import LocalCluster
+
+    monkeypatch.setattr("experiments.parallel._SECONDS_TO_CONNECT", 2.0)
+    with (
+        LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        pytest.raises(NoCluster, match=f"no workers. Start some with: dask worker {cluster.scheduler_address}"),
+    ):
+        list(run_tasks([int], 1, "counting", cluster.scheduler_address))
+
+
 def test_without_the_extra_the_error_names_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(NoCluster, match=r"pip install 'activetouch\[dask\]'"):
