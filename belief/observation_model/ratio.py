@@ -95,7 +95,8 @@ class RatioModel(ArrayModel):
             if not (shared > -1e-6).all():
                 raise ValueError(f"directions must not have an eigenvalue below zero, got {shared.min()}")
             object.__setattr__(self, "directions", directions)
-        object.__setattr__(self, "training_prior", prior / prior.sum())
+        # What is normalised already keeps its last bit, as on reload.
+        object.__setattr__(self, "training_prior", prior / prior.sum() if abs(prior.sum() - 1.0) > 1e-12 else prior)
         object.__setattr__(self, "references", references)
 
     @classmethod

@@ -55,8 +55,11 @@ def estimate_components(
     >>> shared[0].round(1).tolist(), parts.of_touch[0].round(1).tolist()
     ([[4.1]], [[1.0]])
     """
-    statistics = _statistics(rest, data)
-    size = rest.shape[1]
+    num_shapes, size = len(total), rest.shape[1]
+    if np.isinf(pooling):  # one set of covariances: objects of all shapes are alike
+        statistics, total = [_statistics(rest, data, np.ones(data.num_objects, np.bool_))], total[:1]
+    else:
+        statistics = [_statistics(rest, data, data.shape_of_object == k) for k in range(num_shapes)]
     # Without it, W would vanish where touches repeat each other exactly, and the likelihood exceed all bounds.
     floor = 1e-6 * np.trace(total, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
     parts = np.stack([total / 3.0] * 3)  # (3, K, D, D)
@@ -76,11 +79,12 @@ def estimate_components(
             break
     values, basis = np.linalg.eigh(parts[:2])  # which rounding may have left a little below zero
     shared = (basis * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(basis, -1, -2)
-    return Components(shared[0], shared[1], parts[2])
+    found = np.concatenate([shared, parts[2:]])
+    return Components(*np.broadcast_to(found, (3, num_shapes, size, size)).copy())
 
 
 class _Statistics(NamedTuple):
-    """All that expectation maximisation needs to know of the N touched objects of one shape.
+    """All that expectation maximisation needs to know of N touched objects that share their covariances.
 
     A *level* is a number of touches in a pose. Few of them occur, whatever the number of objects, and the posterior
     covariance of an object's part depends on its *pattern* alone: how many of its poses are on each level.
@@ -102,44 +106,33 @@ class _Statistics(NamedTuple):
     scatter: Floats
 
 
-def _statistics(rest: Floats, data: LabelledTouches) -> list[_Statistics | None]:
-    """Of every shape; None where it has no touches."""
+def _statistics(rest: Floats, data: LabelledTouches, members: NDArray[np.bool_]) -> _Statistics | None:
+    """Of some objects, ``(N,)``; None if there are none."""
+    if not members.any():
+        return None
     counts = np.zeros((data.num_objects, data.num_poses))
     np.add.at(counts, (data.objects, data.poses), 1.0)
     means = np.zeros((*counts.shape, rest.shape[1]))
     np.add.at(means, (data.objects, data.poses), rest)
     means /= np.maximum(counts, 1.0)[..., None]
-    spread = rest - means[data.objects, data.poses]
-    found: list[_Statistics | None] = []
-    for k in range(data.num_shapes):
-        members = data.shape_of_object == k
-        if not members.any():
-            found.append(None)
-            continue
-        levels = np.unique(counts[members])
-        levels = levels[levels > 0.0]
-        at_level = (counts[members][:, None] == levels[:, None]).astype(np.float64)  # (N, L, P)
-        patterns, pattern = np.unique(at_level.sum(axis=2), axis=0, return_inverse=True)
-        of_shape = means[members]
-        squares = np.stack(
-            [(of_shape * at_level[:, i, :, None]).reshape(-1, rest.shape[1]) for i in range(len(levels))]
-        )
-        about = spread[data.shapes == k]
-        found.append(
-            _Statistics(
-                levels,
-                patterns,
-                pattern.ravel(),
-                at_level @ of_shape,
-                np.swapaxes(squares, 1, 2) @ squares,
-                about.T @ about,
-            )
-        )
-    return found
+    about = (rest - means[data.objects, data.poses])[members[data.objects]]
+    levels = np.unique(counts[members])
+    levels = levels[levels > 0.0]
+    at_level = (counts[members][:, None] == levels[:, None]).astype(np.float64)  # (N, L, P)
+    patterns, pattern = np.unique(at_level.sum(axis=2), axis=0, return_inverse=True)
+    on_level = at_level[..., None] * means[members][:, None]  # (N, L, P, D)
+    return _Statistics(
+        levels,
+        patterns,
+        pattern.ravel(),
+        on_level.sum(axis=2),
+        np.einsum("nlpd,nlpe->lde", on_level, on_level, optimize=True),
+        about.T @ about,
+    )
 
 
 def _expect(of: _Statistics, parts: Floats) -> tuple[Floats, Floats]:
-    """Expected sums of squares of u, v and e over the objects of one shape, ``(3, D, D)``, and how many each has."""
+    """Expected sums of squares of u, v and e over these objects, ``(3, D, D)``, and how many each has."""
     shared_object, shared_pose, own = parts
     identity = np.eye(len(own))
     precision = np.linalg.inv(shared_pose + own / of.levels[:, None, None])  # of a pose's mean, given u; (L, D, D)
