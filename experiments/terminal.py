@@ -31,7 +31,7 @@ def render_table(comparison: Comparison) -> Table:
             table.add_row(
                 f"  {target}",
                 f"{cell.success:.3f}",
-                f"{low:.3f}–{high:.3f}".replace("0.", "."),
+                f"{low:.3f}–{high:.3f}".replace("0.", ".").replace("1.000", "1"),
                 str(cell.wrong),
                 str(cell.none + cell.truncated),
                 f"{cell.touches:.2f}",
