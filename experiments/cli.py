@@ -28,6 +28,7 @@ def commands() -> dict[str, type]:
     from experiments.learning_curve import LearningCurve
     from experiments.limit import Limit
     from experiments.merge import Merge
+    from experiments.overprobing import OverprobingCommand
     from experiments.replay import Replay
     from experiments.reproduce import Reproduce
     from experiments.robustness import Robustness
@@ -53,6 +54,7 @@ def commands() -> dict[str, type]:
         "calibrate": Calibrate,
         "touch-bank": MakeTouchBank,
         "train-ppo": TrainPPO,
+        "overprobing": OverprobingCommand,
         "calibration-report": CalibrationReport,
         "reproduce": Reproduce,
         "learning-curve": LearningCurve,

@@ -92,7 +92,7 @@ class Training:
         every = self.recipe.steps / _EVALUATIONS
 
         def report(steps: int) -> None:
-            if steps >= (len(curve)) * every:
+            if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
                 policy = policy_of(learner, self.card)
                 curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES), steps))
                 with atomic_path(self.folder / CHECKPOINT) as temporary:
@@ -100,13 +100,10 @@ class Training:
                 self._write_progress(steps, curve)
 
         learner.learn(self.recipe.steps - done, _callback(report), reset_num_timesteps=False, tb_log_name=self.target)
-        policy = policy_of(learner, self.card)
-        if curve[-1].steps < learner.num_timesteps:
-            curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES), learner.num_timesteps))
-        learner.save(self.folder / CHECKPOINT)
-        self._write_progress(learner.num_timesteps, curve)
+        every = 0.0  # the last point is always on the curve
+        report(learner.num_timesteps)
         with atomic_path(self.folder / POLICY) as temporary:
-            temporary.write_bytes(policy.to_bytes())
+            temporary.write_bytes(policy_of(learner, self.card).to_bytes())
         return curve
 
     def score(self) -> Score:
@@ -174,14 +171,24 @@ class Training:
 
 
 def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int = 1) -> Score:
-    """Play one episode in every row, the policy doing what it finds best."""
+    """:func:`play` a policy that does what it finds best, and has to decide at the touch limit."""
+
+    def choose(now: BankEpisodes) -> NDArray[np.int64]:
+        return np.where(now.action_masks(), policy.scores(now.observe()), -np.inf).argmax(axis=1)
+
+    return play(choose, episodes, steps, seed)
+
+
+def play(
+    choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, steps: int = 0, seed: int = 1
+) -> Score:
+    """Play one episode in every row, the actions ``(B,)`` chosen by a function of them all."""
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
     episodes.reset(rows, rng)
     running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
     success, touches = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.int64)
     while running.any():
-        scores = np.where(episodes.action_masks(), policy.scores(episodes.observe()), -np.inf)
-        result = episodes.step(scores.argmax(axis=1))
+        result = episodes.step(choose(episodes))
         returns += np.where(running, result.reward, 0.0)
         success |= running & result.success
         touches = np.where(running, episodes.num_touches, touches)

@@ -106,14 +106,36 @@ class TrainPPO:
         for index, training in enumerate(trainings):
             groups.setdefault((training.recipe.state, training.target), []).append(index)
         found: dict[str, dict[str, list[list[Score]]]] = {}
+        chosen: dict[int, list[Score]] = {}
         for (state, target), members in groups.items():
             best = max(members, key=lambda index: trainings[index].score().mean_return)
+            chosen[best] = curves[best]
             with atomic_path(out / "policies" / policy_file(state, target)) as temporary:
                 temporary.write_bytes((trainings[best].folder / POLICY).read_bytes())
             found.setdefault(state, {})[target] = [curves[index] for index in members]
+        self._compare_with_references(trainings, chosen, out)
         write_text(out / "curves.json", json.dumps(found, indent=1) + "\n")
         draw_curves(found, out / "curves.svg")
         print(f"wrote {out / 'policies'} and the learning curves, {out / 'curves.svg'}")
+
+    @staticmethod
+    def _compare_with_references(trainings: Sequence[Training], chosen: Mapping[int, list[Score]], out: Path) -> None:
+        """Print and write what the chosen policies return beside what there is to be had."""
+        from experiments.ppo_reference import reference
+
+        rows = []
+        for index, curve in chosen.items():
+            one = trainings[index]
+            against = reference(one.bank, one.test_bank, one.model, one.target, one.recipe)
+            last, best = curve[-1], against.score
+            rows.append({"state": one.recipe.state, "target": one.target, **last._asdict(), **asdict(against)})
+            confirm, reject = against.thresholds
+            print(
+                f"{one.recipe.state} {one.target}: return {last.mean_return:.3f} is "
+                f"{last.mean_return / best.mean_return:.3f} of the {best.mean_return:.3f} of the best thresholds "
+                f"({reject}, {confirm}); optimum of the table of outcomes {against.optimum:.3f}"
+            )
+        write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")
 
     def _trainings(self, out: Path) -> list[Training]:
         """All trainings, or an error before any is started."""

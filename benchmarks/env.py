@@ -1,0 +1,99 @@
+"""Steps a second of processor time of the environments, live and from a bank, beside one that does nothing.
+
+Run: python benchmarks/env.py [SCENE] [BANK]     (a bank from: activetouch touch-bank --scene SCENE)
+
+Actions are drawn at random: three quarters of them probes. The trivial environment does nothing but count under the
+same vectoriser, so what it takes is the vectoriser's. Medians over interleaved rounds; processor time, because other
+work on the machine does not count in it; the machine's own speed cancels in the ratios.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from activetouch import TactileSensor
+from activetouch.envs.bank import TouchBank
+from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.object_test import ObjectTestEnv
+from activetouch.envs.sb3 import BankVecEnv
+from activetouch.envs.touches import LiveTouches, SampledTouches, Touches
+from activetouch.envs.vector import BankVectorEnv
+
+ROUNDS = 5
+
+
+class Counter(gymnasium.Env):
+    """Ends after twelve steps, whatever is done."""
+
+    observation_space = gymnasium.spaces.Box(0.0, 1.0, (13,), np.float32)
+    action_space = gymnasium.spaces.Discrete(8)
+
+    def reset(self, *, seed=None, options=None):
+        """Begin to count."""
+        super().reset(seed=seed)
+        self._steps = 0
+        return np.zeros(13, np.float32), {}
+
+    def step(self, action):
+        """Count."""
+        self._steps += 1
+        return np.zeros(13, np.float32), 0.0, self._steps == 12, False, {}
+
+
+def main(scene: str, folder: Path) -> None:
+    torch.set_num_threads(1)
+    sensor, bank = TactileSensor.shipped(scene), TouchBank.open(folder)
+    live, sampled = LiveTouches(sensor), SampledTouches(sensor.model, sensor.scene.pose_labels)
+    target, model = sensor.scene.shape_labels[-1], sensor.model
+
+    def episodes(num_envs: int, state: str = "paper") -> BankEpisodes:
+        return BankEpisodes(bank, model, target, num_envs, state)
+
+    def sync(make: Callable[[], gymnasium.Env], number: int) -> gymnasium.vector.VectorEnv:
+        return gymnasium.vector.SyncVectorEnv([make] * number)
+
+    def test_of(touches: Touches) -> Callable[[], gymnasium.Env]:
+        return lambda: ObjectTestEnv(touches=touches, target=target)
+
+    cases = {  # name: environment, how many at once, steps in a round
+        "gymnasium sync × 16: trivial": (sync(Counter, 16), 16, 100),
+        "gymnasium sync × 16: touches from the model": (sync(test_of(sampled), 16), 16, 25),
+        "gymnasium sync × 16: live": (sync(test_of(live), 16), 16, 4),
+        "gymnasium × 256: bank": (BankVectorEnv(episodes(256)), 256, 100),
+        "sb3 dummy × 256: trivial": (DummyVecEnv([Counter] * 256), 256, 20),
+        "sb3 × 64: bank": (BankVecEnv(episodes(64), (0,)), 64, 100),
+        "sb3 × 256: bank": (BankVecEnv(episodes(256), (0,)), 256, 100),
+        "sb3 × 256: bank, posterior state": (BankVecEnv(episodes(256, "posterior"), (0,)), 256, 100),
+        "sb3 × 1024: bank": (BankVecEnv(episodes(1024), (0,)), 1024, 50),
+    }
+    rng = np.random.default_rng(0)
+    seconds: dict[str, list[float]] = {name: [] for name in cases}
+    for env, _, _ in cases.values():
+        env.reset()
+    for round_ in range(ROUNDS + 1):
+        for name, (env, number, steps) in cases.items():
+            actions = rng.integers(8, size=(steps, number))
+            started = time.process_time()
+            for row in actions:
+                env.step(row)
+            if round_ > 0:  # the first round warms up
+                seconds[name].append((time.process_time() - started) / (steps * number))
+    print(f"scene {scene}, {bank.num_objects} objects, numpy {np.__version__}, one thread")
+    for name, times in seconds.items():
+        trivial = name.split(":")[0].replace("sb3 ×", "sb3 dummy ×").replace("gymnasium ×", "gymnasium sync ×")
+        base = seconds.get(f"{trivial}: trivial")
+        ratio = "" if base is None else f"  {np.median(base) / np.median(times):7.2f} × trivial"
+        print(f"{name:<45} {1.0 / np.median(times):>10,.0f} steps/s{ratio}")
+
+
+if __name__ == "__main__":
+    name = sys.argv[1] if len(sys.argv) > 1 else "coarse"
+    main(name, Path(sys.argv[2]) if len(sys.argv) > 2 else Path("data") / f"{name}-bank" / "calibration")

@@ -1,0 +1,65 @@
+"""What a test of one object can return at best: references for a learned policy.
+
+The optimum for the table of outcomes takes repeated poses for new evidence, and loses what the table merges. Thresholds
+on the posterior, the best pair of them, with the least used pose next, are what is certainly there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.envs.bank import TouchBank
+from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.object_test import test_prior
+from belief.observation_model import ArrayModel
+from experiments.ppo_recipe import PPORecipe
+from experiments.ppo_training import Score, play
+from planners.solve import TouchProblem, solve
+
+_CONFIRM = (0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99)
+_REJECT = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
+_EPISODES = 2000
+
+
+@dataclass(frozen=True)
+class Reference:
+    """For one target.
+
+    Attributes:
+        optimum: of the table of outcomes, from below.
+        thresholds: the best pair on the objects that policies learn from: confirm, reject.
+        score: of that pair on the objects of the test split.
+    """
+
+    optimum: float
+    thresholds: tuple[float, float]
+    score: Score
+
+
+def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: str, recipe: PPORecipe) -> Reference:
+    """The references for a target, under the task of a recipe."""
+    task = (target, _EPISODES, "posterior", recipe.touch_cost, recipe.touch_limit, recipe.target_prob)
+    known, test = BankEpisodes(bank, model, *task), BankEpisodes(test_bank, model, *task)
+    pairs = list(product(_CONFIRM, _REJECT))
+    best = max(pairs, key=lambda pair: play(thresholds(*pair), known).mean_return)
+    prior = test_prior(bank.shape_labels, target, recipe.target_prob)
+    problem = TouchProblem(model.outcome_table().probs, prior, bank.shape_labels.index(target), recipe.touch_cost)
+    return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test))
+
+
+def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArray[np.int64]]:
+    """Confirm or reject where the posterior of the target is beyond a threshold, and at the touch limit; else probe."""
+
+    def choose(episodes: BankEpisodes) -> NDArray[np.int64]:
+        prob = np.exp(episodes.log_probs[:, episodes.target])
+        has_to = episodes.num_touches >= episodes.touch_limit
+        actions = episodes.uses.argmin(axis=1)
+        actions = np.where((prob <= reject) | (has_to & (prob < 0.5)), episodes.num_poses + 1, actions)
+        return np.where((prob >= confirm) | (has_to & (prob >= 0.5)), episodes.num_poses, actions)
+
+    return choose
