@@ -107,7 +107,7 @@ class OverprobingCommand:
         run = RunFolder(self.folder)
         labels = tuple(_shape_labels(run))
         episodes: dict[str, list[Episode]] = {}
-        for key in run.complete_keys():
+        for key in (key for key in run.complete_keys() if key.is_played):
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
         found = [one for name, some in episodes.items() if (one := overprobing(name, some, self.confidence))]
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
