@@ -53,7 +53,7 @@ class Compare:
         activetouch compare --backend dask --scheduler tcp://10.0.0.1:8786
     """
 
-    deciders: tuple[str, ...] = ("information_gain", "threshold", "random_confirm")
+    deciders: tuple[str, ...] = ("point_based", "information_gain", "threshold", "random_confirm")
     """Who searches."""
     reference: str | None = None
     """The decider that differences are taken to; the first by default."""
