@@ -50,6 +50,7 @@ class Reproduce:
     For example:
 
         activetouch reproduce                         all of it; hours, most of them Table 1
+        activetouch reproduce --table 1
         activetouch reproduce --parts table2 figure3
         activetouch reproduce --from-nothing
         activetouch reproduce --parts table1 --weights facebook/convnext-tiny-224 --input-size 128
@@ -58,6 +59,8 @@ class Reproduce:
 
     parts: tuple[Part, ...] = ("table1", "table2", "figure2", "figure3")
     """Which of the tables and figures."""
+    table: Literal[1, 2] | None = None
+    """Only this table."""
     backbone: BackboneName = "tiny"
     """Of Table 1: the network; the paper's is tiny."""
     input_size: int = 128
@@ -81,7 +84,7 @@ class Reproduce:
     seed: int = 0
     """Of splits, intervals and searches."""
     out: Path = Path("runs/reproduce")
-    """Folder for all that is made on the way, tables, figures, numbers and report.html."""
+    """Folder for all that is made on the way, tables, figures, numbers, and reproduce.md with all of them."""
     jobs: int = field(default_factory=default_jobs)
     """Processes that press and search, threads that train."""
 
@@ -90,18 +93,19 @@ class Reproduce:
         from experiments.paper_figures import draw_figure2, draw_figure3
         from experiments.table2 import search_columns, to_markdown, to_numbers
 
+        parts = self.parts if self.table is None else (f"table{self.table}",)
         tables: dict[str, str] = {}
         results = columns = None
-        if "figure2" in self.parts:
+        if "figure2" in parts:
             draw_figure2(self._windows(0), SCENES["paper"].scene.shape_labels, self.out / "figure2.svg")
-        if {"table2", "figure3"} & {*self.parts}:
+        if {"table2", "figure3"} & {*parts}:
             sensors = {scene: self._sensor(scene) for scene in self.scenes}
             columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
             tables["Table 2: success of searches"] = to_markdown(columns)
             write_text(self.out / "table2.json", json.dumps(to_numbers(columns), indent=1) + "\n")
-        if "table1" in self.parts:
+        if "table1" in parts:
             results, tables["Table 1: the classifier, split by image and by object"] = self._table1()
-        if "figure3" in self.parts and columns is not None:
+        if "figure3" in parts and columns is not None:
             draw_figure3(results, columns, self.out / "figure3.svg")
         self._write(dict(sorted(tables.items())))
 
