@@ -73,8 +73,8 @@ class TwinSearch:
         starts = self._starts(study, wanted)
         tasks = [partial(_search, scene, search, starts[search]) for search in wanted]
         found = {
-            # Heights follow the number of the library's threads in their last bit; a millionth is more than enough.
-            search: replace(twin, distance=round(twin.distance, 6))
+            # Heights follow the number of the library's threads in their last bit; a thousandth is more than enough.
+            search: replace(twin, distance=round(twin.distance, 3))
             for search, twin in run_tasks(tasks, study.jobs, "searching twins")
         }
         groups = {

@@ -40,7 +40,9 @@ def front_figure(fronts: Sequence[Front]) -> Figure:
                     axes.errorbar(x, y, spread, fmt="none", ecolor=colour, elinewidth=0.6, alpha=0.35)
                     sizes = [14 + 50 * prob for _, prob in chosen]
                     filled = colour if kind == "recorded" else "none"
-                    axes.scatter(x, y, sizes, filled, marker, edgecolors=colour, label=f"{scene}, {kind}", zorder=3)
+                    axes.scatter(
+                        x, y, sizes, filled, marker=marker, edgecolors=colour, label=f"{scene}, {kind}", zorder=3
+                    )
             best = [point for point, on in zip(front.points, front.on_front, strict=True) if on]
             axes.step(
                 [point.ms_per_search for point in best],

@@ -1,15 +1,17 @@
 """Nothing finished is lost, and a failed write leaves the old file."""
 
 import errno
-import multiprocessing
+import subprocess
+import sys
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 from activetouch.atomic import atomic_path, write_text
 from experiments.merge import Conflict, merge
 from experiments.results import CannotWrite, RunFolder, RunMismatch, Seconds, ShardKey
 
+ROOT = Path(__file__).parents[2]
 KEY = ShardKey("threshold", "hex-nut", 3)
 LINES = [f'{{"decider": "threshold", "number": {number}}}\n' for number in range(25)]
 TIME = Seconds(1.0, 2.0, 3.0, 40)
@@ -134,26 +136,32 @@ def test_a_disk_that_fills_up_between_time_and_episodes_leaves_no_half_shard(tmp
     assert folder.has(KEY)
 
 
-def write_many(folder, keys, order):
-    for number in np.random.default_rng(order).permutation(len(keys)):
-        RunFolder(folder).write(keys[number], LINES, TIME)
+WRITER = """
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from experiments.results import RunFolder, Seconds, ShardKey
+
+folder, order, lines = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].splitlines(keepends=True)
+for number in np.random.default_rng(order).permutation(30).tolist():
+    RunFolder(folder).write(ShardKey("threshold", "hex-nut", number), lines, Seconds(1.0, 2.0, 3.0, 40))
+"""
 
 
 def test_two_writers_at_once_leave_every_shard_once_and_whole(tmp_path):
     keys = [ShardKey("threshold", "hex-nut", number) for number in range(30)]
     folder = a_run(tmp_path, keys=())
-    context = multiprocessing.get_context("spawn")
-    writers = [context.Process(target=write_many, args=(tmp_path, keys, order)) for order in (0, 1)]
-    for writer in writers:
-        writer.start()
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    writers = [subprocess.Popen([*command, order, "".join(LINES)], cwd=ROOT) for order in "01"]
     seen = 0
-    while any(writer.is_alive() for writer in writers):  # a reader meanwhile never sees half a shard
+    while any(writer.poll() is None for writer in writers):  # a reader meanwhile never sees half a shard
         there = sorted((tmp_path / "shards").glob("[!.]*.jsonl"))
         assert all(file.read_text() == "".join(LINES) for file in there)
         seen = max(seen, len(there))
     for writer in writers:
-        writer.join()
-        assert writer.exitcode == 0
+        assert writer.wait() == 0
     assert folder.complete_keys() == keys
     assert len(list((tmp_path / "shards").iterdir())) == 2 * len(keys)
 
