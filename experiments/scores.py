@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from belief.statistics import cluster_bootstrap
 from experiments.parallel import progress_bar
 
 if TYPE_CHECKING:
-    from activetouch.classifier import TouchClassifier
+    from activetouch.classifier import Reading, TouchClassifier
 
 
 @dataclass(frozen=True)
@@ -39,13 +40,17 @@ class Scores:
 
 def read_logits(classifier: TouchClassifier, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
     """Logits ``(N, K)`` of many images, with a progress bar."""
-    parts = []
+    return np.concatenate([reading.logits for reading in readings(classifier, images, what)])
+
+
+def readings(classifier: TouchClassifier, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
+    """Everything read of many images, some hundred at a time, with a progress bar."""
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(images))
         for first in range(0, len(images), 256):
-            parts.append(classifier.read(images[first : first + 256]).logits)
-            progress.advance(bar, len(parts[-1]))
-    return np.concatenate(parts)
+            reading = classifier.read(images[first : first + 256])
+            yield reading
+            progress.advance(bar, len(reading.logits))
 
 
 def scores(classifier: TouchClassifier, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:

@@ -9,12 +9,11 @@ import numpy as np
 
 from activetouch.dataset import read_manifest, read_split
 from activetouch.world import CLASSIFIER_FILE, MODELS
-from experiments.parallel import progress_bar
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
+from experiments.scores import readings
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection that a policy learns from and is measured on."""
-_BATCH = 256
 
 
 @dataclass(frozen=True)
@@ -55,13 +54,9 @@ class MakeTouchBank:
             touches = read_split(data, split)
             num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)
             logits, features = [], []
-            with progress_bar() as progress:
-                bar = progress.add_task(f"reading {split} touches", total=len(touches.images))
-                for first in range(0, len(touches.images), _BATCH):
-                    read = classifier.read(touches.images[first : first + _BATCH])
-                    logits.append(read.logits.astype(np.float32))
-                    features.append(read.features.astype(np.float16))
-                    progress.advance(bar, len(read.logits))
+            for reading in readings(classifier, touches.images, f"reading {split} touches"):
+                logits.append(reading.logits.astype(np.float32))
+                features.append(reading.features.astype(np.float16))
             by_object = (num_objects, manifest.plan.repeats, num_poses, -1)
             bank = TouchBank(
                 np.concatenate(logits).reshape(by_object),

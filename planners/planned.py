@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -72,13 +73,18 @@ class PointBased:
 
     def planned(self, problem: SearchProblem, target: int) -> Planned:
         """The plans for a search, which follow from this decider and the search alone; made once a process."""
-        key = (table_sha256(self.table.probs), repr(self.repeats), tuple(self.rounds), repr(problem), target)
+        key = (*self._identity, repr(problem), target)
         if key not in _MADE:
             search, exact = self._stages(problem, target)
             rng = np.random.default_rng(0)
             fresh = point_based(search, rng, self.rounds)
             _MADE[key] = Planned(search, limited_plans(search, fresh, self._weights(problem.num_poses), rng), exact)
         return _MADE[key]
+
+    @cached_property
+    def _identity(self) -> tuple[object, ...]:
+        """What plans follow from, besides the search."""
+        return table_sha256(self.table.probs), repr(self.repeats), tuple(self.rounds)
 
     def _weights(self, num_poses: int) -> Floats:
         """What the first touch of an object is worth, the second …, if poses are used in turn."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from belief.problem import Floats
 from planners.solve.plans import Plans
-from planners.solve.point_based import backup, different, stopping_plans
+from planners.solve.point_based import backup, different, improving, stopping_plans
 from planners.solve.reached import reached_beliefs
 from planners.solve.stages import StagedProblem
 
@@ -46,10 +46,7 @@ def limited_plans(
         by_touches = [stops]
         for weight in weights[::-1]:
             probing = backup(problem, likelihoods, by_touches[-1], beliefs, float(weight))
-            gain = (probing.alphas * beliefs).sum(axis=1) - stops.value(beliefs)
-            better = gain > _LEAST_GAIN
-            some = Plans(probing.alphas[better], probing.actions[better])
-            by_touches.append(stops.joined(some.useful(beliefs)) if better.any() else stops)
+            by_touches.append(stops.joined(improving(probing, beliefs, stops, _LEAST_GAIN)))
         found.append(by_touches[::-1])
     return found[::-1]
 

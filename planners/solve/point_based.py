@@ -63,7 +63,9 @@ def _backward(problem: StagedProblem, reached: list[list[Floats]], known: list[P
             plans = plans.joined(Plans(old.alphas[is_probe], old.actions[is_probe]))
         likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
         for level in reversed(reached[number]):
-            plans = plans.joined(_improving(problem, likelihoods, plans, different(level)))
+            some = different(level)
+            probing = backup(problem, likelihoods, plans, some)
+            plans = plans.joined(improving(probing, some, plans, _LEAST_GAIN))
         kept = np.union1d(np.unique(plans.best(beliefs)), np.arange(min(2, num_stops)))  # what stops is always there
         solved.append(Plans(plans.alphas[kept], plans.actions[kept]))
     return solved[::-1]
@@ -80,13 +82,17 @@ def stopping_plans(problem: StagedProblem, stage: Stage, following: Plans | None
     return Plans(stage.confirm[None], np.array([num_poses])).joined(rejecting)
 
 
-def _improving(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats) -> Plans:
-    """Plans that begin with a probe and are worth more, at one of the beliefs, than those there are."""
-    found = backup(problem, likelihoods, plans, beliefs)
-    gain = (found.alphas * beliefs).sum(axis=1) - plans.value(beliefs)
-    better = gain > _LEAST_GAIN
-    found = Plans(found.alphas[better], found.actions[better])
-    return found.useful(beliefs) if len(found.actions) else found
+def improving(found: Plans, beliefs: Floats, known: Plans, least_gain: float) -> Plans:
+    """Those of the plans found, one for each belief, that are worth more there than any known, without needless ones.
+
+    >>> known = Plans(np.array([[0.0, 0.0]]), np.array([1]))
+    >>> found = Plans(np.array([[0.5, 0.1], [-0.2, 0.1]]), np.array([0, 0]))
+    >>> improving(found, np.array([[0.9, 0.1], [0.8, 0.2]]), known, least_gain=0.01).alphas.tolist()
+    [[0.5, 0.1]]
+    """
+    better = (found.alphas * beliefs).sum(axis=1) - known.value(beliefs) > least_gain
+    some = Plans(found.alphas[better], found.actions[better])
+    return some.useful(beliefs) if better.any() else some
 
 
 def backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats, weight: float = 1.0) -> Plans:

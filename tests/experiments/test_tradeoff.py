@@ -172,8 +172,6 @@ def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
 
 def test_the_figures_of_the_documentation_are_those_of_its_table():
     folder = Path(__file__).parent.parent.parent / "docs" / "tradeoff"
-    if not folder.exists():
-        pytest.skip("not measured yet")
     numbers = json.loads((folder / "tradeoff.json").read_text())
     page = (folder.parent / "tradeoff.md").read_text()
     assert len(numbers["points"]) >= 40
