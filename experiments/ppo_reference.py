@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
-from activetouch.envs.object_test import test_prior
+from activetouch.envs.priors import TestPriors
 from belief.observation_model import ArrayModel
 from experiments.ppo_recipe import PPORecipe
 from experiments.ppo_training import Score, play
@@ -42,13 +42,14 @@ class Reference:
 
 
 def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: str, recipe: PPORecipe) -> Reference:
-    """The references for a target, under the task of a recipe."""
-    task = (target, _EPISODES, "posterior", recipe.touch_cost, recipe.touch_limit, recipe.target_prob)
+    """The references for a target, under the task of a recipe, in tests as it measures them."""
+    task = (target, _EPISODES, "posterior", recipe.touch_cost, recipe.touch_limit, recipe.test_prob)
     known, test = BankEpisodes(bank, model, *task), BankEpisodes(test_bank, model, *task)
     pairs = list(product(_CONFIRM, _REJECT))
     best = max(pairs, key=lambda pair: play(thresholds(*pair), known).mean_return)
-    prior = test_prior(bank.shape_labels, target, recipe.target_prob)
-    problem = TouchProblem(model.outcome_table().probs, prior, bank.shape_labels.index(target), recipe.touch_cost)
+    index = bank.shape_labels.index(target)
+    prior = TestPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
+    problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
     return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test))
 
 

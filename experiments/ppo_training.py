@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from activetouch.atomic import atomic_path, write_text
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.priors import TargetProb
 from activetouch.errors import CorruptFile, MissingPackage
 from belief.errors import ActiveTouchError
 from belief.observation_model import ArrayModel
@@ -94,7 +95,7 @@ class Training:
         def report(steps: int) -> None:
             if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
                 policy = policy_of(learner, self.card)
-                curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES), steps))
+                curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES, self.recipe.test_prob), steps))
                 with atomic_path(self.folder / CHECKPOINT) as temporary:
                     learner.save(temporary)
                 self._write_progress(steps, curve)
@@ -107,13 +108,13 @@ class Training:
         return curve
 
     def score(self) -> Score:
-        """Of the finished policy on the objects that it learned from: to choose among seeds."""
+        """Of the finished policy on the objects and priors that it learned from: to choose among seeds."""
         policy = Policy.from_bytes((self.folder / POLICY).read_bytes())
-        return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES), self.recipe.steps)
+        return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES, self.recipe.target_prob), self.recipe.steps)
 
-    def _episodes(self, bank: TouchBank, num_envs: int) -> BankEpisodes:
+    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb) -> BankEpisodes:
         recipe = self.recipe
-        task = (recipe.touch_cost, recipe.touch_limit, recipe.target_prob)
+        task = (recipe.touch_cost, recipe.touch_limit, target_prob)
         return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
 
     def _learner(self, done: int) -> PPO:

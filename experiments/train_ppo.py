@@ -43,8 +43,8 @@ class PPOChanges:
     """λ."""
     touch_limit: int | None = None
     """T_max, touches of one object."""
-    target_prob: float | None = None
-    """How often the object of a training episode is the target (decision 0030)."""
+    target_prob: float | tuple[float, float] | None = None
+    """How often the object of a training episode is the target, or a range (decisions 0030 and 0024)."""
 
     def of(self, recipe: PPORecipe) -> PPORecipe:
         """The recipe with these changes."""

@@ -31,7 +31,6 @@ class TouchEnv(gymnasium.Env[State, int]):
         problem: the rules.
         touches: where touches come from.
         target: label of the shape sought.
-        prior: belief about one object of an ``independent`` problem.
         render_mode: None or "rgb_array".
 
     Attributes:
@@ -43,9 +42,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
 
-    def __init__(
-        self, problem: SearchProblem, touches: Touches, target: str, prior: Belief | None, render_mode: str | None
-    ) -> None:
+    def __init__(self, problem: SearchProblem, touches: Touches, target: str, render_mode: str | None) -> None:
         labels = list(problem.shape_labels)
         if target not in labels:
             raise UnknownName("target", target, labels)
@@ -53,7 +50,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             raise UnknownName("render mode", render_mode, self.metadata["render_modes"])
         self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
         self.last_press: Press | None = None
-        self._prior = prior
+        self._prior: Belief | None = None  # about every object of an ``independent`` problem
         self._is_over = True
         self.action_space = spaces.Discrete(problem.num_poses + 2)
         self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
@@ -157,7 +154,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
-        """Shapes of the objects."""
+        """Shapes of the objects of a new episode; sets its prior, if it has one of its own."""
 
     @abstractmethod
     def _act(self, action: int) -> tuple[float, bool, bool, bool]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.evidence import Evidence, RecomputedEvidence, SummedEvidence
-from activetouch.envs.object_test import test_prior
+from activetouch.envs.priors import TargetProb, TestPriors
 from belief.bayes import update
 from belief.encoding import ENCODINGS, NO_ACTION, TOUCH_LIMIT, Situation, certainty, frame_probs
 from belief.errors import UnknownName
@@ -48,7 +48,7 @@ class BankEpisodes:
         state: what observations are, a key of :data:`belief.encoding.ENCODINGS`.
         touch_cost: λ.
         touch_limit: T_max.
-        target_prob: how often the object is the target.
+        target_prob: how often the object is the target, or a range from which every episode draws this.
         beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; none at 0.
         discount: γ of the learner, for the shaping.
 
@@ -71,7 +71,7 @@ class BankEpisodes:
         state: str = "paper",
         touch_cost: float = 0.02,
         touch_limit: int = TOUCH_LIMIT,
-        target_prob: float = 0.5,
+        target_prob: TargetProb = 0.5,
         beta: float = 0.0,
         discount: float = 1.0,
     ) -> None:
@@ -84,8 +84,7 @@ class BankEpisodes:
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
         self.num_poses, self.target = len(bank.pose_labels), bank.shape_labels.index(target)
         self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
-        self._prior = test_prior(bank.shape_labels, target, target_prob)
-        self._log_prior = np.log(self._prior)
+        self._priors = TestPriors.of(len(bank.shape_labels), self.target, target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
         self._evidence: Evidence
@@ -95,13 +94,13 @@ class BankEpisodes:
             self._evidence = RecomputedEvidence(bank.logits, model, num_envs, touch_limit, bank.features)
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
-        self.log_probs = np.broadcast_to(self._log_prior, shape).copy()
+        self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle)), (num_envs, 1))
+        self.log_probs = self._log_priors.copy()
         self._first_rounds = np.zeros_like(self.uses)
         self._frame_probs = np.full(shape, 1.0 / shape[1])
         self._previous = np.full(num_envs, NO_ACTION)
         self._num_touches = np.zeros(num_envs, np.int64)
-        self._potential = np.full(num_envs, self._potential_of(self._log_prior[None])[0])
-        self._start_potential = self._potential[0]
+        self._potential = self._potential_of(self.log_probs)
 
     @property
     def num_touches(self) -> Ints:
@@ -115,20 +114,35 @@ class BankEpisodes:
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Begin new episodes in these rows."""
-        shapes = rng.choice(len(self._prior), size=len(rows), p=self._prior)
+        target_probs = self._priors.draw(rng, len(rows))
+        shapes = _choose(self._priors.probs(target_probs), rng)
         place = rng.random(len(rows))
         objects = np.empty(len(rows), np.int64)
         for shape, members in enumerate(self._of_shape):
             here = shapes == shape
             objects[here] = members[(place[here] * len(members)).astype(np.int64)]
-        self.begin(rows, objects, rng.integers(self.bank.num_rounds, size=(len(rows), self.num_poses)))
+        first_rounds = rng.integers(self.bank.num_rounds, size=(len(rows), self.num_poses))
+        self.begin(rows, objects, first_rounds, target_probs)
 
-    def begin(self, rows: Ints, objects: Ints, first_rounds: Ints | int = 0) -> None:
-        """Begin the episodes about these objects, ``(n,)``, each pose's touches from this round on, ``(n, P)``."""
+    def begin(
+        self, rows: Ints, objects: Ints, first_rounds: Ints | int = 0, target_probs: ArrayLike | None = None
+    ) -> None:
+        """Begin the episodes about these objects.
+
+        Args:
+            rows: which, ``(n,)``.
+            objects: of the bank, ``(n,)``.
+            first_rounds: which round each pose's touches are from, at first, ``(n, P)``.
+            target_probs: where their beliefs begin, ``(n,)``; the middle of the range if not given.
+        """
+        self._log_priors[rows] = np.log(
+            self._priors.probs(self._priors.middle if target_probs is None else target_probs)
+        )
         self.objects[rows], self._first_rounds[rows] = objects, first_rounds
         self.uses[rows] = 0
-        self.log_probs[rows], self._frame_probs[rows] = self._log_prior, 1.0 / len(self._prior)
-        self._previous[rows], self._num_touches[rows], self._potential[rows] = NO_ACTION, 0, self._start_potential
+        self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]
+        self._previous[rows], self._num_touches[rows] = NO_ACTION, 0
+        self._potential[rows] = self._potential_of(self.log_probs[rows])
         self._evidence.forget(rows)
 
     def situation(self) -> Situation:
@@ -170,7 +184,13 @@ class BankEpisodes:
         self._frame_probs[rows] = self._frames[objects, rounds, poses]
         self.uses[rows, poses] += 1
         self._num_touches[rows] += 1
-        self.log_probs, _ = update(self._log_prior, self._evidence.log_likelihoods())
+        self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods())
 
     def _potential_of(self, log_probs: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.abs(certainty(log_probs, self.target))
+
+
+def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
+    """A shape for each of the distributions ``(n, K)``; as ``rng.choice`` does for one."""
+    up_to = probs.cumsum(axis=1)
+    return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)

@@ -84,7 +84,7 @@ class ObjectSearchEnv(TouchEnv):
             touch_cost,
             TOUCH_LIMIT * number if touch_limit is None else touch_limit,
         )
-        super().__init__(problem, source, target, None, render_mode)
+        super().__init__(problem, source, target, render_mode)
 
     @property
     def _observation_size(self) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
+from activetouch.envs.priors import TargetProb, TestPriors
 from activetouch.envs.touches import Touches
 from belief import Belief, Composition, SearchProblem
 from belief.encoding import TOUCH_LIMIT
@@ -42,8 +43,8 @@ class ObjectTestEnv(TouchEnv):
     :class:`activetouch.envs.wrappers.RawImage` for the image.
 
     ## Starting State
-    The object has the target's shape with probability `target_prob`, and each other shape as often as the next. Nothing
-    was felt yet. `reset(options={"seed": (…)})` makes the episode of that key.
+    The object has the target's shape with probability `target_prob`, and each other shape as often as the next; that is
+    also the belief. Nothing was felt yet. `reset(options={"seed": (…)})` makes the episode of that key.
 
     ## Rewards
     CONFIRM and REJECT: +1 where right, -1 where wrong. A probe: `-touch_cost` (λ).
@@ -56,7 +57,7 @@ class ObjectTestEnv(TouchEnv):
     `reset()` and `step()` return a dictionary with
     - `is_success`: whether the episode ended with the right decision;
     - `num_touches`: made so far;
-    - `target_prob`: posterior probability that it is the target.
+    - `target_prob`: posterior probability that it is the target; from `reset()`, the prior.
 
     ## Arguments
     ```python
@@ -67,7 +68,8 @@ class ObjectTestEnv(TouchEnv):
     - `target="cone"`: the shape sought.
     - `touch_cost=0.02`: λ, in units of a right decision.
     - `touch_limit=12`: T_max.
-    - `target_prob=0.5`: how often the object is the target (decision 0030).
+    - `target_prob=0.5`: how often the object is the target (decision 0030); or a range such as `(0.05, 0.95)`, from
+      which every episode draws its own (decision 0024).
     - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touches.Touches`.
     - `render_mode=None`: or `"rgb_array"`.
 
@@ -81,18 +83,18 @@ class ObjectTestEnv(TouchEnv):
         target: str = "cone",
         touch_cost: float = 0.02,
         touch_limit: int = TOUCH_LIMIT,
-        target_prob: float = 0.5,
+        target_prob: TargetProb = 0.5,
         touches: Touches | None = None,
         render_mode: str | None = None,
     ) -> None:
         source = live_or_given(touches, scene)
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
-        prior = Belief.from_probs(labels, test_prior(labels, target, target_prob)) if target in labels else None
-        super().__init__(problem, source, target, prior, render_mode)
+        super().__init__(problem, source, target, render_mode)
+        self._priors = TestPriors.of(len(labels), self.target, target_prob)
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
-        assert self._prior is not None, "made in the constructor"
+        self._prior = Belief.from_probs(self.problem.shape_labels, self._priors.probs(self._priors.draw(rng, 1)[0]))
         return (int(rng.choice(self.problem.num_shapes, p=self._prior.probs)),)
 
     def _act(self, action: int) -> tuple[float, bool, bool, bool]:
@@ -104,12 +106,3 @@ class ObjectTestEnv(TouchEnv):
         self._previous = action
         right = (action == self.confirm) == (self._arrangement[0] == self.target)
         return (1.0 if right else -1.0), True, False, right
-
-
-def test_prior(labels: tuple[str, ...], target: str, target_prob: float) -> np.ndarray:
-    """Probability of each shape in a test, ``(K,)``: the target's, and what is left in equal shares."""
-    if not (len(labels) > 1 and 0.0 < target_prob < 1.0):
-        raise ValueError(f"a test needs two shapes and 0 < target_prob < 1, got {list(labels)} and {target_prob}")
-    prior = np.full(len(labels), (1.0 - target_prob) / (len(labels) - 1))
-    prior[labels.index(target)] = target_prob
-    return prior

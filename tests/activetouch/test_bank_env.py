@@ -44,8 +44,8 @@ def assert_same_episodes(env, target, bank, model, state, **settings):
     rng, num_poses = np.random.default_rng(5), episodes.num_poses
     ends = set()
     for index in range(bank.num_objects):
-        live, _ = env.reset(options={"seed": (index, 7)})
-        episodes.begin(np.array([0]), np.array([index]))
+        live, info = env.reset(options={"seed": (index, 7)})
+        episodes.begin(np.array([0]), np.array([index]), target_probs=info["target_prob"])
         poses, over = rng.permutation(np.arange(num_poses).repeat(bank.num_rounds)).tolist(), False
         while not over:
             np.testing.assert_allclose(episodes.observe()[0], live, atol=2e-5)
@@ -73,14 +73,14 @@ def test_the_bank_gives_the_touches_that_live_episodes_of_the_same_seeds_feel():
 
 @pytest.mark.parametrize("state", ["paper", "posterior"])
 @pytest.mark.parametrize("kind", ["ratio", "confusion"])
-def test_episodes_by_arrays_are_those_of_the_environment(state, kind, model, ratio):
+@pytest.mark.parametrize("target_prob", [0.5, (0.05, 0.95)])
+def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_prob, model, ratio):
     used = ratio if kind == "ratio" else model
-    touches = SampledTouches(used, POSES)
-    recorder = ObjectTestEnv(touches=touches, target="shape_0", touch_limit=30)
-    bank = TouchBank.record(recorder, [(index, 7) for index in range(60)], rounds=10)
-    env = BeliefShaping(ObjectTestEnv(touches=touches, target="shape_0"), beta=0.3, discount=0.9)
+    task = {"touches": SampledTouches(used, POSES), "target": "shape_0", "target_prob": target_prob}
+    bank = TouchBank.record(ObjectTestEnv(**task, touch_limit=30), [(index, 7) for index in range(60)], rounds=10)
+    env = BeliefShaping(ObjectTestEnv(**task), beta=0.3, discount=0.9)
     env = PosteriorState(env) if state == "posterior" else env
-    ends = assert_same_episodes(env, "shape_0", bank, used, state, beta=0.3, discount=0.9)
+    ends = assert_same_episodes(env, "shape_0", bank, used, state, target_prob=target_prob, beta=0.3, discount=0.9)
     assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}
 
 
@@ -126,6 +126,42 @@ def test_episodes_are_drawn_as_the_task_says(bank, model):
     for shape in range(4):
         members = episodes.objects[bank.shapes[episodes.objects] == shape]
         assert stats.chisquare(np.unique(members, return_counts=True)[1]).pvalue > 1e-4
+
+
+def test_priors_of_a_range_are_uniform_and_true_whoever_draws_them(bank, model):
+    # Prior and truth of 3 000 tests by arrays and 3 000 of the environment; every p-value is uniform if all is well.
+    episodes, rows = BankEpisodes(bank, model, "shape_1", 3000, target_prob=(0.2, 0.9)), np.arange(3000)
+    episodes.reset(rows, np.random.default_rng(0))
+    env = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_1", target_prob=(0.2, 0.9))
+    alone = []
+    for seed in rows.tolist():
+        _, info = env.reset(seed=seed)
+        alone.append((info["target_prob"], env.arrangement[0]))
+    by_arrays = np.exp(episodes.log_probs[:, 1]), bank.shapes[episodes.objects]
+    for prior, shapes in (by_arrays, np.array(alone).T):
+        assert stats.kstest(prior, stats.uniform(0.2, 0.7).cdf).pvalue > 1e-4
+        is_target = shapes == 1
+        expected, chance = prior.sum(), np.sqrt((prior * (1.0 - prior)).sum())
+        assert abs(is_target.sum() - expected) < 4 * chance
+        assert is_target[prior > 0.7].mean() - is_target[prior < 0.4].mean() > 0.4  # of .5; four standard deviations
+        assert stats.chisquare(np.unique(shapes[~is_target], return_counts=True)[1]).pvalue > 1e-4
+    np.testing.assert_allclose(np.exp(episodes.log_probs).sum(axis=1), 1.0)
+    others = np.delete(np.exp(episodes.log_probs), 1, axis=1)
+    np.testing.assert_allclose(others, others[:, :1].repeat(3, axis=1))
+
+
+def test_an_episode_begun_anew_leaves_the_priors_of_others_alone(bank, model):
+    episodes = BankEpisodes(bank, model, "shape_0", 6, "posterior", target_prob=(0.1, 0.9))
+    rng = np.random.default_rng(0)
+    episodes.reset(np.arange(6), rng)
+    episodes.step(np.full(6, 1))
+    before = episodes.log_probs.copy()
+    episodes.reset(np.array([2, 4]), rng)
+    changed = (episodes.log_probs != before).any(axis=1)
+    assert changed.tolist() == [False, False, True, False, True, False]
+    first = episodes.log_probs[[2, 4]]
+    episodes.step(np.array([0, 0, 3, 0, 3, 0]))  # those decide, the others feel something
+    np.testing.assert_allclose(episodes.log_probs[[2, 4]], first, atol=1e-12)
 
 
 def test_rounds_of_a_pose_come_once_each_before_any_comes_again(bank, model):
@@ -234,6 +270,9 @@ def test_what_does_not_fit_is_refused(bank, model, ratio):
     with pytest.raises(UnknownName, match="state"):
         BankEpisodes(bank, model, "shape_0", 2, state="images")
     other = RatioModel(("a", "b", "c", "d"), ratio.calibration, ratio.training_prior, 0.4, ratio.references)
+    for wrong in ((0.9, 0.1), (0.0, 0.5), (0.1, np.nan), (0.1, 0.2, 0.3), ()):
+        with pytest.raises(ValueError, match="target_prob"):
+            BankEpisodes(bank, model, "shape_0", 2, target_prob=wrong)
     with pytest.raises(LabelMismatch, match="'a'"):
         BankEpisodes(bank, other, "shape_0", 2)
     short = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_0")

@@ -198,8 +198,9 @@ def test_what_cannot_be_is_refused_by_name(sampled):
         ObjectTestEnv(scene="gell")
     with pytest.raises(UnknownName, match="render mode"):
         ObjectTestEnv(touches=sampled, target="shape_0", render_mode="human")
-    with pytest.raises(ValueError, match="target_prob"):
-        ObjectTestEnv(touches=sampled, target="shape_0", target_prob=1.0)
+    for wrong in (1.0, 0.0, np.nan, (0.5, 0.4), (0.5, 1.0), (0.1, 0.2, 0.3)):
+        with pytest.raises(ValueError, match="target_prob"):
+            ObjectTestEnv(touches=sampled, target="shape_0", target_prob=wrong)
     with pytest.raises(NoImage, match="SampledTouches"):
         RawImage(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(TypeError, match="this wrapper"):

@@ -1,6 +1,7 @@
 """Training PPO on a bank: from nothing, after an interruption, and what comes of it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -150,7 +151,23 @@ def test_settings_out_of_range_are_refused():
     for wrong in ({"steps": 0}, {"batch_size": 10_000}, {"hidden": ()}, {"discount": 1.1}, {"beta": -1.0}):
         with pytest.raises(ImpossiblePPO):
             PPORecipe(**wrong)
+    for prob in (0.0, 1.0, np.nan, (0.9, 0.1), (0.1, 1.0)):
+        with pytest.raises(ImpossiblePPO, match="target_prob"):
+            PPORecipe(target_prob=prob)
     assert PPOChanges(steps=7, beta=0.5).of(PPO_RECIPES["paper"]).steps == 7
+
+
+def test_a_policy_of_many_priors_is_measured_at_the_middle_one(bank, sharp, tmp_path):
+    assert PPORecipe(target_prob=0.3).test_prob == 0.3
+    recipe = replace(TINY, state="posterior", target_prob=(0.2, 0.6))
+    some = training(bank, sharp, tmp_path, recipe)
+    last = some.run()[-1]
+    policy = Policy.from_bytes((tmp_path / POLICY).read_bytes())
+    assert evaluate(policy, BankEpisodes(bank, sharp, "shape_0", 2000, "posterior", target_prob=0.4), 512) == last
+    chosen_by = BankEpisodes(bank, sharp, "shape_0", 4000, "posterior", target_prob=(0.2, 0.6))
+    assert evaluate(policy, chosen_by, 512) == some.score()
+    with pytest.raises(OtherTraining):  # of one prior, in the same folder
+        training(bank, sharp, tmp_path, replace(recipe, target_prob=0.4)).run()
 
 
 def test_masks_need_a_package_and_say_which(bank, sharp, tmp_path, monkeypatch):

@@ -1,0 +1,64 @@
+"""What is believed of a test's object before it is touched, and how often it is so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+TargetProb: TypeAlias = float | tuple[float, float]
+"""How often the object is the target; or a range, and every test draws its own from it, uniformly (decision 0024)."""
+
+
+@dataclass(frozen=True)
+class TestPriors:
+    """An object is the target with a probability that the test's belief begins at, and any other shape in equal shares.
+
+    Attributes:
+        num_shapes: K.
+        target: index of the shape sought.
+        low, high: where the probability is from; a range of one point draws nothing.
+
+    Raises:
+        ValueError: less than two shapes, or not 0 < low ≤ high < 1.
+    """
+
+    num_shapes: int
+    target: int
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not (self.num_shapes > 1 and 0.0 < self.low <= self.high < 1.0):
+            raise ValueError(
+                f"a test needs two shapes and target_prob in (0, 1), one number or two that rise, got "
+                f"{self.num_shapes} shapes and {self.low}, {self.high}"
+            )
+
+    @classmethod
+    def of(cls, num_shapes: int, target: int, target_prob: TargetProb) -> TestPriors:
+        """The priors of a probability, or of a range of them."""
+        ends = np.ravel(np.asarray(target_prob, np.float64)).tolist()
+        if len(ends) not in (1, 2):
+            raise ValueError(f"target_prob must be a probability or a range (low, high), got {target_prob}")
+        return cls(num_shapes, target, ends[0], ends[-1])
+
+    @property
+    def middle(self) -> float:
+        """Of the range."""
+        return (self.low + self.high) / 2.0
+
+    def draw(self, rng: np.random.Generator, number: int) -> Floats:
+        """The target's probability in some tests, ``(n,)``."""
+        if self.low == self.high:
+            return np.full(number, self.low)
+        return rng.uniform(self.low, self.high, number)
+
+    def probs(self, target_probs: ArrayLike) -> Floats:
+        """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``."""
+        target = np.asarray(target_probs, np.float64)[..., None]
+        is_target = np.arange(self.num_shapes) == self.target
+        return np.where(is_target, target, (1.0 - target) / (self.num_shapes - 1))
