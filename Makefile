@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment sensor figures reproduce clean
+.PHONY: search test check environment sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -54,6 +54,15 @@ sensor: environment
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
+
+# Its PPO policies, from the same repeated touches: make policies SCENE=coarse, of paper, coarse and gel.
+PPO.gel := --change.steps 120000
+PPO.paper := --change.steps 320000
+policies: environment
+	$(BIN)/activetouch touch-bank --scene $(SCENE)
+	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))
+	mkdir -p activetouch/models/$(SCENE)/policies
+	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(SCENE)/policies/
 
 # The README's figure is one of the default comparison's searches.
 figures: search

@@ -1,7 +1,8 @@
 """What a test of one object can return at best: references for a learned policy.
 
 The optimum for the table of outcomes takes repeated poses for new evidence, and loses what the table merges. Thresholds
-on the posterior, the best pair of them, with the least used pose next, are what is certainly there.
+on the posterior, the best pair of them, with the least used pose next, are what is certainly there. All touches for
+nothing, poses in turn, say how much there is to be known.
 """
 
 from __future__ import annotations
@@ -34,11 +35,13 @@ class Reference:
         optimum: of the table of outcomes, from below.
         thresholds: the best pair on the objects that policies learn from: confirm, reject.
         score: of that pair on the objects of the test split.
+        free: return on these if as many touches as are allowed cost nothing.
     """
 
     optimum: float
     thresholds: tuple[float, float]
     score: Score
+    free: float
 
 
 def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: str, recipe: PPORecipe) -> Reference:
@@ -50,7 +53,8 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     index = bank.shape_labels.index(target)
     prior = TestPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
-    return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test))
+    free = 2.0 * play(thresholds(np.inf, -np.inf), test).success - 1.0
+    return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test), free)
 
 
 def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArray[np.int64]]:

@@ -16,7 +16,8 @@ from activetouch.errors import CorruptFile, MissingPackage
 from belief.errors import UnknownName
 from belief.synthetic import random_model
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
-from experiments.ppo_training import CHECKPOINT, POLICY, PROGRESS, OtherTraining, Training, evaluate, policy_of
+from experiments.ppo_reference import reference, thresholds
+from experiments.ppo_training import CHECKPOINT, POLICY, PROGRESS, OtherTraining, Training, evaluate, play, policy_of
 from experiments.train_ppo import PPOChanges, TrainPPO
 from planners.ppo import Policy, load_policy
 
@@ -168,6 +169,16 @@ def test_a_policy_of_many_priors_is_measured_at_the_middle_one(bank, sharp, tmp_
     assert evaluate(policy, chosen_by, 512) == some.score()
     with pytest.raises(OtherTraining):  # of one prior, in the same folder
         training(bank, sharp, tmp_path, replace(recipe, target_prob=0.4)).run()
+
+
+def test_references_lie_between_one_touch_and_all_of_them_for_nothing(bank, sharp):
+    recipe = PPORecipe(state="posterior", target_prob=(0.2, 0.8), touch_limit=6)
+    found = reference(bank, bank, sharp, "shape_2", recipe)
+    tests = BankEpisodes(bank, sharp, "shape_2", 2000, "posterior", touch_limit=1)
+    once = play(thresholds(np.inf, -np.inf), tests)
+    assert once.touches == 1.0
+    assert once.mean_return < found.score.mean_return < found.free <= 1.0
+    assert 1.0 < found.score.touches < 6.0
 
 
 def test_masks_need_a_package_and_say_which(bank, sharp, tmp_path, monkeypatch):
