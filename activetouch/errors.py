@@ -43,3 +43,7 @@ class MissingWeights(ActiveTouchError, OSError):
 
 class ImpossibleRecipe(ActiveTouchError, ValueError):
     """A setting of a training is out of its range."""
+
+
+class TrainingDiverged(ActiveTouchError, ArithmeticError):
+    """A gradient is not finite, so that no step can be made with it."""

@@ -18,7 +18,7 @@ from activetouch.atomic import atomic_path
 from activetouch.augmentation import augment
 from activetouch.classifier import TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch, TrainingDiverged
 from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Symmetry
 
@@ -127,7 +127,11 @@ class Trainer:
         return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
 
     def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
-        """One pass over the training split; ``tick`` is told how many images each step took."""
+        """One pass over the training split; ``tick`` is told how many images each step took.
+
+        Raises:
+            TrainingDiverged: a gradient is not finite; the state file holds the epoch before.
+        """
         recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
         order = torch.randperm(len(train.images), generator=generator).numpy()
@@ -142,7 +146,13 @@ class Trainer:
             loss = nn.functional.cross_entropy(logits.float(), shapes, weight=self.class_weights)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
-            nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            if not torch.isfinite(norm):
+                raise TrainingDiverged(
+                    f"epoch {self.epochs_done + 1}: after {first} images the loss is {loss.item():g} and the gradient "
+                    f"{norm.item():g}. Train with a lower --change.learning-rate, or, if that does not help, in single "
+                    "precision (--change.bf16 False): bfloat16 fails on the smallest images"
+                )
             for group in self.optimizer.param_groups:
                 group["lr"] = self.learning_rate(self.epochs_done + first / len(order))
             self.optimizer.step()

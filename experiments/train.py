@@ -38,6 +38,8 @@ class Changes:
     """Of AdamW."""
     patience: int | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
+    bf16: bool | None = None
+    """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: int | None = None
     """Of initialisation, shuffling and augmentation."""
 

@@ -8,7 +8,7 @@ import torch
 
 from activetouch.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import CorruptFile, LabelMismatch, TrainingDiverged
 from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.training import Trainer
 
@@ -102,6 +102,15 @@ def test_class_weights_make_all_shapes_count_alike(tmp_path):
 def test_a_shape_without_images_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no image of disc"):
         trainer(tmp_path / "state.safetensors", train=TOUCHES.select(TOUCHES.shapes == 0))
+
+
+def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_written(tmp_path):
+    diverged = trainer(tmp_path / "state.safetensors")
+    with torch.no_grad():
+        diverged.classifier.network.head.bias.fill_(torch.inf)
+    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.bf16 False"):
+        diverged.run_epoch()
+    assert not diverged.state.exists()
 
 
 def test_another_recipe_does_not_resume(tmp_path):
