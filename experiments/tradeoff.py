@@ -20,7 +20,6 @@ from experiments.scene_choice import named_scene, repeats_folder
 
 if TYPE_CHECKING:
     from experiments.study import Grid
-    from experiments.tradeoff_configuration import Configuration, Network
     from experiments.tradeoff_measure import Result, TouchCost
     from experiments.tradeoff_picks import Front, Pick, Point
 
@@ -29,24 +28,25 @@ if TYPE_CHECKING:
 class Tradeoff:
     """Measure what speed costs in accuracy, draw the front, and name the configurations to take.
 
-    One thing at a time is other than in a scene's default: the network, its precision, the observation model, the
-    decider, the touch cost, the fidelity. Searches are on recorded touches of unseen objects where a collection with
-    several rounds is there (activetouch collect --plan.repeats 6 --out data/SCENE-repeats), and live otherwise. Results
-    are kept by configuration: interrupt it whenever you like, the same command goes on from there.
+    One thing at a time is other than in a scene's default: the decider, the touch cost, the network, its precision, the
+    observation model, the fidelity. All configurations of a scene play the same live searches. Observation models of
+    other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6 --out
+    data/SCENE-repeats); without these they are left out. Results are kept by configuration: interrupt it whenever you
+    like, the same command goes on from there.
 
     For example:
 
         activetouch tradeoff
         activetouch tradeoff --scenes coarse --episodes 50
-        activetouch tradeoff --scenes gel --checkpoints runs/train-gel-tiny-32/classifier.safetensors
+        activetouch tradeoff --checkpoints gel=runs/train-gel-tiny-32/classifier.safetensors
     """
 
     scenes: tuple[str, ...] = tuple(SCENES)
     """Which scenes."""
-    checkpoints: tuple[Path, ...] = ()
-    """Further classifiers for the scene gel, of other backbones or resolutions."""
-    episodes: int = 250
-    """Searches per target of a scene of four shapes; fewer of larger scenes, and a tenth of that live."""
+    checkpoints: tuple[str, ...] = ()
+    """Further classifiers, of other backbones or resolutions, each as SCENE=FILE."""
+    episodes: int = 200
+    """Searches for each target of gel; fewer in scenes that take longer."""
     success: float = 0.98
     """Success that is good enough."""
     milliseconds: float = 50.0
@@ -55,15 +55,18 @@ class Tradeoff:
     """Of the episodes and intervals."""
     out: Path = Path("runs/tradeoff")
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
-    recorded: bool = True
-    """Whether to search on recorded touches where there are some; else live only, and fewer configurations."""
     finished: bool = False
     """Measure nothing: report on all results that the folder holds by now, whatever sweeps they are of."""
     jobs: int = 1
     """Processes; the results do not depend on it."""
 
     def run(self) -> None:
-        """Measure what is missing, then pick, write and print."""
+        """Measure what is missing, then pick, write and print.
+
+        Raises:
+            BadArgument: there is nothing to do, or a checkpoint is not named as SCENE=FILE.
+            UnknownName: there is no such scene.
+        """
         from experiments.tradeoff_measure import finished
         from experiments.tradeoff_picks import Point, fronts, picks
 
@@ -71,39 +74,30 @@ class Tradeoff:
             named_scene(scene)
         if self.episodes < 1 or self.jobs < 1 or not self.scenes:
             raise BadArgument("--episodes and --jobs must be at least 1, and --scenes must name one")
-        measured = finished(self.out) if self.finished else self.measure()
-        points = [Point(result, cost) for result, cost in measured]
-        if not points:
+        results = finished(self.out) if self.finished else self.measure()
+        if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
-        found = fronts(points, np.random.default_rng(self.seed))
+        found = fronts([Point(*result) for result in results], np.random.default_rng(self.seed))
         answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
         self._write(found, answers)
 
     def measure(self) -> list[tuple[Result, TouchCost]]:
         """All configurations with their results and costs."""
         from experiments.tradeoff_configuration import Network, sweep
-        from experiments.tradeoff_measure import measured, touch_cost
+        from experiments.tradeoff_measure import measured
 
-        networks = [Network.of(scene) for scene in self.scenes]
-        networks += [Network.of("gel", path) for path in self.checkpoints if "gel" in self.scenes]
-        recorded = [scene for scene in self.scenes if self.recorded and _has_test_objects(scene)]
-        configurations = sweep(networks, recorded, self.episodes, self.seed)
-        costs = {c.key: touch_cost(c, self.out) for c in configurations}
-        self._read(configurations)
+        networks = [Network.of(scene) for scene in dict.fromkeys(self.scenes)]
+        for checkpoint in self.checkpoints:
+            scene, _, file = checkpoint.partition("=")
+            if scene not in self.scenes or not file:
+                raise BadArgument(
+                    f"--checkpoints are SCENE=FILE with a scene of {', '.join(self.scenes)}; got {checkpoint!r}"
+                )
+            networks.append(Network.of(scene, Path(file)))
+        calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]
+        configurations = sweep(networks, calibrated, self.episodes, self.seed)
         tasks = [partial(measured, c, self.out) for c in configurations]
-        results = {result.configuration.key: result for result in run_tasks(tasks, self.jobs, "searching")}
-        return [(results[c.key], costs[c.key]) for c in configurations]
-
-    def _read(self, configurations: Sequence[Configuration]) -> None:
-        """Read the recorded touches by every network once, before processes could do so twice."""
-        from experiments.tradeoff_touches import read_rounds
-
-        read: set[tuple[Network, str]] = set()
-        for c in configurations:
-            if c.touches == "recorded" and (c.network, c.precision) not in read:
-                read.add((c.network, c.precision))
-                for split in ("calibration", "test"):
-                    read_rounds(c.network, c.precision, split, self.out / "touches")
+        return list(run_tasks(tasks, self.jobs, "searching"))
 
     def _write(self, found: Sequence[Front], answers: dict[str, list[Pick]]) -> None:
         from experiments.page import Part, write_csv, write_page
@@ -153,11 +147,6 @@ class Tradeoff:
                 f"{p.ms_per_touch:.2f} ms a touch. Play it: {p.configuration.command(sensor)}"
             )
         return lines
-
-
-def _has_test_objects(scene: str) -> bool:
-    """Whether the scene's repeated touches are recorded, the test split included."""
-    return (repeats_folder(scene) / "manifest.json").exists() and (repeats_folder(scene) / "test").is_dir()
 
 
 def _grid(front: Front, only_front: bool = False) -> Grid:

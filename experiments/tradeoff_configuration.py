@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 from activetouch.scenes import SCENES
@@ -24,8 +25,15 @@ from planners.table import TRAINED
 
 SHIPPED = "shipped"
 """Stands for the observation model that comes with a scene's sensor."""
+FITTED = "ratio"
+"""The kind of observation model of other networks, which is also the shipped sensors' kind."""
+SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 0.6, "paper": 0.3, "hard": 0.16, "many": 0.1})
+"""Searches for each target, relative to ``gel``: so many that all scenes take about as long."""
+_WHOLE = ("gel", "coarse")  # scenes in which everything is varied; elsewhere only what matters most
+_MAIN = ("point_based", "information_gain", "threshold", "value_of_information")
 _FLOOR = "random_confirm"
 _TREES = ("pouct", "pomcp")  # deciders whose every decision takes simulations
+_TOUCH_COSTS = (0.005, 0.05, 0.1)  # beside the default
 
 
 @dataclass(frozen=True)
@@ -34,7 +42,7 @@ class Network:
 
     Attributes:
         scene: it was trained for.
-        checkpoint: its file.
+        checkpoint: its file; the shipped one if empty.
         label: backbone and edge of the images that it sees, such as "cnn 64 px".
         sha256: of the file.
     """
@@ -46,15 +54,19 @@ class Network:
 
     @classmethod
     def of(cls, scene: str, checkpoint: Path | None = None) -> Network:
-        """The classifier in a file; the shipped one of the scene by default."""
+        """The classifier in a file; the shipped one of the scene by default.
+
+        Raises:
+            CorruptFile: there is no classifier in the file.
+            LabelMismatch: it is for other shapes or poses than the scene has.
+        """
         from activetouch.classifier import TouchClassifier  # loads torch
 
         path = checkpoint if checkpoint is not None else MODELS / scene / CLASSIFIER_FILE
-        card = TouchClassifier.load(path).card
-        digest = _digest(path)
-        return cls(
-            scene, "" if checkpoint is None else str(checkpoint), f"{card.backbone} {card.input_size} px", digest
-        )
+        classifier, felt = TouchClassifier.load(path), SCENES[scene].scene
+        classifier.require_labels(felt.shape_labels, felt.pose_labels)
+        label = f"{classifier.card.backbone} {classifier.card.input_size} px"
+        return cls(scene, "" if checkpoint is None else str(checkpoint), label, _digest(path))
 
     @property
     def path(self) -> Path:
@@ -73,7 +85,6 @@ class Configuration:
         decider: a key of :data:`planners.DECIDERS`.
         touch_cost: λ.
         fidelity: how presses are made; the scene's own way by default.
-        touches: "recorded" ones of unseen objects, or "live" ones, pressed in the search.
         simulations: of each decision, for deciders that search a tree.
         episodes: searches for each target.
         seed: of the episodes.
@@ -82,10 +93,9 @@ class Configuration:
     network: Network
     precision: Literal["fp32", "bf16"] = "fp32"
     observation_model: str = SHIPPED
-    decider: str = "information_gain"
+    decider: str = _MAIN[0]
     touch_cost: float = 0.02
     fidelity: str | None = None
-    touches: Literal["recorded", "live"] = "recorded"
     simulations: int = 1000
     episodes: int = 250
     seed: int = 0
@@ -103,7 +113,7 @@ class Configuration:
             parts.insert(2, self.precision)
         if self.decider in _TREES:
             parts[-2] += f" × {self.simulations}"
-        return ", ".join([*parts, *([self.fidelity] if self.fidelity else []), self.touches])
+        return ", ".join([*parts, *([self.fidelity] if self.fidelity else [])])
 
     @property
     def key(self) -> str:
@@ -122,7 +132,7 @@ class Configuration:
         return Setting(SceneChoice(self.scene, self.fidelity), touch_cost=self.touch_cost)  # type: ignore[arg-type]
 
     def command(self, sensor: Path | None) -> str:
-        """The comparison that plays it live; ``sensor`` is a folder with its classifier and its observation model."""
+        """The comparison that plays it; ``sensor`` is a folder with its classifier and its observation model."""
         words = [f"activetouch compare --scene {self.scene} --deciders {self.decider} --touch-cost {self.touch_cost:g}"]
         words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
         words += [f"--sensor {sensor}"] if sensor is not None else []
@@ -133,66 +143,74 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def sweep(networks: Sequence[Network], recorded: Sequence[str], episodes: int, seed: int) -> list[Configuration]:
+def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int, seed: int) -> list[Configuration]:
     """All configurations, each once: one thing at a time is other than in a scene's default.
+
+    What matters most comes first, in all scenes, so that an interrupted sweep is worth most.
 
     Args:
         networks: classifiers; the first of a scene is its default.
-        recorded: scenes whose touches are recorded; the others are pressed live only.
-        episodes: for each target of a scene with four shapes; fewer where a search takes longer.
+        calibrated: scenes with recorded touches to fit observation models to; the others keep what they come with.
+        episodes: for each target of ``gel``, and as :data:`SHARES` says of the others.
         seed: of the episodes.
     """
-    found: dict[str, Configuration] = {}
     defaults = {network.scene: network for network in reversed(networks)}
-    for scene, network in defaults.items():
-        base = Configuration(network, episodes=_scaled(episodes, scene), seed=seed)
-        live = replace(base, touches="live", episodes=max(1, base.episodes // 10))
-        options = [*_live(live)]
-        if scene in recorded:
-            options += [*_deciders(base), *_observation_models(base), *_touch_costs(base)]
-            options += [
-                replace(
-                    base, network=other, precision=precision, observation_model=SHIPPED if other is network else "ratio"
-                )
-                for other in networks
-                if other.scene == scene
-                for precision in ("fp32", "bf16")
-            ]
-        found |= {option.key: option for option in options}
-    return list(found.values())
+    bases = [
+        Configuration(network, episodes=max(1, round(episodes * SHARES[scene])), seed=seed)
+        for scene, network in sorted(defaults.items(), key=lambda pair: list(SHARES).index(pair[0]))
+    ]
+    found: dict[str, Configuration] = {}
+    for vary in (_main_deciders, _touch_costs, _networks, _fidelities, _models, _half_precision, _deciders, _trees):
+        for base in bases:
+            others = [network for network in networks if network.scene == base.scene and network != base.network]
+            found |= {option.key: option for option in vary(base, others)}
+    return [c for c in found.values() if c.observation_model == SHIPPED or c.scene in calibrated]
 
 
-def _scaled(episodes: int, scene: str) -> int:
-    """As many touches, about, for scenes of more targets and objects."""
-    named = SCENES[scene]
-    return max(1, round(episodes * 16 / (len(named.scene.shapes) * named.num_objects)))
+def _main_deciders(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    for decider in _MAIN:
+        yield replace(base, decider=decider)
 
 
-def _deciders(base: Configuration) -> Iterator[Configuration]:
-    for decider in DECIDERS:
-        if decider in _TREES:
-            for simulations in (100, 1000):
-                fewer = max(1, base.episodes // 20)  # they take hundreds of times as long
-                yield replace(base, decider=decider, simulations=simulations, episodes=fewer)
-        elif decider != _FLOOR and decider not in TRAINED:
+def _touch_costs(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    for decider in (_MAIN[0], "value_of_information") if base.scene in _WHOLE else (_MAIN[0],):
+        for touch_cost in _TOUCH_COSTS:
+            yield replace(base, decider=decider, touch_cost=touch_cost)
+
+
+def _networks(base: Configuration, others: Sequence[Network]) -> Iterator[Configuration]:
+    for network in others:
+        yield replace(base, network=network, observation_model=FITTED)
+
+
+def _fidelities(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    own = SCENES[base.scene].scene.press_model
+    for fidelity, press in FIDELITIES.items():
+        # A force patch is drawn from the course of a guarded move, and deformable pads take seconds a press.
+        if fidelity != "deformable" and type(press) is not type(own) and base.scene != "paper":
+            yield replace(base, fidelity=fidelity)
+
+
+def _models(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    for model in OBSERVATION_MODELS if base.scene in _WHOLE else ():
+        if model != FITTED:
+            yield replace(base, observation_model=model)
+
+
+def _half_precision(base: Configuration, others: Sequence[Network]) -> Iterator[Configuration]:
+    for option in (base, *_networks(base, others)):
+        yield replace(option, precision="bf16")
+
+
+def _deciders(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    for decider in DECIDERS if base.scene in _WHOLE else ():
+        if decider != _FLOOR and decider not in TRAINED and decider not in _TREES:
             yield replace(base, decider=decider)
 
 
-def _observation_models(base: Configuration) -> Iterator[Configuration]:
-    for model in OBSERVATION_MODELS:
-        yield replace(base, observation_model=model)
-
-
-def _touch_costs(base: Configuration) -> Iterator[Configuration]:
-    for decider in ("value_of_information", "point_based"):
-        for touch_cost in (0.005, 0.05, 0.1):
-            if decider in DECIDERS:
-                yield replace(base, decider=decider, touch_cost=touch_cost)
-
-
-def _live(base: Configuration) -> Iterator[Configuration]:
-    yield base
-    own = SCENES[base.scene].scene.press_model
-    for fidelity, press in FIDELITIES.items():
-        if fidelity != "deformable" and type(press) is not type(own) and base.scene != "paper":
-            yield replace(base, fidelity=fidelity)
+def _trees(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
+    """A tenth of the searches, because their decisions take hundreds of times as long."""
+    for decider in _TREES if base.scene in _WHOLE else ():
+        for simulations in (100, 1000):
+            fewer = max(1, base.episodes // 10)
+            yield replace(base, decider=decider, simulations=simulations, episodes=fewer)

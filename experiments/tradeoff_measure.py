@@ -10,21 +10,20 @@ import json
 import multiprocessing
 import resource
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from activetouch import TactileSensor
+from activetouch import TactileSensor, TouchWorld
 from activetouch.atomic import write_text
 from activetouch.world import MODELS, POLICIES
 from belief import Touch
 from experiments.episodes import episode_seed, make_world
-from experiments.tradeoff_configuration import Configuration, Network
-from experiments.tradeoff_touches import RecordedWorld, observation_model, read_rounds
+from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
+from experiments.tradeoff_models import observation_model
 from planners import Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
@@ -43,6 +42,7 @@ class Result:
         decisions: of each search, touches included.
         rewards: return of each.
         decision_seconds: belief and decider, of all together.
+        planning_seconds: belief and decider in a first search for each target, which is when plans are made.
     """
 
     configuration: Configuration
@@ -51,6 +51,7 @@ class Result:
     decisions: list[int]
     rewards: list[float]
     decision_seconds: float
+    planning_seconds: float
 
     @property
     def ms_per_decision(self) -> float:
@@ -75,19 +76,19 @@ class TouchCost:
     memory: float
 
 
-def measured(configuration: Configuration, folder: Path) -> Result:
-    """The result of a configuration: from its shard if it is there; searched, and the shard written, if not."""
+def measured(configuration: Configuration, folder: Path) -> tuple[Result, TouchCost]:
+    """The result of a configuration and its costs: from their files if they are there; measured, and kept, if not."""
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
-        result = _search(configuration, folder / "touches")
+        result = _search(configuration, folder / "models")
         write_text(path, json.dumps(asdict(result)) + "\n")
     fields = json.loads(path.read_text())
-    return Result(**{**fields, "configuration": configuration})
+    return Result(**{**fields, "configuration": configuration}), touch_cost(configuration, folder)
 
 
 def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
     """All results that a folder holds, with their costs; of those that differ in their number only the largest."""
-    found: dict[Configuration, tuple[Result, TouchCost]] = {}
+    found: dict[Configuration, Result] = {}
     for path in sorted((folder / "results").glob("[!.]*.json")):
         fields = json.loads(path.read_text())
         network = Network(**fields["configuration"].pop("network"))
@@ -96,9 +97,9 @@ def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
             continue  # of a shipped sensor that is no longer shipped, or not fully measured
         result = Result(**{**fields, "configuration": configuration})
         same = replace(configuration, episodes=0)
-        if same not in found or len(found[same][0].successes) < len(result.successes):
-            found[same] = (result, touch_cost(configuration, folder))
-    return list(found.values())
+        if same not in found or len(found[same].successes) < len(result.successes):
+            found[same] = result
+    return [(result, touch_cost(result.configuration, folder)) for result in found.values()]
 
 
 def _cost_file(configuration: Configuration, folder: Path) -> Path:
@@ -112,45 +113,46 @@ def _search(configuration: Configuration, cache: Path) -> Result:
     torch.set_num_threads(1)
     setting = configuration.setting
     problem = setting.problem
-    model = observation_model(configuration, cache)
+    sensor = replace(_sensor(configuration), model=observation_model(configuration, cache))
     decider = make_decider(
-        configuration.decider, model.outcome_table(), model, setting.sensor_folder / POLICIES, configuration.simulations
+        configuration.decider,
+        sensor.model.outcome_table(),
+        sensor.model,
+        setting.sensor_folder / POLICIES,
+        configuration.simulations,
     )
-    serve: Callable[[Sequence[TouchRequest[Any]]], Sequence[Touch]]
-    if configuration.touches == "live":
-        sensor = replace(_sensor(configuration), model=model)
-        worlds = {seed: make_world(setting, sensor, seed) for seed in _seeds(configuration)}
-        serve = sensor.touch_many
-    else:
-        rounds = read_rounds(configuration.network, configuration.precision, "test", cache)
-        worlds = {seed: RecordedWorld.sample(rounds, problem, seed) for seed in _seeds(configuration)}
-
-        def serve(requests: Sequence[TouchRequest[Any]]) -> list[Touch]:
-            return [request.world.touch(request.pose, request.rng) for request in requests]
-
     touching = 0.0
 
-    def timed(requests: Sequence[TouchRequest[Any]]) -> Sequence[Touch]:
+    def touch_many(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
         nonlocal touching
         started = time.thread_time()
-        touches = serve(requests)
+        touches = sensor.touch_many(requests)
         touching += time.thread_time() - started
         return touches
 
-    episodes: list[Episode] = []
-    started, seeds = time.thread_time(), list(worlds)
-    for first in range(0, len(seeds), _TOGETHER):
-        some = seeds[first : first + _TOGETHER]
-        targets = [seed[1] for seed in some]
-        episodes += search_lockstep([worlds[s] for s in some], decider, problem, targets, model, some, timed)
-    spent = time.thread_time() - started
+    def play(seeds: Sequence[tuple[int, ...]]) -> tuple[list[Episode], float]:
+        """Searches, and the seconds of belief and decider."""
+        episodes: list[Episode] = []
+        thinking = 0.0
+        for first in range(0, len(seeds), _TOGETHER):
+            some = seeds[first : first + _TOGETHER]
+            worlds, targets = [make_world(setting, sensor, seed) for seed in some], [seed[1] for seed in some]
+            started = time.thread_time() - touching
+            episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, some, touch_many)
+            thinking += time.thread_time() - touching - started
+        return episodes, thinking
+
+    seeds = _seeds(configuration)
+    _, planning = play(seeds[:: configuration.episodes])  # one for each target, which is when plans are made
+    episodes, thinking = play(seeds)
     return Result(
         configuration,
         [int(episode.success) for episode in episodes],
         [episode.num_touches for episode in episodes],
         [len(episode.steps) for episode in episodes],
         [episode.reward(problem) for episode in episodes],
-        spent - touching,
+        thinking,
+        planning,
     )
 
 
@@ -203,19 +205,28 @@ def _cost_here(configuration: Configuration) -> TouchCost:
         sensor.read(images[number][None], [0])
         readings.append(time.thread_time() - started)
     weights = sum(p.numel() * p.element_size() for p in sensor.classifier.network.parameters()) / 1e6
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    memory = _peak_memory()
     warm = len(sensor.scene.shapes)  # the first press of a shape compiles its model
     return TouchCost(1e3 * float(np.mean(presses[warm:])), 1e3 * float(np.median(readings)), weights, memory)
+
+
+def _peak_memory() -> float:
+    """Of this process [MB]; what the kernel's accounting of resources says includes the process that started it."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        [peak] = (line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(peak) / 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
     """A folder from which a comparison can load the configuration's sensor; None where it is the shipped one."""
     from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 
-    if configuration.observation_model == "shipped" and configuration.network == Network.of(configuration.scene):
+    if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):
         return None
     out = folder / "sensors" / configuration.key
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / OBSERVATION_FILE, observation_model(configuration, folder / "touches").to_json() + "\n")
+    write_text(out / OBSERVATION_FILE, observation_model(configuration, folder / "models").to_json() + "\n")
     (out / CLASSIFIER_FILE).write_bytes(configuration.network.path.read_bytes())
     return out

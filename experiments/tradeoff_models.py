@@ -1,0 +1,69 @@
+"""Observation models for networks and precisions that no shipped sensor has, fitted to recorded calibration touches."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.atomic import write_text
+from activetouch.dataset import TouchSet, read_manifest, read_shard
+from activetouch.world import MODELS, OBSERVATION_FILE
+from belief import Touch
+from belief.observation_model import ArrayModel, read_observation_model
+from belief.selection import OBSERVATION_MODELS
+from experiments.scene_choice import repeats_folder
+from experiments.scores import read_logits
+from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
+
+_SPLIT = "calibration"
+_OBJECTS = 600  # of the split, the first
+_ROUNDS = 3  # of every object, the first: what repeated touches are worth shows from two on
+
+
+def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
+    """The observation model of a configuration: the shipped one, or one that is fitted once and kept in the folder."""
+    network, name = configuration.network, configuration.observation_model
+    if name == SHIPPED:
+        return read_observation_model((MODELS / network.scene / OBSERVATION_FILE).read_text())
+    stem = f"{network.scene}-{network.sha256[:12]}-{configuration.precision}"
+    path = folder / f"{stem}-{name.replace(' ', '')}.json"
+    if not path.exists():
+        manifest = read_manifest(repeats_folder(network.scene))
+        read, truth = _readings(network, configuration.precision)
+        fitted = OBSERVATION_MODELS[name](
+            read,
+            truth.shapes,
+            truth.object_ids,
+            shape_labels=manifest.shape_labels,
+            num_poses=len(manifest.pose_labels),
+        )
+        write_text(path, fitted.to_json() + "\n")
+    return read_observation_model(path.read_text())
+
+
+@lru_cache(maxsize=1)
+def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
+    """What a network reads of calibration touches, and what they are of."""
+    from activetouch.classifier import TouchClassifier  # loads torch
+
+    classifier = TouchClassifier.load(network.path)
+    classifier = classifier.to_bfloat16() if precision == "bf16" else classifier
+    touches = _first_objects(network.scene)
+    logits = read_logits(classifier, touches.images, f"{network.scene}, {network.label} {precision}: calibration")
+    return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)], touches
+
+
+def _first_objects(scene: str) -> TouchSet:
+    """The first objects of the calibration split and their first rounds, without reading the other shards."""
+    folder = repeats_folder(scene)
+    manifest = read_manifest(folder)
+    parts = []
+    for name, shard, objects in manifest.shards():
+        if name == _SPLIT and objects.start < _OBJECTS:
+            touches, _ = read_shard(folder, manifest, _SPLIT, shard, objects)
+            each = manifest.touches_per_object
+            kept = np.arange(len(touches.images)) % each < _ROUNDS * len(manifest.pose_labels)
+            parts.append(touches.select(kept & (touches.object_ids < _OBJECTS)))
+    return TouchSet.join(parts)
