@@ -35,6 +35,16 @@ class BadArgument(ActiveTouchError, ValueError):
     """A command was asked for something that makes no sense."""
 
 
+def require_seed(seed: int) -> None:
+    """Check that chance can be had from a seed.
+
+    Raises:
+        BadArgument: it is negative.
+    """
+    if seed < 0:
+        raise BadArgument(f"--seed must be at least 0, got {seed}")
+
+
 @dataclass(frozen=True)
 class Compare:
     """Search live in MuJoCo with several deciders on identical episodes; print a table, write a report.
@@ -228,6 +238,7 @@ class Compare:
             )
         if self.episodes < 1 or self.jobs < 1 or not self.deciders:
             raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
+        require_seed(self.seed)
         if (self.backend == "dask") != (self.scheduler is not None):
             raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
         self._part()

@@ -14,6 +14,7 @@ from rich.markdown import Markdown
 from activetouch.atomic import write_text
 from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
+from experiments.compare import require_seed
 from experiments.from_nothing import Effort, sensor_from_nothing
 from experiments.parallel import default_jobs
 from experiments.sliding_windows import WindowPlan, kept_windows
@@ -93,6 +94,7 @@ class Reproduce:
         from experiments.paper_figures import draw_figure2, draw_figure3
         from experiments.table2 import search_columns, to_markdown, to_numbers
 
+        require_seed(self.seed)
         parts = self.parts if self.table is None else (f"table{self.table}",)
         tables: dict[str, str] = {}
         results = columns = None

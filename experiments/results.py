@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from activetouch.atomic import atomic_path, write_text
+from activetouch.errors import CorruptFile
 from belief.errors import ActiveTouchError
 from planners import Episode
 
@@ -131,6 +132,8 @@ class RunFolder:
 
         Raises:
             RunMismatch: the folder holds a run with another identity.
+            CorruptFile: its ``run.json`` is torn or foreign.
+            CannotWrite: it is a file, there is no room, or no permission.
         """
         file, commit, warning = self.path / "run.json", _commit(), None
         wanted = json.loads(json.dumps({**identity, "versions": versions()}))
@@ -153,11 +156,26 @@ class RunFolder:
             write_text(self.path / "run.json", json.dumps(run, indent=1) + "\n")
 
     def read_run(self) -> dict[str, Any]:
-        """What ``run.json`` says."""
+        """What ``run.json`` says.
+
+        Raises:
+            FileNotFoundError: there is none.
+            CorruptFile: it is torn or foreign.
+        """
         file = self.path / "run.json"
         if not file.exists():
             raise FileNotFoundError(f"{self.path} holds no run; make one with: activetouch compare --out {self.path}")
-        return json.loads(file.read_text())
+        try:
+            run = json.loads(file.read_text(encoding="utf-8"))
+            if run.keys() >= {"identity", "arguments", "commit"}:
+                return run
+            problem = f"it has {', '.join(run) or 'nothing'}"
+        except (ValueError, AttributeError) as error:
+            problem = str(error)
+        raise CorruptFile(
+            f"{file} does not say what was run: {problem}. Choose another --out; or delete that file, if you are sure "
+            "that the episodes beside it are of the run that you ask for"
+        )
 
     def has(self, key: ShardKey) -> bool:
         """Whether a shard is there and whole."""
@@ -204,6 +222,10 @@ class RunFolder:
         try:
             yield
         except OSError as error:
+            if not self.path.is_dir() and isinstance(error, FileExistsError | NotADirectoryError):
+                raise CannotWrite(
+                    f"{self.path} is no folder, and none can be made there; choose another --out"
+                ) from error
             raise CannotWrite(
                 f"{self.path} cannot be written to: {error.strerror or error}. What is in it is kept; make room, and "
                 "run the same command to go on"

@@ -18,7 +18,7 @@ from experiments.compare import BadArgument, Compare
 from experiments.episodes import Setting
 from experiments.explain import Explain
 from experiments.replay import Replay
-from experiments.results import RunFolder, RunMismatch, ShardKey
+from experiments.results import CannotWrite, RunFolder, RunMismatch, ShardKey
 from experiments.scene_choice import DuplicateShape, SceneChoice
 from experiments.sliding_windows import WindowPlan
 from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses
@@ -64,6 +64,16 @@ def _litter(folder: Path) -> None:
     (folder / "shards" / ".cone.jsonl.half").write_text('{"half a li')
 
 
+def _cut_run(folder: Path) -> None:
+    file = folder / "run.json"
+    file.write_text(file.read_text()[:99])
+
+
+def _into_a_file(folder: Path) -> None:
+    (folder / "run").write_text("mine")
+    _compare(folder).play()
+
+
 def _with_versions(folder: Path) -> None:
     run = json.loads((folder / "run.json").read_text())
     run["identity"]["versions"]["torch"] = "1.0"
@@ -75,6 +85,9 @@ _TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 
 CASES: tuple[Case, ...] = (
     refuses("compare", "no episodes", _played(episodes=0), BadArgument, "at least 1"),
     refuses("compare", "no processes", _played(jobs=0), BadArgument, "at least 1"),
+    refuses("compare", "a negative seed", _played(seed=-1), BadArgument, "at least 0"),
+    refuses("compare", "a run.json that was cut off", _after(_cut_run), CorruptFile, "Choose another --out"),
+    refuses("compare", "a file as --out", in_folder(_into_a_file), CannotWrite, "is no folder"),
     refuses("compare", "no decider", _played(deciders=()), BadArgument, "must name one"),
     refuses(
         "compare", "a decider with a slip", _played(deciders=("threshhold",)), UnknownName, "Did you mean 'threshold'"

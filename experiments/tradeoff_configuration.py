@@ -116,6 +116,20 @@ class Configuration:
         return ", ".join([*parts, *([self.fidelity] if self.fidelity else [])])
 
     @property
+    def varied(self) -> str:
+        """What is other than in the scene's default, in a word; "nothing" for the default itself."""
+        default = Configuration(self.network)
+        differs = {
+            "network": bool(self.network.checkpoint),
+            "precision": self.precision != default.precision,
+            "observation model": self.observation_model != default.observation_model,
+            "fidelity": self.fidelity != default.fidelity,
+            "touch cost λ": self.touch_cost != default.touch_cost,
+            "decider": self.decider != default.decider,
+        }
+        return next((what for what in differs if differs[what]), "nothing")
+
+    @property
     def key(self) -> str:
         """Of its result; the same wherever the checkpoint lies."""
         fields = asdict(self)
@@ -160,7 +174,7 @@ def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int,
         for scene, network in sorted(defaults.items(), key=lambda pair: list(SHARES).index(pair[0]))
     ]
     found: dict[str, Configuration] = {}
-    for vary in (_main_deciders, _touch_costs, _networks, _fidelities, _models, _half_precision, _deciders, _trees):
+    for vary in (_main_deciders, _touch_costs, _networks, _fidelities, _models, _deciders, _half_precision, _trees):
         for base in bases:
             others = [network for network in networks if network.scene == base.scene and network != base.network]
             found |= {option.key: option for option in vary(base, others)}
@@ -209,8 +223,8 @@ def _deciders(base: Configuration, _: Sequence[Network]) -> Iterator[Configurati
 
 
 def _trees(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    """A tenth of the searches, because their decisions take hundreds of times as long."""
+    """A twentieth of the searches, because their decisions take hundreds of times as long."""
     for decider in _TREES if base.scene in _WHOLE else ():
         for simulations in (100, 1000):
-            fewer = max(1, base.episodes // 10)
+            fewer = max(1, base.episodes // 20)
             yield replace(base, decider=decider, simulations=simulations, episodes=fewer)

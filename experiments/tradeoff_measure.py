@@ -27,7 +27,7 @@ from experiments.tradeoff_models import observation_model
 from planners import Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
-_PRESSES, _READINGS = 60, 40
+_PRESSES, _READINGS = 200, 100
 _TOGETHER = 25  # episodes in lockstep
 
 
@@ -93,18 +93,13 @@ def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
         fields = json.loads(path.read_text())
         network = Network(**fields["configuration"].pop("network"))
         configuration = Configuration(network=network, **fields["configuration"])
-        if configuration.key != path.stem or not _cost_file(configuration, folder).exists():
-            continue  # of a shipped sensor that is no longer shipped, or not fully measured
+        if configuration.key != path.stem:
+            continue  # of a shipped sensor that is no longer shipped
         result = Result(**{**fields, "configuration": configuration})
         same = replace(configuration, episodes=0)
         if same not in found or len(found[same].successes) < len(result.successes):
             found[same] = result
     return [(result, touch_cost(result.configuration, folder)) for result in found.values()]
-
-
-def _cost_file(configuration: Configuration, folder: Path) -> Path:
-    name = f"{configuration.scene}-{configuration.network.sha256[:12]}-{configuration.precision}"
-    return folder / "costs" / f"{name}-{configuration.fidelity or 'own'}.json"
 
 
 def _search(configuration: Configuration, cache: Path) -> Result:
@@ -176,38 +171,51 @@ def _sensor(configuration: Configuration) -> TactileSensor:
 
 
 def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
-    """What a touch costs in a configuration: from its shard if it is there; measured in a fresh process if not."""
-    path = _cost_file(configuration, folder)
-    if not path.exists():
-        context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
-        context.set_forkserver_preload(["activetouch.classifier", "activetouch.rig", __name__])
-        with ProcessPoolExecutor(1, mp_context=context) as pool:
-            cost = pool.submit(_cost_here, configuration).result()
-        write_text(path, json.dumps(asdict(cost)) + "\n")
-    return TouchCost(**json.loads(path.read_text()))
+    """What a touch costs in a configuration: from its files if they are there; measured in fresh processes if not.
+
+    All networks share the measurement of the press.
+    """
+    scene, network = configuration.scene, configuration.network
+    press = f"press-{scene}-{configuration.fidelity or 'own'}"
+    read = f"read-{scene}-{network.sha256[:12]}-{configuration.precision}"
+    found: dict[str, float] = {}
+    for stem, measure in ((press, _press_here), (read, _read_here)):
+        path = folder / "costs" / f"{stem}.json"
+        if not path.exists():
+            context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
+            context.set_forkserver_preload(["activetouch.classifier", "activetouch.rig", __name__])
+            with ProcessPoolExecutor(1, mp_context=context) as pool:
+                write_text(path, json.dumps(pool.submit(measure, configuration).result()) + "\n")
+        found |= json.loads(path.read_text())
+    return TouchCost(**found)
 
 
-def _cost_here(configuration: Configuration) -> TouchCost:
+def _press_here(configuration: Configuration) -> dict[str, float]:
+    scene, rng = configuration.setting.scene, np.random.default_rng(0)
+    num_shapes = len(scene.shapes)
+    seconds = []
+    for number in range(num_shapes + _PRESSES):
+        thing = scene.sample_object(number % num_shapes, rng)
+        started = time.thread_time()
+        scene.press(thing, number % len(scene.poses), rng)
+        seconds.append(time.thread_time() - started)
+    return {"physics": 1e3 * float(np.mean(seconds[num_shapes:]))}  # the first of each shape compiles its model
+
+
+def _read_here(configuration: Configuration) -> dict[str, float]:
     import torch
 
     torch.set_num_threads(1)
-    sensor, rng = _sensor(configuration), np.random.default_rng(0)
-    things = [sensor.scene.sample_object(n % len(sensor.scene.shapes), rng) for n in range(_PRESSES)]
-    images, presses = [], []
-    for number, thing in enumerate(things):
-        started = time.thread_time()
-        _, image = sensor.scene.press(thing, number % len(sensor.scene.poses), rng)
-        presses.append(time.thread_time() - started)
-        images.append(image)
-    readings = []
+    sensor, rng = _sensor(replace(configuration, fidelity=None)), np.random.default_rng(0)
+    seconds = []
     for number in range(_READINGS):
+        thing = sensor.scene.sample_object(number % len(sensor.scene.shapes), rng)
+        _, image = sensor.scene.press(thing, 0, rng)
         started = time.thread_time()
-        sensor.read(images[number][None], [0])
-        readings.append(time.thread_time() - started)
+        sensor.read(image[None], [0])
+        seconds.append(time.thread_time() - started)
     weights = sum(p.numel() * p.element_size() for p in sensor.classifier.network.parameters()) / 1e6
-    memory = _peak_memory()
-    warm = len(sensor.scene.shapes)  # the first press of a shape compiles its model
-    return TouchCost(1e3 * float(np.mean(presses[warm:])), 1e3 * float(np.median(readings)), weights, memory)
+    return {"network": 1e3 * float(np.median(seconds)), "weights": weights, "memory": _peak_memory()}
 
 
 def _peak_memory() -> float:

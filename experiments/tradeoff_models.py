@@ -18,7 +18,7 @@ from experiments.scores import read_logits
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
 
 _SPLIT = "calibration"
-_OBJECTS = 600  # of the split, the first
+_OBJECTS = 75  # of every shape, the first of the split
 _ROUNDS = 3  # of every object, the first: what repeated touches are worth shows from two on
 
 
@@ -59,11 +59,11 @@ def _first_objects(scene: str) -> TouchSet:
     """The first objects of the calibration split and their first rounds, without reading the other shards."""
     folder = repeats_folder(scene)
     manifest = read_manifest(folder)
-    parts = []
+    wanted, parts = _OBJECTS * len(manifest.shape_labels), []
     for name, shard, objects in manifest.shards():
-        if name == _SPLIT and objects.start < _OBJECTS:
+        if name == _SPLIT and objects.start < wanted:
             touches, _ = read_shard(folder, manifest, _SPLIT, shard, objects)
             each = manifest.touches_per_object
             kept = np.arange(len(touches.images)) % each < _ROUNDS * len(manifest.pose_labels)
-            parts.append(touches.select(kept & (touches.object_ids < _OBJECTS)))
+            parts.append(touches.select(kept & (touches.object_ids < wanted)))
     return TouchSet.join(parts)

@@ -92,7 +92,7 @@ class Front:
         task: a key of :data:`TASKS`.
         points: cheapest first.
         on_front: whether no other is both cheaper and at least as successful.
-        probs: how often each is, over resamples of the searches.
+        probs: that each is, given the searches.
     """
 
     task: str
@@ -113,20 +113,22 @@ def fronts(points: Sequence[Point], rng: np.random.Generator, num_resamples: int
 
 
 def _resampled(points: Sequence[Point], rng: np.random.Generator, num_resamples: int) -> tuple[Floats, Floats]:
-    """Time and success over resamples of the searches, each ``(S, C)``.
+    """Time and success as they may truly be, given the searches, each ``(S, C)``: a Bayesian bootstrap.
 
-    Configurations that played the same episodes are resampled together, so that what all found hard is not noise
-    between them.
+    Configurations that played the same episodes share the weights of a resample, so that what all found hard is no
+    noise between them. Half a success and half a failure of its own is added to each, which makes the success of each
+    by itself Beta(s + ½, f + ½): where nothing failed, something still may.
     """
-    same: dict[tuple[str, str, int], NDArray[np.int64]] = {}
+    shared: dict[tuple[str, int], Floats] = {}
     columns = []
     for point in points:
-        c, n = point.configuration, point.num_searches
-        key = (c.scene, c.touches, n)
-        if key not in same:
-            same[key] = rng.integers(n, size=(num_resamples, n))
-        successes = np.array(point.result.successes, float)
-        columns.append((point.ms_of_searches[same[key]].mean(axis=1), successes[same[key]].mean(axis=1)))
+        key = (point.configuration.scene, point.num_searches)
+        if key not in shared:
+            shared[key] = rng.standard_exponential((num_resamples, point.num_searches))
+        weights = shared[key]
+        total, (won, lost) = weights.sum(axis=1), rng.standard_gamma(0.5, (2, num_resamples))
+        success = (weights @ np.array(point.result.successes, float) + won) / (total + won + lost)
+        columns.append((weights @ point.ms_of_searches / total, success))
     costs, qualities = (np.stack(column, axis=1) for column in zip(*columns, strict=True))
     return costs, qualities
 
@@ -140,9 +142,10 @@ class Pick:
 
 
 def picks(front: Front, least_success: float, most_ms: float) -> list[Pick]:
-    """The fastest that is good enough, and the best that is fast enough; ties go to the faster.
+    """The fastest that is good enough, and the best that is fast enough.
 
-    Good enough means that the whole interval of the success is.
+    Good is what the lower end of the interval of the success says. Of equally good ones the best touches least, since
+    a touch takes a robot longer than any of this.
     """
     playable = [point for point in front.points if point.is_playable]
     good = [point for point in playable if point.interval[0] >= least_success]
@@ -150,7 +153,7 @@ def picks(front: Front, least_success: float, most_ms: float) -> list[Pick]:
     return [
         Pick(f"the fastest with success ≥ {least_success:g} (lower end of its interval)", good[0] if good else None),
         Pick(
-            f"the most accurate under {most_ms:g} ms a touch",
-            max(fast, key=lambda point: (point.interval[0], -point.ms_per_search)) if fast else None,
+            f"the most accurate under {most_ms:g} ms a touch, of equals the one that touches least",
+            max(fast, key=lambda point: (point.interval[0], -point.touches, -point.ms_per_search)) if fast else None,
         ),
     ]

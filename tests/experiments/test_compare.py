@@ -181,6 +181,7 @@ def test_a_table_of_all_deciders_fits_too(finished):
         ({"targets": ("cones",)}, "Did you mean 'cone'"),
         ({"deciders": ()}, "must name one"),
         ({"episodes": 0}, "at least 1"),
+        ({"seed": -1}, "--seed must be at least 0, got -1"),
         ({"reference": "threshhold"}, "Did you mean 'threshold'"),
         ({"part": "3/2"}, "such as 2/8; got '3/2'"),
         ({"part": "half"}, "such as 2/8; got 'half'"),

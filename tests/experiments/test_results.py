@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from activetouch.atomic import atomic_path, write_text
+from activetouch.errors import CorruptFile
 from experiments.merge import Conflict, merge
 from experiments.results import CannotWrite, RunFolder, RunMismatch, Seconds, ShardKey
 
@@ -53,6 +54,25 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
     folder.open({"seed": 1, "scene": "x"}, {})
     with pytest.raises(RunMismatch, match="other scene, seed"):
         folder.open({"seed": 2, "scene": "y"}, {})
+
+
+@pytest.mark.parametrize("text", ["", '{"identity": {"se', "[]", "{}", "null", '{"identity": {}}', "\xff"])
+def test_a_torn_or_foreign_run_json_is_a_clear_error_and_stays(tmp_path, text):
+    a_run(tmp_path)
+    (tmp_path / "run.json").write_text(text, encoding="latin-1")
+    for read in (lambda: RunFolder(tmp_path).open({"seed": 1}, {}), RunFolder(tmp_path).read_run):
+        with pytest.raises(CorruptFile, match=r"run\.json does not say what was run: .*\. Choose another --out; or"):
+            read()
+    assert (tmp_path / "run.json").read_text(encoding="latin-1") == text
+    assert RunFolder(tmp_path).has(KEY)
+
+
+def test_a_folder_that_is_a_file_or_lies_in_one_is_a_clear_error(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    for path in (tmp_path / "run", tmp_path / "run" / "deeper"):
+        with pytest.raises(CannotWrite, match="is no folder, and none can be made there; choose another --out"):
+            RunFolder(path).open({"seed": 1}, {})
+    assert (tmp_path / "run").read_text() == "mine"
 
 
 def test_episodes_that_are_not_there_say_how_to_play_them(tmp_path):

@@ -1,44 +1,35 @@
 """The trade of speed for accuracy: keys, recorded worlds, fronts and picks by hand, a small sweep that resumes."""
 
 import json
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import beta, kstest
 
-from belief import Composition, SearchProblem
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.compare import BadArgument
-from experiments.sequences import Rounds
 from experiments.tradeoff import Tradeoff
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network, sweep
+from experiments.tradeoff_figures import _MARKERS as MARKERS
 from experiments.tradeoff_measure import Result, TouchCost, measured
-from experiments.tradeoff_picks import Point, fronts, picks
-from experiments.tradeoff_touches import RecordedWorld
+from experiments.tradeoff_picks import Point, _resampled, fronts, picks
 from planners import DECIDERS
 from planners.table import TRAINED
 
 COARSE = Network("coarse", "", "cnn 16 px", "ab" * 32)
 GEL = Network("gel", "", "cnn 64 px", "cd" * 32)
+HARD = Network("hard", "", "cnn 64 px", "12" * 32)
 SMALL = Network("gel", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
-OBJECTS, ROUNDS, POSES, SHAPES = 12, 3, 2, 4
-
-
-@pytest.fixture
-def rounds() -> Rounds:
-    """Every logit says which touch it is."""
-    size = (OBJECTS, ROUNDS, POSES, SHAPES)
-    return Rounds(np.arange(np.prod(size), dtype=float).reshape(size), np.arange(OBJECTS) % SHAPES)
 
 
 def point(name: str, successes: int, touches: float, physics: float = 1.0, **changes) -> Point:
     """Of 400 searches."""
     configuration = replace(Configuration(GEL, decider=name), **changes)
     right = [1] * successes + [0] * (400 - successes)
-    result = Result(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0)
+    result = Result(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0, 0.0)
     return Point(result, TouchCost(physics, 0.0, 1.0, 1.0))
 
 
@@ -48,7 +39,7 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     assert moved.key == base.key
     changes = [
         {"decider": "threshold"}, {"touch_cost": 0.03}, {"precision": "bf16"}, {"observation_model": "plda"},
-        {"fidelity": "quasistatic"}, {"touches": "live"}, {"episodes": 9}, {"seed": 1},
+        {"fidelity": "quasistatic"}, {"episodes": 9}, {"seed": 1},
         {"network": replace(SMALL, sha256="00" * 32)},
     ]  # fmt: skip
     keys = [replace(base, **change).key for change in changes]
@@ -61,41 +52,39 @@ def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     wanted = {name for name in DECIDERS if name != "random_confirm" and name not in TRAINED}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
-    assert {c.fidelity for c in found if c.touches == "live"} == {None, "quasistatic", "guarded_move"}
-    assert {c.touches for c in sweep([COARSE], [], episodes=100, seed=0)} == {"live"}
+    assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
+    assert {c.precision for c in found if c.network == SMALL} == {"fp32", "bf16"}
 
 
-def test_touches_of_a_pose_are_its_rounds_each_once_and_then_again(rounds, rng):
-    world = RecordedWorld(rounds, [5, 2], rng)
-    world.advance()
-    felt = [tuple(world.touch(1, rng).logits) for _ in range(2 * ROUNDS)]
-    assert sorted(felt[:ROUNDS]) == sorted(tuple(row) for row in rounds.logits[2, :, 1])
-    assert felt[ROUNDS:] == felt[:ROUNDS]
+def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
+    found = sweep([COARSE, GEL, SMALL], ["coarse"], episodes=100, seed=0)
+    assert {c.observation_model for c in found if c.scene == "gel"} == {SHIPPED}
+    assert SMALL not in {c.network for c in found}
 
 
-def test_what_is_felt_depends_on_object_pose_and_turn_not_on_what_was_felt_before(rounds):
-    problem = SearchProblem("abcd", ("p", "q"), 4)
-    some, other = (RecordedWorld.sample(rounds, problem, (7, 0, 3)) for _ in range(2))
-    rng = np.random.default_rng(0)
-    first = [some.touch(0, rng).logits for _ in range(2)]
-    other.touch(1, rng)
-    again = [other.touch(0, rng).logits for _ in range(2)]
-    assert np.array_equal(first, again)
-    assert some.arrangement == other.arrangement
-    some.reset()
-    assert np.array_equal(some.touch(0, rng).logits, first[0])
+def test_an_interrupted_sweep_has_the_main_deciders_of_all_scenes_first_and_tree_search_last():
+    found = sweep([HARD, COARSE, GEL], ["coarse"], episodes=100, seed=0)
+    assert [c.scene for c in found[:12]] == ["gel"] * 4 + ["coarse"] * 4 + ["hard"] * 4
+    assert len({c.decider for c in found[:12]}) == 4
+    assert [c.decider in ("pouct", "pomcp") for c in found].index(True) == len(found) - 8
+    assert [c.episodes for c in found[::4][:3]] == [100, 60, 16]
 
 
-def test_no_recorded_object_lies_on_a_table_twice(rounds):
-    problem = SearchProblem("abcd", ("p", "q"), 3, Composition.INDEPENDENT)
-    for number in range(50):
-        world = RecordedWorld.sample(rounds, problem, (number,))
-        identities = Counter(tuple(world._logits[i].ravel()) for i in range(3))
-        assert max(identities.values()) == 1
+def test_what_is_varied_has_a_word():
+    base = Configuration(GEL)
+    words = {
+        "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
+        "network": {"network": SMALL, "observation_model": "ratio"}, "precision": {"precision": "bf16"},
+        "observation model": {"observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
+    }  # fmt: skip
+    assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
+    assert all(replace(base, **change).varied == word for word, change in words.items())
 
 
 def test_a_point_costs_its_touches_and_its_decisions():
-    result = Result(Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], decision_seconds=0.016)
+    result = Result(
+        Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], decision_seconds=0.016, planning_seconds=0.0
+    )
     here = Point(result, TouchCost(physics=1.5, network=0.5, weights=1.0, memory=1.0))
     assert here.result.ms_per_decision == pytest.approx(2.0)  # 16 ms for 8 decisions
     assert here.ms_of_searches.tolist() == pytest.approx([2 * 2.0 + 3 * 2.0, 4 * 2.0 + 5 * 2.0])
@@ -114,11 +103,31 @@ def test_the_front_and_the_picks_are_those_found_by_hand():
         "threshold", "information_gain", "fixed_poses", "value_of_information",
     ]  # fmt: skip
     assert front.on_front.tolist() == [True, True, False, True]
-    assert front.probs[0] == 1.0
+    assert front.probs[0] == 1.0  # nothing is cheaper
     assert [pick.point for pick in picks(front, 0.98, 50.0)] == [good, best]
     assert [pick.point for pick in picks(front, 0.9999, 0.5)] == [None, None]
     [other] = fronts([half, good], np.random.default_rng(0), num_resamples=50)
     assert picks(other, 0.98, 50.0)[0].point == good  # a comparison cannot play the other
+
+
+def test_of_equally_good_configurations_the_one_that_touches_least_is_the_best():
+    few, many = point("information_gain", 400, 2, physics=9.0), point("threshold", 400, 6, physics=1.0)
+    [front] = fronts([few, many], np.random.default_rng(0), num_resamples=20)
+    assert [pick.point for pick in picks(front, 0.98, 50.0)] == [many, few]
+
+
+def test_whether_a_dearer_configuration_is_on_the_front_is_a_toss_up_where_both_succeeded_alike():
+    cheap, dear = point("threshold", 400, 2), point("information_gain", 400, 3)
+    [front] = fronts([dear, cheap], np.random.default_rng(0), num_resamples=4000)
+    assert front.probs[0] == 1.0
+    assert front.probs[1] == pytest.approx(0.5, abs=0.04)
+    assert front.on_front.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("successes", [400, 390, 100])
+def test_success_as_it_may_truly_be_is_distributed_by_jeffreys(successes):
+    _, qualities = _resampled([point("threshold", successes, 2)], np.random.default_rng(0), 4000)
+    assert kstest(qualities[:, 0], beta(successes + 0.5, 400 - successes + 0.5).cdf).pvalue > 0.001
 
 
 def test_slow_touches_are_not_fast_enough():
@@ -132,20 +141,26 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         Tradeoff(scenes=("coarze",), out=tmp_path).run()
     with pytest.raises(BadArgument, match="at least 1"):
         Tradeoff(episodes=0, out=tmp_path).run()
+    with pytest.raises(BadArgument, match="leave out --finished"):
+        Tradeoff(finished=True, out=tmp_path).run()
+    for checkpoint in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
+        with pytest.raises(BadArgument, match="SCENE=FILE"):
+            Tradeoff(scenes=("coarse",), checkpoints=(checkpoint,), out=tmp_path).run()
 
 
 @pytest.mark.mujoco
 @pytest.mark.torch
 @pytest.mark.slow
 def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # where nothing is recorded
-    sweep_of = Tradeoff(scenes=("coarse",), episodes=20, out=tmp_path)
+    monkeypatch.setattr("experiments.tradeoff.repeats_folder", lambda _: tmp_path)  # where nothing is recorded
+    monkeypatch.setattr("experiments.tradeoff_configuration.sweep", lambda *given: sweep(*given)[:12:4])
+    sweep_of = Tradeoff(scenes=("coarse",), episodes=4, out=tmp_path)
     sweep_of.run()
     shards = sorted((tmp_path / "results").glob("*.json"))
     numbers = json.loads((tmp_path / "tradeoff.json").read_text())
     assert len(shards) == len(numbers["points"]) == 3
     assert all(p["searches"] == 8 and p["touches"] > 0 and p["ms_per_search"] > 0 for p in numbers["points"])
-    assert any("activetouch compare --scene coarse --deciders information_gain" in line for line in numbers["answers"])
+    assert any("activetouch compare --scene coarse --deciders" in line for line in numbers["answers"])
     assert "<svg" in (tmp_path / "report.html").read_text()
     kept = {path: path.stat().st_mtime_ns for path in shards[1:]}
     before = json.loads(shards[0].read_text())
@@ -154,20 +169,20 @@ def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
     sweep_of.run()
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     again = json.loads(shards[0].read_text())
-    assert {k: v for k, v in again.items() if k != "decision_seconds"} == {
-        k: v for k, v in before.items() if k != "decision_seconds"
-    }
+    assert [k for k in again if again[k] != before[k] and not k.endswith("_seconds")] == []
 
 
 @pytest.mark.mujoco
 @pytest.mark.torch
 def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
-    configuration = Configuration(Network.of("coarse"), touches="live", episodes=1, decider="threshold")
-    first = measured(configuration, tmp_path)
+    configuration = Configuration(Network.of("coarse"), episodes=1, decider="threshold")
+    first, _ = measured(configuration, tmp_path)
     [shard] = (tmp_path / "results").iterdir()
     assert shard.stem == configuration.key
     shard.write_text(shard.read_text().replace('"decision_seconds": ', '"decision_seconds": 1'))
-    assert measured(configuration, tmp_path).decision_seconds > first.decision_seconds
+    again, _ = measured(configuration, tmp_path)
+    assert again.decision_seconds > first.decision_seconds
+    assert again.successes == first.successes
 
 
 def test_the_figures_of_the_documentation_are_those_of_its_table():
