@@ -5,9 +5,9 @@ in every pose, everything is fused, and the object most probably the target is c
 likelier).
 No decider that touches each pose at most once can expect to do better with the same sensor and observation model.
 
-The bound counts what touches cost: :mod:`planners.solve` certifies what no policy's expected return exceeds where every
-touch is a fresh draw from the outcome table, for searches small enough to solve. Live touches in one pose repeat each
-other, and hold a little more than their outcome does.
+The bound counts what touches cost: :mod:`planners.solve` certifies what no policy's expected return exceeds if a touch
+is a draw from the outcome table, and a pose's second and third touch are worth what the observation model says of
+repeats, for policies that use no pose again before the others. Live touches hold a little more than their outcome does.
 """
 
 from __future__ import annotations
@@ -19,11 +19,15 @@ import numpy as np
 from belief import Composition, SceneBelief
 from belief.chance import touch_rng
 from experiments.episodes import Setting, episode_seed, load_sensor, make_world
+from planners.repeats import repeat_discount, weights_in_turn
 from planners.search import TouchRequest
-from planners.solve import SearchTouchProblem, solve
+from planners.solve import SearchTouchProblem
+from planners.solve.search_bounds import search_bound
 from planners.solve.stages import num_states
 
-_MOST_STATES = 64  # four distinct objects have 32, and take some seconds
+_MOST_STATES = 64  # four distinct objects have 32, and take some minutes
+_LEAST_OUTCOMES, _OUTCOMES_PER_SHAPE = 24, 3  # of a touch: fewer would hold less than deciders make of it
+_MOST_USES = 4  # of a pose that are priced one by one; the last price holds for all that follow
 
 
 def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
@@ -52,8 +56,12 @@ def solved_by_full_information(setting: Setting, target: int, seed: int, numbers
 
 def best_expected_return(setting: Setting, target: int) -> float | None:
     """What no policy expects to exceed in a search for this target; None where that cannot be solved."""
-    problem, probs = setting.problem, load_sensor(setting).model.outcome_table().probs
+    problem, model = setting.problem, load_sensor(setting).model
     if not isinstance(problem.composition, Composition) or problem.touch_cost == 0.0:
         return None
+    probs = model.outcome_table(max(_LEAST_OUTCOMES, _OUTCOMES_PER_SHAPE * len(problem.shape_labels))).probs
     search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, problem.touch_cost)
-    return solve(search).upper_bound if num_states(search) <= _MOST_STATES else None
+    if num_states(search) > _MOST_STATES:
+        return None
+    weights = weights_in_turn(repeat_discount(model), problem.num_poses, _MOST_USES)
+    return search_bound(search, np.random.default_rng(0), weights.tolist())

@@ -84,7 +84,7 @@ class Compare:
     out: Path | None = None
     """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
     bound: bool = False
-    """Also find what return no planner can expect to exceed, in searches among few objects: up to a minute a target."""
+    """Also find what return no planner can expect to exceed, in searches among few objects: some minutes a target."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"

@@ -25,7 +25,7 @@ from belief.problem import Floats
 from planners.by_target import belief_by_target, stages_by_target
 from planners.decider import Decision, InformationState
 from planners.probing import num_uses
-from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchTouchProblem
 from planners.solve.files import table_sha256
 from planners.solve.limited import limited_plans
@@ -78,18 +78,14 @@ class PointBased:
             search, exact = self._stages(problem, target)
             rng = np.random.default_rng(0)
             fresh = point_based(search, rng, self.rounds)
-            _MADE[key] = Planned(search, limited_plans(search, fresh, self._weights(problem.num_poses), rng), exact)
+            weights = weights_in_turn(self.repeats, problem.num_poses, _MOST_USES)
+            _MADE[key] = Planned(search, limited_plans(search, fresh, weights, rng), exact)
         return _MADE[key]
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         """What plans follow from, besides the search."""
         return table_sha256(self.table.probs), repr(self.repeats), tuple(self.rounds)
-
-    def _weights(self, num_poses: int) -> Floats:
-        """What the first touch of an object is worth, the second …, if poses are used in turn."""
-        uses = np.repeat(np.arange(_MOST_USES), num_poses)
-        return np.array([self.repeats.weights(np.full(num_poses, used)).max() for used in uses])
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""

@@ -73,6 +73,20 @@ class CorrelatedRepeats:
         return np.where(n > 0.0, (1.0 - rho) / ((1.0 + n * rho) * (1.0 + np.maximum(n - 1.0, 0.0) * rho)), 1.0)
 
 
+def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floats:
+    """Worth of an object's first touch, its second, …, if no pose is used again before all others were; ``(P times,)``.
+
+    Args:
+        repeats: prices repeats.
+        num_poses: P.
+        times: how often each pose is used.
+
+    >>> weights_in_turn(CorrelatedRepeats(0.5), 2, 2).round(3).tolist()
+    [1.0, 1.0, 0.333, 0.333]
+    """
+    return np.repeat([repeats.weights(np.full(num_poses, used)).max() for used in range(times)], num_poses)
+
+
 def repeat_discount(model: ObservationModel | None) -> RepeatDiscount:
     """The discount that an observation model implies; :class:`LeastUsedFirst` where it knows nothing of repeats.
 

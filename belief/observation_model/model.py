@@ -31,8 +31,8 @@ class ObservationModel(Protocol):
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
         """Touches that one object of this shape might give in these poses."""
 
-    def outcome_table(self) -> OutcomeTable:
-        """The model with touches discretised, for planners."""
+    def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
+        """The model with touches discretised, into at most so many outcomes if a number is given, for planners."""
 
 
 class ArrayModel(ABC):

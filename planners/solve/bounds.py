@@ -13,6 +13,7 @@ from planners.solve.point_based import point_based
 from planners.solve.problem import TouchProblem
 from planners.solve.reached import reached_beliefs
 from planners.solve.stages import Stage, StagedProblem, staged
+from planners.solve.terms import TouchTerms
 
 _ROUNDS = (200, 200, 400)  # of planning, to see which beliefs matter
 _NUM_SEARCHES = 2000
@@ -26,20 +27,14 @@ class ObjectBound:
     Args:
         likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
         shapes: indices of those it can have.
-        touch_cost: λ.
-        discount: γ.
+        terms: on which it can be touched.
         rng: samples where the grid is fine; any grid gives a bound.
     """
 
     def __init__(
-        self,
-        likelihoods: Floats,
-        shapes: NDArray[np.int64],
-        touch_cost: float,
-        discount: float,
-        rng: np.random.Generator,
+        self, likelihoods: Floats, shapes: NDArray[np.int64], terms: TouchTerms, rng: np.random.Generator
     ) -> None:
-        self._shapes, self._touch_cost, self._discount, self._rng = shapes, touch_cost, discount, rng
+        self._shapes, self._terms, self._rng = shapes, terms, rng
         self._likelihoods = likelihoods[:, shapes]
         self._grid: BeliefGrid | None = None
 
@@ -56,14 +51,14 @@ class ObjectBound:
             return np.asarray((beliefs @ payoffs.T).max(axis=1))
 
         told = points @ payoffs.max(axis=0)
-        values = self._grid.bound(stop(points)[:, None], told[:, None], self._touch_cost, self._discount)[:, 0]
-        cost, discount = self._touch_cost, self._discount
-        return look_ahead(self._grid, values, belief, stop, self._likelihoods, cost, discount, _EXACT_STEPS)
+        later = self._terms.after(_EXACT_STEPS)
+        values = self._grid.bound(stop(points)[:, None], told[:, None], later)[:, 0]
+        return look_ahead(self._grid, values, belief, stop, self._likelihoods, self._terms, _EXACT_STEPS)
 
     def _around(self, belief: Floats, payoffs: Floats) -> Floats:
         """Beliefs that good policies come to."""
         stage = Stage(np.arange(len(belief)), payoffs[0], payoffs[1])
-        problem = StagedProblem((stage,), belief, self._likelihoods, self._touch_cost, self._discount)
+        problem = StagedProblem((stage,), belief, self._likelihoods, self._terms.cost, self._terms.discount)
         plans = point_based(problem, self._rng, _ROUNDS)
         return np.concatenate(reached_beliefs(problem, plans, self._rng, _NUM_SEARCHES, _EXPLORATION)[0])
 
@@ -74,37 +69,38 @@ def look_ahead(
     belief: Floats,
     stop: Callable[[Floats], Floats],
     likelihoods: Floats,
-    touch_cost: float,
-    discount: float,
+    terms: TouchTerms,
     steps: int,
 ) -> float:
     """Upper bound at a belief by so many exact steps, and the grid's after them.
 
     Args:
-        grid: with ``values`` at its points, ``(G,)``.
+        grid: with ``values`` at its points, once so many touches were made, ``(G,)``.
         values: see ``grid``.
         belief: ``(K,)``.
         stop: what stopping is worth at beliefs ``(B, K)``, at most, ``(B,)``.
         likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
-        touch_cost: λ.
-        discount: γ.
+        terms: on which the object can be touched.
         steps: how many.
     """
 
-    def bound(beliefs: Floats, left: int) -> Floats:
-        if left == 0:
+    def bound(beliefs: Floats, touches: int) -> Floats:
+        if touches == steps:
             return np.maximum(grid.interpolate(values, beliefs), stop(beliefs))
+        weight = terms.after(touches).weights[0]
+        nothing = (1.0 - weight) * bound(beliefs, touches + 1) if weight < 1.0 else 0.0
         best = stop(beliefs)
         for table in likelihoods:
             joint = np.moveaxis(beliefs[:, :, None] * table, 2, 1)  # (B, M, K)
             chance = joint.sum(axis=2)
             possible = chance > 0.0
             worth = np.zeros(chance.shape)
-            worth[possible] = bound(joint[possible] / chance[possible][:, None], left - 1)
-            best = np.maximum(best, discount * (chance * worth).sum(axis=1) - touch_cost)
+            worth[possible] = bound(joint[possible] / chance[possible][:, None], touches + 1)
+            shown = weight * (chance * worth).sum(axis=1)
+            best = np.maximum(best, terms.discount * (shown + nothing) - terms.cost)
         return best
 
-    return float(bound(belief[None], steps)[0])
+    return float(bound(belief[None], 0)[0])
 
 
 def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
@@ -118,6 +114,7 @@ def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
     0.8537
     """
     shapes = np.flatnonzero(problem.prior > 0.0)
-    bound = ObjectBound(problem.outcome_probs, shapes, problem.touch_cost, problem.discount, rng)
+    terms = TouchTerms(problem.touch_cost, problem.discount)
+    bound = ObjectBound(problem.outcome_probs, shapes, terms, rng)
     stage = staged(problem).stages[0]
     return bound(problem.prior, stage.confirm, stage.reject)

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from belief.problem import Floats
 from planners.solve.simplex import SimplexGrid, num_points
+from planners.solve.terms import TouchTerms
 
 _COARSE_POINTS = {2: 1500, 3: 4000}  # by number of shapes, where no finer grid is needed
 _MANY_POINTS = 5500
@@ -39,26 +40,32 @@ class BeliefGrid:
         self.points = self._grid.points
         self._successors = [self._lead(table) for table in likelihoods]
 
-    def bound(self, stop: Floats, start: Floats, touch_cost: float, discount: float) -> Floats:
+    def bound(self, stop: Floats, start: Floats, terms: TouchTerms) -> Floats:
         """Bounds of the optimal value at each of the points, for several ways in which stopping may pay; ``(G, B)``.
 
         Args:
             stop: what stopping is worth at each of the points, at most, ``(G, B)``.
             start: bounds to start from, ``(G, B)``.
-            touch_cost: λ.
-            discount: γ.
+            terms: on which the object can be touched.
         """
         value = np.maximum(start, stop)
+        cost, discount = terms.lasting
         for _ in range(_MAX_SWEEPS):
-            updated = stop.copy()
-            for matrix in self._successors:
-                np.maximum(updated, discount * (matrix @ value) - touch_cost, out=updated)
-            np.minimum(updated, value, out=updated)
+            updated = np.minimum(self._backup(value, stop, discount, cost), value)
             change = float((value - updated).max())
             value = updated
             if change < _TOLERANCE:
                 break
+        for weight in terms.weights[-2::-1]:
+            shown, nothing = terms.discount * weight, terms.discount * (1.0 - weight)
+            value = self._backup(value, stop, shown, terms.cost - nothing * value)
         return value
+
+    def _backup(self, value: Floats, stop: Floats, discount: float, cost: float | Floats) -> Floats:
+        best = stop
+        for matrix in self._successors:
+            best = np.maximum(best, discount * (matrix @ value) - cost)
+        return best
 
     def interpolate(self, values: Floats, beliefs: Floats) -> Floats:
         """Values between the points, at beliefs ``(B, K)``; ``(B,)``."""

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from planners.solve.problem import SearchTouchProblem
+from planners.solve.terms import TouchTerms
 from planners.solve.told_shapes import told_shapes
 from planners.solve.untold import UntoldBound, is_small
 
 
-def search_bound(problem: SearchTouchProblem, rng: np.random.Generator) -> float:
+def search_bound(problem: SearchTouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
     """What no policy for a search exceeds at its start, by the tightest bound there is for a search of its size.
 
     Args:
         problem: the search.
         rng: samples where grids are fine; any grid gives a bound.
+        weights: what each touch of an object is worth, see :class:`~planners.solve.terms.TouchTerms`.
 
     >>> perfect = SearchTouchProblem(np.eye(2)[None], 2, "distinct", target=0, touch_cost=0.1)
     >>> round(search_bound(perfect, np.random.default_rng(0)), 6)      # one touch tells which of the two it is
     0.9
     """
-    told = told_shapes(problem, rng)(0, frozenset())
+    terms = TouchTerms(problem.touch_cost, problem.discount, weights)
+    told = told_shapes(problem, terms, rng)(0, frozenset())
     if problem.num_objects > 1 and problem.discount == 1.0 and is_small(problem):
-        return min(told, UntoldBound(problem, rng)())
+        return min(told, UntoldBound(problem, terms, rng)())
     return told

@@ -8,11 +8,14 @@ from functools import cache
 import numpy as np
 
 from belief import Composition
-from planners.solve.bounds import ObjectBound
+from planners.solve.grouped import GroupedBound
 from planners.solve.problem import SearchTouchProblem
+from planners.solve.terms import TouchTerms
 
 
-def told_shapes(problem: SearchTouchProblem, rng: np.random.Generator) -> Callable[[int, frozenset[int]], float]:
+def told_shapes(
+    problem: SearchTouchProblem, terms: TouchTerms, rng: np.random.Generator
+) -> Callable[[int, frozenset[int]], float]:
     """What the told searcher is worth at most, by how many objects it has rejected and which shapes matter of those.
 
     Its belief is about the current object only, so every stage is a problem of one object, the last one first. All
@@ -20,6 +23,7 @@ def told_shapes(problem: SearchTouchProblem, rng: np.random.Generator) -> Callab
 
     Args:
         problem: the search.
+        terms: on which each object can be touched.
         rng: samples where grids are fine; any grid gives a bound.
     """
     num_shapes, target, prior = problem.num_shapes, problem.target, problem.prior
@@ -28,9 +32,9 @@ def told_shapes(problem: SearchTouchProblem, rng: np.random.Generator) -> Callab
     distinct = problem.composition is Composition.DISTINCT
 
     @cache
-    def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
-        table, cost = problem.outcome_probs, problem.touch_cost
-        return ObjectBound(table, np.array(shapes), cost, problem.discount, rng)
+    def bound_for(shapes: tuple[int, ...]) -> GroupedBound:
+        apart = target if target in shapes else shapes[0]
+        return GroupedBound(problem.outcome_probs, np.array(shapes), apart, terms, rng)
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:

@@ -27,6 +27,7 @@ from planners.solve.problem import SearchTouchProblem
 from planners.solve.reached import reached_beliefs
 from planners.solve.simplex import SimplexGrid
 from planners.solve.stages import staged
+from planners.solve.terms import TouchTerms
 
 _ROUNDS = (200, 200, 400)  # of planning, to see which beliefs matter
 _NUM_SEARCHES = 600
@@ -42,11 +43,12 @@ class UntoldBound:
 
     Args:
         problem: a search without discount that :func:`is_small`.
+        terms: on which each object can be touched.
         rng: samples where grids are fine; any grid gives a bound.
     """
 
-    def __init__(self, problem: SearchTouchProblem, rng: np.random.Generator) -> None:
-        self._problem, self._rng = problem, rng
+    def __init__(self, problem: SearchTouchProblem, terms: TouchTerms, rng: np.random.Generator) -> None:
+        self._problem, self._terms, self._rng = problem, terms, rng
         self._stages = [_Hypotheses(problem, number) for number in range(problem.num_objects)]
         self._tables: dict[int, Floats] = {}
 
@@ -69,17 +71,16 @@ class UntoldBound:
 
     def _bounds(self, number: int, weights: Floats, exact_steps: int = 1) -> Floats:
         """Bound at the start of a stage, for each row of ``weights (B, H)`` of the hypotheses; ``(B,)``."""
-        grid, problem = self._grid, self._problem
+        grid, table = self._grid, self._problem.outcome_probs
         joint = weights[:, :, None] * self._stages[number].shape_probs  # (B, H, K)
         start = joint.sum(axis=1)
         given = np.divide(joint, start[:, None], out=np.zeros_like(joint), where=start[:, None] > 0.0)
         stops = [self._stop(number, some) for some in given]
         at_points = np.stack([stop(grid.points) for stop in stops], axis=1)  # (G, B)
-        values = grid.bound(at_points, np.ones_like(at_points), problem.touch_cost, 1.0)
-        table, cost = problem.outcome_probs, problem.touch_cost
+        values = grid.bound(at_points, np.ones_like(at_points), self._terms.after(exact_steps))
         return np.array(
             [
-                look_ahead(grid, values[:, i], start[i], stops[i], table, cost, 1.0, exact_steps)
+                look_ahead(grid, values[:, i], start[i], stops[i], table, self._terms, exact_steps)
                 for i in range(len(weights))
             ]
         )

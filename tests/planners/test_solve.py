@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from scipy.special import softmax
 
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
-from planners.solve.bounds import touch_bound
+from planners.solve.bounds import ObjectBound, touch_bound
 from planners.solve.grid import BeliefGrid
+from planners.solve.search_bounds import search_bound
 from planners.solve.stages import stage_belief, staged
+from planners.solve.terms import TouchTerms
 
 NINE_OF_TEN = np.array([[[0.9, 0.1], [0.1, 0.9]]])
 CONFIRM, REJECT = 1, 2  # with one pose
@@ -264,6 +266,64 @@ def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, 
     # touches are dear, so that three in all are nearly as good as any number
     assert policy.lower_bound >= least - 0.01
     assert policy.initial_value == policy.lower_bound
+
+
+def value_of_touches_that_may_show_nothing(problem, arrangements, weights, number, touches, shown):
+    """Value of a search in which an object's t-th touch shows an outcome with probability shown[t], else nothing."""
+    if number == problem.num_objects:
+        present = (arrangements == problem.target).any(axis=1)
+        return float(weights @ np.where(present, -1.0, 1.0))
+    shapes = arrangements[:, number]
+    best = float(weights @ np.where(shapes == problem.target, 1.0, -1.0))
+    best = max(best, value_of_touches_that_may_show_nothing(problem, arrangements, weights, number + 1, 0, shown))
+    if touches < len(shown):
+        after = (number, touches + 1, shown)
+        nothing = value_of_touches_that_may_show_nothing(problem, arrangements, weights, *after)
+        for table in problem.outcome_probs:
+            worth = sum(
+                value_of_touches_that_may_show_nothing(problem, arrangements, weights * column[shapes], *after)
+                for column in table.T
+            )
+            worth = shown[touches] * worth + (1.0 - shown[touches]) * nothing
+            best = max(best, worth - problem.touch_cost * weights.sum())
+    return best
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+@pytest.mark.parametrize(("num_objects", "num_shapes"), [(1, 2), (1, 4), (2, 2), (2, 3), (3, 3)])
+def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(composition, num_objects, num_shapes):
+    table = random_table(num_shapes, 2, num_shapes, 2, sharpness=2.5)
+    problem = SearchTouchProblem(table, num_objects, composition, 0, 0.04)
+    rows, weights = arrangements_of(problem)
+    expected = value_of_touches_that_may_show_nothing(problem, rows, weights, 0, 0, (0.9, 0.4))
+    found = search_bound(problem, np.random.default_rng(0), (0.9, 0.4, 0.0))
+    assert expected - 1e-9 <= found <= expected + 0.03
+    fresh = search_bound(problem, np.random.default_rng(0))
+    assert found <= fresh + 1e-9
+
+
+def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
+    table = random_table(1, 2, 3, 3)
+    rare = ObjectBound(table, np.arange(3), TouchTerms(0.02, 1.0, (0.25,)), np.random.default_rng(0))
+    dear = ObjectBound(table, np.arange(3), TouchTerms(0.08), np.random.default_rng(0))
+    arguments = np.full(3, 1 / 3), np.array([1.0, -1.0, -1.0]), np.array([-1.0, 1.0, 1.0])
+    assert rare(*arguments) == pytest.approx(dear(*arguments), abs=2e-4)
+
+
+@pytest.mark.parametrize("weights", [(), (0.5, 0.6), (1.1,), (0.5, -0.1), (np.nan,)])
+def test_what_is_no_worth_of_touches_is_refused(weights):
+    with pytest.raises(ValueError, match="weights"):
+        TouchTerms(0.1, 1.0, weights)
+
+
+def test_of_many_shapes_the_bound_is_that_of_few_where_the_rest_is_easily_told_from_them():
+    few = random_table(0, 3, 3, 4)
+    table = np.zeros((3, 9, 5))
+    table[:, :3, :4] = few
+    table[:, 3:, 4] = 1.0  # one touch tells them from the target
+    problem = SearchTouchProblem(table, 1, "independent", 0, 0.02, prior=np.full(9, 1 / 9))
+    policy = solve(problem)
+    assert policy.lower_bound <= policy.upper_bound <= policy.lower_bound + 0.02
 
 
 def test_the_last_of_all_distinct_objects_is_confirmed_untouched():

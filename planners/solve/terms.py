@@ -1,0 +1,46 @@
+"""What touches cost, and how much of a fresh touch each of an object's touches is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TouchTerms:
+    """Terms on which one object can be touched, as often as one likes.
+
+    Attributes:
+        cost: λ.
+        discount: γ, per touch.
+        weights: the t-th touch shows an outcome with probability ``weights[t]``, else nothing; the last holds for all
+            that follow. Not increasing, in [0, 1]. Touches that are all fresh by default.
+
+    >>> TouchTerms(0.02, 1.0, (1.0, 0.5)).lasting        # half of them show nothing: an outcome costs twice as much
+    (0.04, 1.0)
+    """
+
+    cost: float
+    discount: float = 1.0
+    weights: Sequence[float] = (1.0,)
+
+    def __post_init__(self) -> None:
+        falling = all(a >= b for a, b in zip(self.weights, self.weights[1:], strict=False))
+        if not (self.weights and falling and self.weights[0] <= 1.0 and self.weights[-1] >= 0.0):
+            raise ValueError(f"weights must be one or more numbers in [0, 1] that do not increase, got {self.weights}")
+
+    @property
+    def lasting(self) -> tuple[float, float]:
+        """Cost and discount of an outcome once the last weight holds.
+
+        A touch that shows nothing leaves all as it was: whoever touches then goes on until one shows something.
+        """
+        weight = self.weights[-1]
+        if weight == 0.0:
+            return float("inf"), self.discount
+        rate = 1.0 - self.discount * (1.0 - weight)
+        return self.cost / rate, self.discount * weight / rate
+
+    def after(self, touches: int) -> TouchTerms:
+        """The terms once so many touches were made."""
+        return TouchTerms(self.cost, self.discount, tuple(self.weights[touches:]) or (self.weights[-1],))
