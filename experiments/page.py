@@ -22,15 +22,15 @@ class Part:
         title: its heading.
         sentences: what it says.
         grids: tables.
-        figures: inline SVG, each with its caption.
-        folded: tables for those who want to know exactly.
+        figures: inline SVG, side by side where there is room.
+        caption: of the figures.
     """
 
     title: str
     sentences: Sequence[str] = ()
     grids: Sequence[Grid] = ()
-    figures: Sequence[tuple[str, str]] = ()
-    folded: Sequence[Grid] = ()
+    figures: Sequence[str] = ()
+    caption: str = ""
 
 
 def write_page(path: Path, title: str, parts: Sequence[Part]) -> None:

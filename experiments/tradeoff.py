@@ -64,7 +64,7 @@ class Tradeoff:
         """
         from experiments.tradeoff_measure import finished
         from experiments.tradeoff_picks import Point, fronts, picks
-        from experiments.tradeoff_report import front_grid, sentences, write_report
+        from experiments.tradeoff_report import sentences, terminal_grid, write_report
 
         for scene in self.scenes:
             named_scene(scene)
@@ -82,7 +82,7 @@ class Tradeoff:
         write_report(self.out, found, answers, arguments)
         console = Console()
         for front in found:
-            console.print(front_grid(front).rich())
+            console.print(terminal_grid(front).rich())
         for line in sentences(answers, self.out):
             console.print(line, soft_wrap=True, markup=False, highlight=False)
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv and .svg")

@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
 from activetouch.atomic import atomic_path
 from experiments.figures import INK, PALETTE, STYLE, svg
@@ -54,7 +54,9 @@ def front_figure(fronts: Sequence[Front]) -> Figure:
             axes.yaxis.set_major_locator(FixedLocator([_LEAST_ERROR, 0.001, 0.01, 0.1, 1.0]))
             axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y == _LEAST_ERROR else f"{y:g}"))
             axes.yaxis.minorticks_off()
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            axes.xaxis.set_minor_formatter(NullFormatter())
             shown = {point.configuration.scene for point in front.points}
             handles = [
                 Line2D([], [], marker="o", ls="", c=c, label=scene) for scene, c in _SCENES.items() if scene in shown
@@ -62,7 +64,8 @@ def front_figure(fronts: Sequence[Front]) -> Figure:
             axes.legend(handles=handles, frameon=False, fontsize=8)
         figure.axes[0].set_ylabel("share of searches that fail")
         varied = [_handle(marker, "0.5", _LABELS.get(what, what)) for what, marker in _MARKERS.items()]
-        figure.legend(handles=varied, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
+        columns = 4 if len(fronts) > 1 else 2
+        figure.legend(handles=varied, loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
         return figure
 
 
@@ -84,7 +87,7 @@ def write_figure(figure: Figure, path: Path) -> None:
         figure.savefig(temporary, format="svg", metadata={"Date": None})
 
 
-def inline(figure: Figure) -> str:
-    """The figure for a page."""
+def inline(figure: Figure, name: str) -> str:
+    """The figure for a page, on which no other has this name."""
     with matplotlib.rc_context(STYLE):
-        return svg(figure)
+        return svg(figure, name)

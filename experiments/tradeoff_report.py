@@ -23,11 +23,18 @@ _CAPTION = (
     "Every point is a configuration with its 95 % Wilson interval: colours are scenes, markers say what is other than "
     "in the scene's default. The larger a point, the more likely it is on the front, which is the dashed line."
 )
+_COLUMNS = (
+    "Success: of live searches, with its 95 % Wilson interval. To the default: the difference over the same "
+    "searches, with its 95 % bootstrap interval. Times: processor time of one core; a search is its touches, each a "
+    "press with its image, a reading of one image and a decision; plans are made once for each target. Peak: of a "
+    "process that loads the sensor and searches. On the front: the probability that no other of the task is both "
+    "faster and at least as successful, given the searches."
+)
 _HEADINGS = (
     "configuration",
     "searches",
     "success",
-    "against the default",
+    "to the default",
     "touches",
     "return",
     "ms a search",
@@ -44,12 +51,15 @@ _MAYBE = 0.1  # probability from which a point is worth a look
 
 def write_report(folder: Path, found: Sequence[Front], answers: Mapping[str, Sequence[Pick]], arguments: Any) -> None:
     """Write report.html, tradeoff.md, .csv, .json and .svg."""
-    figure = front_figure(found)
-    write_figure(figure, folder / "tradeoff.svg")
+    write_figure(front_figure(found), folder / "tradeoff.svg")
+    figures = [inline(front_figure([front]), f"front{number}") for number, front in enumerate(found)]
     said = sentences(answers, folder)
-    short, whole = [front_grid(front) for front in found], list(_whole_grids(found))
-    parts = [Part("What to take", said, figures=[(inline(figure), _CAPTION)])]
-    parts += [Part("The fronts, and what may be on them", grids=short), Part("All of it, by scene", grids=whole)]
+    short, whole = [_front_grid(front) for front in found], list(_whole_grids(found))
+    parts = [
+        Part("What to take", [_extent(found), *said], figures=figures, caption=_CAPTION),
+        Part("The fronts, and what may be on them", [_COLUMNS], short),
+        Part("All of it, by scene", grids=whole),
+    ]
     write_page(folder / "report.html", "What speed costs in accuracy", parts)
     write_csv(folder / "tradeoff.csv", Grid("", _HEADINGS, [row for grid in whole for row in grid.rows]))
     text = ["\n".join(f"- {line}" for line in said), *(grid.markdown() for grid in [*short, *whole])]
@@ -59,31 +69,61 @@ def write_report(folder: Path, found: Sequence[Front], answers: Mapping[str, Seq
     write_text(folder / "tradeoff.json", json.dumps(numbers, indent=1) + "\n")
 
 
+def _extent(found: Sequence[Front]) -> str:
+    points = [point for front in found for point in front.points]
+    scenes = dict.fromkeys(point.configuration.scene for point in points)
+    searches = f"{sum(point.num_searches for point in points):,}".replace(",", " ")
+    return (
+        f"{len(points)} configurations in {len(scenes)} scenes ({', '.join(scenes)}), {searches} live searches: "
+        "the same ones for all configurations of a scene."
+    )
+
+
 def sentences(answers: Mapping[str, Sequence[Pick]], folder: Path) -> list[str]:
     """What to take, and the command that plays it; sensors that do not come with the package are written there."""
     lines = []
     for task, some in answers.items():
         for pick in some:
             if pick.point is None:
-                lines.append(f"{task}, {pick.question}: none of these.")
+                lines.append(f"{task.capitalize()}, {pick.question}: none of these.")
                 continue
             p = pick.point
             sensor = export_sensor(p.configuration, folder)
             low, high = p.interval
             lines.append(
-                f"{task}, {pick.question}: {p.configuration.name}. Success {p.success:.3f} [{low:.3f}, {high:.3f}] of "
-                f"{p.num_searches}, {p.touches:.2f} touches and {p.ms_per_search:.1f} ms a search, "
+                f"{task.capitalize()}, {pick.question}: {p.configuration.name}. Success {p.success:.3f} "
+                f"[{low:.3f}, {high:.3f}] of {p.num_searches}, {p.touches:.2f} touches and {p.ms_per_search:.1f} ms a search, "
                 f"{p.ms_per_touch:.2f} ms a touch. Play it: {p.configuration.command(sensor)}"
             )
     return lines
 
 
-def front_grid(front: Front) -> Grid:
+def _front_grid(front: Front) -> Grid:
     """The front of a task and what may be on it, cheapest first."""
     defaults = _defaults([front])
-    chosen = zip(front.points, front.on_front, front.probs, strict=True)
-    rows = [_row(point, prob, defaults) for point, on, prob in chosen if on or prob >= _MAYBE]
+    rows = [_row(point, prob, defaults) for point, prob in worthwhile(front)]
     return Grid(front.task, _HEADINGS, rows)
+
+
+def worthwhile(front: Front) -> list[tuple[Point, float]]:
+    """The points that are on the front or may be, with that probability, cheapest first."""
+    chosen = zip(front.points, front.on_front, front.probs, strict=True)
+    return [(point, float(prob)) for point, on, prob in chosen if on or prob >= _MAYBE]
+
+
+def terminal_grid(front: Front) -> Grid:
+    """The front of a task, and what may be on it, in few columns."""
+    rows = [
+        (
+            p.configuration.name,
+            f"{p.success:.3f} [{p.interval[0]:.3f}, {p.interval[1]:.3f}]",
+            f"{p.touches:.1f}",
+            f"{p.ms_per_search:.1f}",
+            f"{prob:.2f}",
+        )
+        for p, prob in worthwhile(front)
+    ]
+    return Grid(front.task, ("the front", "success", "touches", "ms", "prob."), rows)
 
 
 def _whole_grids(found: Sequence[Front]) -> Iterator[Grid]:
