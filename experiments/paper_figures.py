@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from activetouch.dataset import TouchSet
 from experiments import table1
 from experiments.figures import PALETTE, STYLE
-from experiments.table1 import Result
 from experiments.table2 import PAPER, Column
 from experiments.tradeoff_figures import write_figure
 
@@ -34,27 +33,27 @@ def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
         write_figure(figure, path)
 
 
-def draw_figure3(results: Mapping[str, Mapping[str, Result]] | None, columns: Sequence[Column], path: Path) -> None:
+def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
     """(a) The confusion matrix of the classifier that was split by image, as the paper's; (b) success by shape.
 
     Args:
-        results: of Table 1; (a) is left out without.
+        confusion: counts of (true shape, predicted shape); (a) is left out without.
         columns: of Table 2.
         path: to write.
     """
     with matplotlib.rc_context(STYLE):
-        panels = 1 + (results is not None)
+        panels = 1 + (confusion is not None)
         figure = Figure(figsize=(3.2 + 5.4 * (panels - 1) + 3.0, 3.8), layout="constrained")
         drawn = list(figure.subplots(1, panels, squeeze=False, width_ratios=[1.0, 1.5][-panels:])[0])
-        if results is not None:
-            _confusion(drawn[0], results["by image"]["held out"])
+        if confusion is not None:
+            _confusion(drawn[0], confusion)
         _success(drawn[-1], [column for column in columns if not column.missing])
         write_figure(figure, path)
 
 
-def _confusion(axes, result: Result) -> None:
+def _confusion(axes, confusion: Sequence[Sequence[int]]) -> None:
     labels = list(table1.PAPER)
-    matrix = np.array(result.confusion, float)
+    matrix = np.array(confusion, float)
     order = [_SHAPES.index(label) for label in labels]
     shares = (matrix / matrix.sum(axis=1, keepdims=True))[np.ix_(order, order)]
     axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -22,7 +21,6 @@ from experiments.train import BackboneName, Changes
 
 if TYPE_CHECKING:
     from activetouch.dataset import TouchSet
-    from experiments.table1 import Result
 
 Part = Literal["table1", "table2", "figure2", "figure3"]
 
@@ -74,8 +72,8 @@ class Reproduce:
     """Of Table 1: what to change about the paper's recipe."""
     scenes: tuple[str, ...] = ("paper", "gel")
     """Of Table 2: where to search."""
-    deciders: tuple[str, ...] = ("threshold", "ppo", "information_gain")
-    """Of Table 2: who searches; the paper's are threshold, its manual rule, and ppo."""
+    deciders: tuple[str, ...] = ("threshold", "ppo", "information_gain", "point_based")
+    """Of Table 2: who searches; the paper's are threshold, its manual rule, and ppo; the others are ours."""
     episodes: int = 100
     """Of Table 2: searches per target; the paper's 100."""
     from_nothing: bool = False
@@ -96,20 +94,19 @@ class Reproduce:
 
         require_seed(self.seed)
         parts = self.parts if self.table is None else (f"table{self.table}",)
-        tables: dict[str, str] = {}
-        results = columns = None
+        columns = None
         if "figure2" in parts:
             draw_figure2(self._windows(0), SCENES["paper"].scene.shape_labels, self.out / "figure2.svg")
         if {"table2", "figure3"} & {*parts}:
             sensors = {scene: self._sensor(scene) for scene in self.scenes}
             columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
-            tables["Table 2: success of searches"] = to_markdown(columns)
+            write_text(self.out / "table2.md", to_markdown(columns))
             write_text(self.out / "table2.json", json.dumps(to_numbers(columns), indent=1) + "\n")
         if "table1" in parts:
-            results, tables["Table 1: the classifier, split by image and by object"] = self._table1()
+            self._table1()
         if "figure3" in parts and columns is not None:
-            draw_figure3(results, columns, self.out / "figure3.svg")
-        self._write(dict(sorted(tables.items())))
+            draw_figure3(self._confusion(), columns, self.out / "figure3.svg")
+        self._write()
 
     def _windows(self, stream: int) -> TouchSet:
         """Images of a stream, pressed once and kept."""
@@ -120,7 +117,7 @@ class Reproduce:
             return None
         return sensor_from_nothing(scene, self.effort, self.out / "from-nothing" / scene, self.jobs)
 
-    def _table1(self) -> tuple[dict[str, dict[str, Result]], str]:
+    def _table1(self) -> None:
         import torch
 
         from experiments.classifier_figures import draw_confusions
@@ -140,18 +137,29 @@ class Reproduce:
             "splits": {n: {what: r.to_dict(labels) for what, r in row.items()} for n, row in results.items()},
             "deviations": DEVIATIONS,
         }
-        table = to_markdown(results, labels)
-        for name, text in (("table1.json", json.dumps(numbers, indent=1) + "\n"), ("table1.md", table)):
-            write_text(self.out / name, text)
+        write_text(self.out / "table1.md", to_markdown(results, labels))
         draw_confusions(results, labels, self.out / "table1.svg")
-        return results, table
+        write_text(self.out / "table1.json", json.dumps(numbers, indent=1) + "\n")
 
-    def _write(self, tables: Mapping[str, str]) -> None:
+    def _confusion(self) -> list[list[int]] | None:
+        """Of the classifier that was split by image, on what it held out; None as long as Table 1 is not made."""
+        file = self.out / "table1.json"
+        return json.loads(file.read_text())["splits"]["by image"]["held out"]["confusion"] if file.exists() else None
+
+    def _write(self) -> None:
+        """Write reproduce.md of all that the folder holds, and print its tables."""
         made = f"were made from nothing, in {self.out / 'from-nothing'}"
         shipped = "are those that come with the scenes; --from-nothing makes them anew"
         origin = f"Sensors and policies of the searches {made if self.from_nothing else shipped}."
-        figures = [f"![{name}]({name}.svg)" for name in ("figure2", "figure3") if (self.out / f"{name}.svg").exists()]
-        pieces = [f"**{title}**\n\n{table}" for title, table in tables.items()]
+        titles = {
+            "table1": "Table 1: the classifier, split by image and by object",
+            "table2": "Table 2: success of searches",
+        }
+        tables = {name: self.out / f"{name}.md" for name in titles}
+        pieces = [f"**{titles[name]}**\n\n{file.read_text()}" for name, file in tables.items() if file.exists()]
+        captions = {"figure2": "Figure 2: images of every shape", "figure3": "Figure 3: confusions, success by shape"}
+        drawn = [name for name in captions if (self.out / f"{name}.svg").exists()]
+        figures = [f"**{captions[name]}**\n\n![{captions[name]}]({name}.svg)" for name in drawn]
         deviations = "**Where we deviate**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
         text = "\n\n".join([origin, *pieces, *figures, deviations]) + "\n"
         write_text(self.out / "reproduce.md", text)

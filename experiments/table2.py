@@ -37,6 +37,8 @@ class Column:
         successes: by target.
         trials: of each target.
         touches: of a search, on average over the targets.
+        floor: best success without a touch, on average over the targets.
+        ceiling: searches that full information solves, and on how many that was tried.
         missing: why there is nothing; empty where there is.
     """
 
@@ -45,19 +47,24 @@ class Column:
     successes: Mapping[str, int]
     trials: int
     touches: float = 0.0
+    floor: float = 0.0
+    ceiling: tuple[int, int] = (0, 0)
     missing: str = ""
 
     @property
     def name(self) -> str:
-        """Heading."""
+        """Who searched where."""
         return f"{self.decider}, {self.scene}"
 
-    def cell(self, target: str) -> str:
-        """Success with its 95 % Wilson interval."""
+    @property
+    def cells(self) -> list[str]:
+        """Success by target and over all, touches, floor and ceiling."""
         if self.missing:
-            return "–"
-        low, high = wilson_interval(self.successes[target], self.trials)
-        return f"{self.successes[target] / self.trials:.2f} [{low:.2f}, {high:.2f}]"
+            return ["–"] * (len(PAPER["PPO"]) + 4)
+        by_target = [_success(self.successes[target], self.trials) for target in PAPER["PPO"]]
+        over_all = _success(sum(self.successes.values()), len(self.successes) * self.trials, digits=3)
+        solved, tried = self.ceiling
+        return [*by_target, f"**{over_all}**", f"{self.touches:.1f}", f"{self.floor:.2f}", f"{solved}/{tried}"]
 
 
 def search_columns(
@@ -82,13 +89,15 @@ def search_columns(
         played = Compare(
             able, None, tuple(targets), episodes, seed, setting, out=folder / scene, bound=False, jobs=jobs
         )
-        cells = played.play().cells
+        comparison = played.play()
+        cells = comparison.cells
         for name in deciders:
             if missing[name]:
                 columns.append(Column(scene, name, {}, 0, missing=missing[name]))
             else:
                 successes = {target: cells[name, target].successes for target in targets}
-                columns.append(Column(scene, name, successes, episodes, cells[name, "all"].touches))
+                touches = cells[name, "all"].touches
+                columns.append(Column(scene, name, successes, episodes, touches, comparison.floor, comparison.ceiling))
     return columns
 
 
@@ -105,16 +114,20 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
 
 
 def to_markdown(columns: Sequence[Column]) -> str:
-    """The paper's table with ours beside it, and below it what could not be played."""
-    headings = ["", *(f"paper: {name}" for name in PAPER), *(column.name for column in columns)]
-    lines = [headings, ["---"] * len(headings)]
-    for target in PAPER["PPO"]:
-        printed = [f"{PAPER[name][target]:.2f}" for name in PAPER]
-        lines.append([target, *printed, *(column.cell(target) for column in columns)])
-    touches = ["–" if column.missing else f"{column.touches:.1f}" for column in columns]
-    lines.append(["touches a search", "", "", *touches])
+    """The paper's table with ours below it, turned on its side, and below it what could not be played."""
+    lines = [["", *PAPER["PPO"], "all", "touches a search", "floor", "ceiling"]]
+    lines.append(["---"] * len(lines[0]))
+    for name, printed in PAPER.items():
+        mean = sum(printed.values()) / len(printed)
+        lines.append([f"paper: {name}", *(f"{value:.2f}" for value in printed.values()), f"**{mean:.3f}**", "", "", ""])
+    lines += [[column.name, *column.cells] for column in columns]
     notes = [f"{column.name} is not available: {column.missing}." for column in columns if column.missing]
     return "\n".join([*("| " + " | ".join(line) + " |" for line in lines), *("\n" + note for note in notes)]) + "\n"
+
+
+def _success(successes: int, trials: int, digits: int = 2) -> str:
+    low, high = wilson_interval(successes, trials)
+    return f"{successes / trials:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 def to_numbers(columns: Sequence[Column]) -> list[dict[str, Any]]:
@@ -126,6 +139,8 @@ def to_numbers(columns: Sequence[Column]) -> list[dict[str, Any]]:
             "trials": column.trials,
             "successes": dict(column.successes),
             "touches": column.touches,
+            "floor": column.floor,
+            "ceiling": column.ceiling,
             "missing": column.missing,
         }
         for column in columns

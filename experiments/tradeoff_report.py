@@ -92,8 +92,9 @@ def sentences(answers: Mapping[str, Sequence[Pick]], folder: Path) -> list[str]:
             low, high = p.interval
             lines.append(
                 f"{task.capitalize()}, {pick.question}: {p.configuration.name}. Success {p.success:.3f} "
-                f"[{low:.3f}, {high:.3f}] of {p.num_searches}, {p.touches:.2f} touches and {p.ms_per_search:.1f} ms a search, "
-                f"{p.ms_per_touch:.2f} ms a touch. Play it: {p.configuration.command(sensor)}"
+                f"[{low:.3f}, {high:.3f}] of {p.num_searches}, {p.touches:.2f} touches and "
+                f"{p.ms_per_search:.1f} ms a search, {p.ms_per_touch:.2f} ms a touch. "
+                f"Play it: {p.configuration.command(sensor)}"
             )
     return lines
 

@@ -28,11 +28,15 @@ def test_the_papers_numbers_are_those_it_printed():
 
 def test_a_table_has_every_target_with_its_interval_and_says_what_is_missing():
     successes = {"sphere": 9, "cube": 10, "cylinder": 0, "cone": 5}
-    there = Column("coarse", "threshold", successes, 10, touches=7.25)
+    there = Column("coarse", "threshold", successes, 10, touches=7.25, floor=0.25, ceiling=(9, 10))
     absent = Column("coarse", "ppo", {}, 0, missing="no policy, train one with: activetouch train-ppo")
     text = to_markdown([there, absent])
     low, high = wilson_interval(9, 10)
-    assert f"| sphere | 1.00 | 0.46 | 0.90 [{low:.2f}, {high:.2f}] | – |" in text
+    least, most = wilson_interval(24, 40)
+    assert "| paper: PPO | 0.46 | 0.13 | 0.15 | 0.20 | **0.235** |" in text
+    assert f"| threshold, coarse | 0.90 [{low:.2f}, {high:.2f}] | 1.00 [" in text
+    assert f"| **0.600 [{least:.3f}, {most:.3f}]** | 7.2 | 0.25 | 9/10 |" in text
+    assert "| ppo, coarse | – | – | – | – | – | – | – | – |" in text
     assert "ppo, coarse is not available: no policy, train one with: activetouch train-ppo." in text
 
 
