@@ -34,31 +34,36 @@ __all__ = [
 
 
 ROUNDS = (200, 200, 400, 400, 800)
-"""Searches simulated in each round of planning, by default: well below a second for one object of four shapes."""
+"""Tests of one object simulated in each round of planning, by default: well below a second for four shapes."""
+SEARCH_ROUNDS = (*ROUNDS, 2000)
+"""The same for searches: one to three seconds for four objects."""
 
 
 @overload
 def solve(
-    problem: TouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+    problem: TouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] | None = None
 ) -> TouchPolicy: ...
 @overload
 def solve(
-    problem: SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+    problem: SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] | None = None
 ) -> SearchPolicy: ...
 def solve(
-    problem: TouchProblem | SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] = ROUNDS
+    problem: TouchProblem | SearchTouchProblem,
+    rng: np.random.Generator | None = None,
+    rounds: Sequence[int] | None = None,
 ) -> TouchPolicy | SearchPolicy:
     """Point-based value iteration; see :mod:`planners.solve.point_based`.
 
     Args:
         problem: one object, or a search.
         rng: samples the beliefs to plan at; seed 0 by default, so that a problem has one solution.
-        rounds: searches simulated in each round of planning; more are slower and closer to the best.
+        rounds: how many to simulate in each round of planning; more are slower and closer to the best. By default
+            :data:`ROUNDS` for one object, :data:`SEARCH_ROUNDS` for a search.
 
     Raises:
         ValueError: touches cost nothing and nothing is discounted, or there are too many hidden states.
     """
     rng = rng if rng is not None else np.random.default_rng(0)
     if isinstance(problem, TouchProblem):
-        return solve_touch(problem, rng, rounds)
-    return solve_search(problem, rng, rounds)
+        return solve_touch(problem, rng, ROUNDS if rounds is None else rounds)
+    return solve_search(problem, rng, SEARCH_ROUNDS if rounds is None else rounds)

@@ -14,6 +14,7 @@ and backing up alternate, larger each time. All of it is arrays: one matrix prod
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from planners.solve.stages import Stage, StagedProblem
 
 _LEAST_GAIN = 1e-5  # of value at its own belief, for a plan to be kept
 _BLOCK = 3_000_000  # numbers in the largest array
+_MOST_BELIEFS = 6_000  # of a stage and round to back up at
 _ALIKE = 3  # decimals beyond which beliefs are taken for one
 
 
@@ -62,8 +64,9 @@ def _backward(problem: StagedProblem, reached: list[list[Floats]], known: list[P
             is_probe = old.actions < len(problem.outcome_probs)
             plans = plans.joined(Plans(old.alphas[is_probe], old.actions[is_probe]))
         likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
+        share = min(1.0, _MOST_BELIEFS / len(beliefs))
         for level in reversed(reached[number]):
-            some = different(level)
+            some = different(level[: ceil(share * len(level))])
             probing = backup(problem, likelihoods, plans, some)
             plans = plans.joined(improving(probing, some, plans, _LEAST_GAIN))
         kept = np.union1d(np.unique(plans.best(beliefs)), np.arange(min(2, num_stops)))  # what stops is always there
