@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from belief import Composition
-from planners.solve.grouped import GroupedBound
+from planners.solve.bounds import ObjectBound
 from planners.solve.problem import SearchTouchProblem
 from planners.solve.terms import TouchTerms
 
@@ -32,9 +32,8 @@ def told_shapes(
     distinct = problem.composition is Composition.DISTINCT
 
     @cache
-    def bound_for(shapes: tuple[int, ...]) -> GroupedBound:
-        apart = target if target in shapes else shapes[0]
-        return GroupedBound(problem.outcome_probs, np.array(shapes), apart, terms, rng)
+    def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
+        return ObjectBound(problem.outcome_probs, np.array(shapes), terms, rng)
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:

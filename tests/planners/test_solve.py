@@ -316,7 +316,7 @@ def test_what_is_no_worth_of_touches_is_refused(weights):
         TouchTerms(0.1, 1.0, weights)
 
 
-def test_of_many_shapes_the_bound_is_that_of_few_where_the_rest_is_easily_told_from_them():
+def test_of_many_shapes_the_bound_is_as_tight_where_most_are_easily_told_from_the_target():
     few = random_table(0, 3, 3, 4)
     table = np.zeros((3, 9, 5))
     table[:, :3, :4] = few
