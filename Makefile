@@ -55,9 +55,8 @@ sensor: environment
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
 
-# Its PPO policies, from the same repeated touches: make policies SCENE=coarse, of paper, coarse and gel.
+# Its PPO policies, from the same repeated touches; those that come with the package are of paper, coarse and gel.
 PPO.gel := --change.steps 120000
-PPO.paper := --change.steps 320000
 policies: environment
 	$(BIN)/activetouch touch-bank --scene $(SCENE)
 	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))

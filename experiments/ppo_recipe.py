@@ -36,7 +36,7 @@ class PPORecipe:
 
     state: str = "paper"
     masked: bool = False
-    steps: int = 120_000
+    steps: int = 320_000
     num_envs: int = 256
     rollout: int = 16
     batch_size: int = 1024
@@ -72,7 +72,7 @@ class PPORecipe:
         return self.target_prob if isinstance(self.target_prob, tuple) else (self.target_prob, self.target_prob)
 
 
-_POSTERIOR = PPORecipe(state="posterior", steps=320_000, beta=0.0, target_prob=(0.05, 0.95))
+_POSTERIOR = PPORecipe(state="posterior", beta=0.0, target_prob=(0.05, 0.95))
 
 PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
     {
