@@ -178,12 +178,13 @@ def draw_curves(found: Mapping[str, Mapping[str, Sequence[Sequence[Score]]]], pa
     for panel, (state, targets) in zip(axes, found.items(), strict=True):
         for index, (target, curves) in enumerate(targets.items()):
             length = min(len(curve) for curve in curves)
-            steps = np.array([[point[0] for point in curve[:length]] for curve in curves]).mean(axis=0)
+            steps = np.array([[point[0] for point in curve[:length]] for curve in curves]).mean(axis=0) / 1000
             values = np.array([[point[1] for point in curve[:length]] for curve in curves])
             panel.plot(steps, values.mean(axis=0), color=f"C{index}", label=target)
             panel.fill_between(steps, values.min(axis=0), values.max(axis=0), color=f"C{index}", alpha=0.2, lw=0)
-        panel.set(title=f"{state} state", xlabel="steps")
+        panel.set(title=f"state: {state}", xlabel="thousand steps")
     axes[0].set_ylabel("return of a test")
+    axes[0].set_ylim(-0.25, 1.02)  # networks that have learned nothing may lie lower
     axes[-1].legend()
     with atomic_path(path) as temporary:
         figure.savefig(temporary)
