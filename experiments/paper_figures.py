@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from activetouch.dataset import TouchSet
+from belief.statistics import wilson_interval
 from experiments import table1
-from experiments.figures import PALETTE, STYLE
+from experiments.figures import INK, PALETTE, STYLE
 from experiments.table2 import PAPER, Column
 from experiments.tradeoff_figures import write_figure
 
@@ -38,16 +39,23 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
 
     Args:
         confusion: counts of (true shape, predicted shape); (a) is left out without.
-        columns: of Table 2.
+        columns: of Table 2; a panel for every scene.
         path: to write.
     """
+    played = [column for column in columns if not column.missing]
+    scenes = list(dict.fromkeys(column.scene for column in played))
+    widths = [1.0] * (confusion is not None) + [1.5] * len(scenes)
     with matplotlib.rc_context(STYLE):
-        panels = 1 + (confusion is not None)
-        figure = Figure(figsize=(3.2 + 5.4 * (panels - 1) + 3.0, 3.8), layout="constrained")
-        drawn = list(figure.subplots(1, panels, squeeze=False, width_ratios=[1.0, 1.5][-panels:])[0])
+        figure = Figure(figsize=(3.2 * sum(widths), 4.2), layout="constrained")
+        drawn = list(figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
         if confusion is not None:
-            _confusion(drawn[0], confusion)
-        _success(drawn[-1], [column for column in columns if not column.missing])
+            _confusion(drawn.pop(0), confusion)
+        for axes, scene in zip(drawn, scenes, strict=True):
+            _success(axes, [column for column in played if column.scene == scene])
+            axes.set_title(f"(b) searches, scene {scene}")
+        drawn[0].set_ylabel("success")
+        handles, labels = drawn[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
         write_figure(figure, path)
 
 
@@ -69,14 +77,28 @@ _SHAPES = ("sphere", "cube", "cylinder", "cone")
 
 
 def _success(axes, columns: Sequence[Column]) -> None:
+    """Bars by target: the paper's, hatched, and ours with 95 % Wilson intervals."""
     targets = list(PAPER["PPO"])
-    bars = {f"paper: {name}": [PAPER[name][target] for target in targets] for name in PAPER}
-    bars |= {column.name: [column.successes[target] / column.trials for target in targets] for column in columns}
-    width = 0.85 / len(bars)
-    for index, (name, values) in enumerate(bars.items()):
-        x = np.arange(len(targets)) + (index - (len(bars) - 1) / 2) * width
-        hatch = "//" if name.startswith("paper") else None
-        axes.bar(x, values, width * 0.92, color=PALETTE[index % len(PALETTE)], label=name, hatch=hatch)
-    axes.set_xticks(range(len(targets)), targets)
-    axes.set(ylabel="success", ylim=(0, 1.03), title="(b) searches")
-    axes.legend(frameon=False, fontsize=7, ncols=2, loc="upper left", bbox_to_anchor=(0, -0.08))
+    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
+    first = -0.425 + width / 2
+    for index, (name, printed) in enumerate(PAPER.items()):
+        heights = [printed[target] for target in targets]
+        place = x + first + index * width
+        axes.bar(
+            place, heights, 0.9 * width, color="0.75", edgecolor="0.4", hatch="/" * (index + 2), label=f"paper: {name}"
+        )
+    for index, column in enumerate(columns):
+        wins = np.array([column.successes[target] for target in targets])
+        low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
+        share, place = wins / column.trials, x + first + (len(PAPER) + index) * width
+        axes.bar(place, share, 0.9 * width, color=PALETTE[index % len(PALETTE)], label=column.decider)
+        axes.errorbar(
+            place,
+            share,
+            [np.maximum(share - low, 0), np.maximum(high - share, 0)],
+            fmt="none",
+            ecolor=INK,
+            elinewidth=0.7,
+        )
+    axes.set_xticks(x, targets)
+    axes.set_ylim(0, 1.03)

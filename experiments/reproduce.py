@@ -72,8 +72,8 @@ class Reproduce:
     """Of Table 1: what to change about the paper's recipe."""
     scenes: tuple[str, ...] = ("paper", "gel")
     """Of Table 2: where to search."""
-    deciders: tuple[str, ...] = ("threshold", "ppo", "information_gain", "point_based")
-    """Of Table 2: who searches; the paper's are threshold, its manual rule, and ppo; the others are ours."""
+    deciders: tuple[str, ...] = ("threshold", "ppo", "ppo_confident", "ppo_posterior", "point_based")
+    """Of Table 2: who searches. The paper's are threshold, its manual rule, ppo, and ppo_confident, its advice."""
     episodes: int = 100
     """Of Table 2: searches per target; the paper's 100."""
     from_nothing: bool = False
