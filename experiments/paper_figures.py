@@ -84,21 +84,14 @@ def _success(axes, columns: Sequence[Column]) -> None:
     for index, (name, printed) in enumerate(PAPER.items()):
         heights = [printed[target] for target in targets]
         place = x + first + index * width
-        axes.bar(
-            place, heights, 0.9 * width, color="0.75", edgecolor="0.4", hatch="/" * (index + 2), label=f"paper: {name}"
-        )
+        grey = str(0.6 + 0.3 * index)
+        axes.bar(place, heights, 0.9 * width, color=grey, edgecolor="0.4", hatch="//", label=f"paper: {name}")
     for index, column in enumerate(columns):
         wins = np.array([column.successes[target] for target in targets])
         low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
         share, place = wins / column.trials, x + first + (len(PAPER) + index) * width
         axes.bar(place, share, 0.9 * width, color=PALETTE[index % len(PALETTE)], label=column.decider)
-        axes.errorbar(
-            place,
-            share,
-            [np.maximum(share - low, 0), np.maximum(high - share, 0)],
-            fmt="none",
-            ecolor=INK,
-            elinewidth=0.7,
-        )
+        spread = [np.maximum(share - low, 0.0), np.maximum(high - share, 0.0)]
+        axes.errorbar(place, share, spread, fmt="none", ecolor=INK, elinewidth=0.7)
     axes.set_xticks(x, targets)
     axes.set_ylim(0, 1.03)

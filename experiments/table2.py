@@ -115,7 +115,7 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
 
 def to_markdown(columns: Sequence[Column]) -> str:
     """The paper's table with ours below it, turned on its side, and below it what could not be played."""
-    lines = [["", *PAPER["PPO"], "all", "touches a search", "floor", "ceiling"]]
+    lines = [["decider, scene", *PAPER["PPO"], "all", "touches a search", "floor", "ceiling"]]
     lines.append(["---"] * len(lines[0]))
     for name, printed in PAPER.items():
         mean = sum(printed.values()) / len(printed)

@@ -13,6 +13,7 @@ import pytest
 
 from activetouch.scenes import SCENES
 from belief.statistics import wilson_interval
+from experiments.reproduce import DEVIATIONS
 from experiments.sliding_windows import WindowPlan, kept_windows
 from experiments.table2 import PAPER, Column, search_columns, to_markdown
 
@@ -101,3 +102,14 @@ def test_killed_three_times_it_loses_no_finished_work(tmp_path):
     assert "Where we deviate" in page
     assert "--from-nothing makes them anew" in page
     assert {"figure2.svg", "figure3.svg"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_the_tables_of_the_documentation_are_those_that_were_made():
+    docs = ROOT / "docs"
+    page = (docs / "reproduction.md").read_text()
+    entries = json.loads((docs / "reproduction" / "table2.json").read_text())
+    columns = [Column(**{**entry, "ceiling": tuple(entry["ceiling"])}) for entry in entries]
+    assert len(columns) == 10
+    assert to_markdown(columns).strip() in page
+    assert (docs / "table1" / "table1.md").read_text().strip() in page
+    assert all(line in page for line in DEVIATIONS)
