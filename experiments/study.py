@@ -72,24 +72,31 @@ class Study:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of words: first column to the left, the others to the right."""
+    """A table: columns of words to the left, of numbers to the right."""
 
     title: str
     headings: tuple[str, ...]
     rows: Sequence[tuple[str, ...]]
 
+    @property
+    def is_word(self) -> list[bool]:
+        """By column: the first, and those in which most cells begin with a letter."""
+        columns = zip(*self.rows, strict=True)
+        letters = [2 * sum(cell[:1].isalpha() for cell in column) > len(self.rows) for column in columns]
+        return [True, *letters[1:]] if letters else [not n for n in range(len(self.headings))]
+
     def rich(self) -> Table:
         """For a terminal."""
         table = Table(title=self.title, box=box.SIMPLE_HEAD, title_justify="left")
-        for number, heading in enumerate(self.headings):
-            table.add_column(heading, justify="right" if number else "left")
+        for heading, is_word in zip(self.headings, self.is_word, strict=True):
+            table.add_column(heading, justify="left" if is_word else "right")
         for row in self.rows:
             table.add_row(*row)
         return table
 
     def markdown(self) -> str:
         """For a file."""
-        rule = ("---", *("---:" for _ in self.headings[1:]))
+        rule = tuple("---" if is_word else "---:" for is_word in self.is_word)
         lines = [f"| {' | '.join(row)} |" for row in (self.headings, rule, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines])
 

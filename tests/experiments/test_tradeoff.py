@@ -11,6 +11,7 @@ from scipy.stats import beta, kstest
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.compare import BadArgument
+from experiments.study import Grid
 from experiments.tradeoff import Tradeoff
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network, sweep
 from experiments.tradeoff_figures import _MARKERS as MARKERS
@@ -192,3 +193,12 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     assert len(numbers["points"]) >= 40
     for line in numbers["answers"]:
         assert line.split(". Success")[0].split(": ")[1] in page
+
+
+def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
+    grid = Grid(
+        "", ("who", "what", "share", "n"), [("1 a", "good", "0.5 [0.4, 0.6]", "3"), ("b", "bad", "default", "4")]
+    )
+    assert grid.is_word == [True, True, False, False]
+    assert grid.markdown().splitlines()[3] == "| --- | --- | ---: | ---: |"
+    assert Grid("", ("who", "n"), []).is_word == [True, False]
