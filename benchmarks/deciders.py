@@ -141,34 +141,37 @@ def bounds(table: OutcomeTable) -> tuple[float, float]:
     return float(np.mean([p.lower_bound for p in policies])), float(np.mean([p.upper_bound for p in policies]))
 
 
-def draw(rows: Sequence[Row], limits: dict[str, tuple[float, float]], path: Path) -> None:
-    """Return against the time of a decision, and success against touches."""
+def draw(rows: Sequence[Row], path: Path) -> None:
+    """A line for every decider, by table: return against point-based plans, success, touches, time of a decision."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    beside = {"xytext": (4, 3), "textcoords": "offset points", "size": 7}
-    figure, axes = plt.subplots(len(limits), 2, figsize=(12, 4.5 * len(limits)), squeeze=False, layout="constrained")
-    for (left, right), (model, (low, high)) in zip(axes, limits.items(), strict=True):
-        for row in (row for row in rows if row.model == model):
-            left.errorbar(row.ms_per_decision, row.mean_return, 1.96 * row.return_std_error, fmt="o", ms=4, lw=1)
-            left.annotate(
-                row.decider, (row.ms_per_decision, row.mean_return), (4, 3), textcoords="offset points", size=7
-            )
-            right.errorbar(
-                row.touches,
-                row.success,
-                [[row.success - row.success_low], [row.success_high - row.success]],
-                fmt="o",
-                ms=4,
-                lw=1,
-            )
-            right.annotate(row.decider, (row.touches, row.success), **beside)
-        left.axhspan(low, high, color="0.8", zorder=0)
-        left.set(xscale="log", xlabel="processor time of a decision [ms]", ylabel="return", title=f"table: {model}")
-        right.set(xlabel="touches in a search", ylabel="success", title="grey, left: the optimum lies in here")
-    figure.savefig(path)
+    models = list(dict.fromkeys(row.model for row in rows))
+    figure, axes = plt.subplots(len(models), 4, figsize=(12, 5 * len(models)), squeeze=False, layout="constrained")
+    for (over, success, touches, time_), model in zip(axes, models, strict=True):
+        some = [row for row in rows if row.model == model][::-1]
+        names = [f"{row.decider} ({row.episodes})" for row in some]
+        for y, row in enumerate(some):
+            over.plot([row.over_low, row.over_high], [y, y], "C0-", lw=1)
+            over.plot(row.over_point_based, y, "C0o", ms=4)
+            success.plot([row.success_low, row.success_high], [y, y], "C0-", lw=1)
+            success.plot(row.success, y, "C0o", ms=4)
+        touches.barh(range(len(some)), [row.touches for row in some], height=0.5)
+        time_.plot([row.ms_per_decision for row in some], range(len(some)), "C0o", ms=4)
+        over.axvline(0.0, color="0.7", lw=1, zorder=0)
+        over.set_xscale("symlog", linthresh=0.05, linscale=1.5)
+        over.set(yticks=range(len(some)), yticklabels=names, xlabel="return over point_based, paired, 95 %")
+        over.set_xticks([-1, -0.1, -0.05, -0.02, 0, 0.02, 0.05], ["-1", "-.1", "", "-.02", "0", ".02", ".05"])
+        over.set_title(f"table: {model} (number of searches)", loc="left")
+        success.set(yticks=[], xlabel="success, 95 %", xlim=(0.0, 1.02))
+        touches.set(yticks=[], xlabel="touches of a search")
+        time_.set(yticks=[], xscale="log", xlabel="processor time of a decision [ms]")
+        for axis in (over, success, touches, time_):
+            axis.set_ylim(-0.6, len(some) - 0.4)
+            axis.grid(axis="x", alpha=0.3)
+    figure.savefig(path, metadata={"Date": None})
 
 
 def main() -> None:
@@ -180,18 +183,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/deciders"))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    rows, limits = [], {}
+    rows: list[Row] = []
     for name in arguments.models:
         print(f"\ntouches drawn from the table: {name}")
         print(f"{'decider':28}{'n':>6}{'return':>16}{'success':>8}{'touches':>8}{'ms':>10}   over point_based")
         rows += measure(name, tables()[name], arguments)
-        limits[name] = bounds(tables()[name])
-        print(f"the optimum returns between {limits[name][0]:.3f} and {limits[name][1]:.3f}", flush=True)
+        print("the optimum returns between {:.3f} and {:.3f}".format(*bounds(tables()[name])), flush=True)
         with (arguments.out / "deciders.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, [field.name for field in fields(Row)])
             writer.writeheader()
             writer.writerows(asdict(row) for row in rows)
-        draw(rows, limits, arguments.out / "deciders.svg")
+        draw(rows, arguments.out / "deciders.svg")
 
 
 if __name__ == "__main__":

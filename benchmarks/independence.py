@@ -1,0 +1,71 @@
+"""Whether touches in different poses are independent given the shape, as tables of outcomes take them to be.
+
+Run: python benchmarks/independence.py paper           (needs data/paper-repeats: see docs/calibration.md)
+
+Recorded objects of the test split, touched once in every pose and fused by the shipped observation model; beside them,
+objects whose touches are drawn from its outcome table. Plans and their bounds expect the latter. Where an object's
+orientation makes all of its poses tell little at once, the former are told worse.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from repeats import read_rounds
+from scipy.special import softmax
+
+from activetouch.world import MODELS, OBSERVATION_FILE
+from belief import Touch
+from belief.observation_model import OutcomeTable, read_observation_model
+from belief.problem import Floats
+
+
+def recorded_posteriors(scene: str) -> tuple[Floats, np.ndarray]:
+    """Posteriors ``(n, K)`` of recorded objects after their first touch in every pose, and their shapes."""
+    sensor = MODELS / scene
+    model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
+    rounds = read_rounds(Path("data") / f"{scene}-repeats", sensor)
+    first = rounds.logits[:, 0]
+    touched = [[Touch(pose, logits) for pose, logits in enumerate(of_object)] for of_object in first]
+    return softmax([model.log_likelihood(touches) for touches in touched], axis=1), rounds.shapes
+
+
+def drawn_posteriors(table: OutcomeTable, number: int, rng: np.random.Generator) -> tuple[Floats, np.ndarray]:
+    """The same for so many objects of each shape whose touches are drawn from a table."""
+    shapes = np.repeat(np.arange(table.num_shapes), number)
+    logs = np.zeros((len(shapes), table.num_shapes))
+    for probs in table.probs:
+        chosen = [rng.choice(table.num_outcomes, number, p=row) for row in probs]
+        logs += np.log(probs[:, np.concatenate(chosen)].T)
+    return softmax(logs, axis=1), shapes
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=["coarse", "paper"])
+    parser.add_argument("--outcomes", type=int, default=24, help="of the table")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    print("| scene | shape | recorded: told right | probability given to it | drawn from the table | |")
+    print("|---|---|---|---|---|---|")
+    for scene in arguments.scenes:
+        model = read_observation_model((MODELS / scene / OBSERVATION_FILE).read_text())
+        rng = np.random.default_rng(arguments.seed)
+        found = (recorded_posteriors(scene), drawn_posteriors(model.outcome_table(arguments.outcomes), 5000, rng))
+        for index, label in enumerate(model.shape_labels):
+            cells = []
+            for probs, shapes in found:
+                own = probs[shapes == index]
+                right, given = own.argmax(axis=1) == index, own[:, index]
+                error = 1.96 / np.sqrt(len(own))
+                cells += [
+                    f"{right.mean():.3f} ± {error * right.std():.3f}",
+                    f"{given.mean():.3f} ± {error * given.std():.3f}",
+                ]
+            print(f"| {scene} | {label} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""What plans lose by seeing touches as outcomes of a table, which has few.
+
+Run: python benchmarks/outcomes.py                     (--help for other scenes and sizes; some minutes)
+
+Touches are drawn from a scene's observation model in 96 outcomes, as good as not merged at all, and beliefs are exact
+about them. Only the plans know fewer: 4, 8, 12 (the default for four shapes), 24 or 48. All search the same episodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from deciders import play
+
+from activetouch.world import MODELS, OBSERVATION_FILE
+from belief.observation_model import read_observation_model
+from belief.statistics import paired_bootstrap
+from planners.planned import PointBased
+
+FINEST = 96
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="*", default=["coarse", "paper"], help="of four shapes")
+    parser.add_argument("--outcomes", type=int, nargs="+", default=[12, 4, 8, 24, 48], help="the first is compared to")
+    parser.add_argument("--episodes", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    print("| scene | outcomes | return | success | touches | over the first |")
+    print("|---|---|---|---|---|---|")
+    for scene in arguments.scenes:
+        model = read_observation_model((MODELS / scene / OBSERVATION_FILE).read_text())
+        reference = np.empty(0)
+        for number in arguments.outcomes:
+            decider = PointBased(model.outcome_table(number))
+            episodes, problem = play(model.outcome_table(FINEST), decider, arguments.episodes, arguments.seed)
+            returns = np.array([episode.reward(problem) for episode in episodes])
+            reference = reference if reference.size else returns
+            over, low, high = paired_bootstrap(returns, reference, np.random.default_rng(arguments.seed))
+            print(
+                f"| {scene} | {number} | {returns.mean():.3f} ± {returns.std(ddof=1) / np.sqrt(len(returns)):.3f} "
+                f"| {np.mean([episode.success for episode in episodes]):.3f} "
+                f"| {np.mean([episode.num_touches for episode in episodes]):.2f} "
+                f"| {over:+.4f} [{low:+.4f}, {high:+.4f}] |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
