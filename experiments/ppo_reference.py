@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
-from activetouch.envs.priors import TestPriors
+from activetouch.envs.priors import ObjectPriors
 from belief.observation_model import ArrayModel
 from experiments.ppo_recipe import PPORecipe
 from experiments.ppo_training import Score, play
@@ -51,7 +51,7 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     pairs = list(product(_CONFIRM, _REJECT))
     best = max(pairs, key=lambda pair: play(thresholds(*pair), known).mean_return)
     index = bank.shape_labels.index(target)
-    prior = TestPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
+    prior = ObjectPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
     free = 2.0 * play(thresholds(np.inf, -np.inf), test).success - 1.0
     return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test), free)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.evidence import Evidence, RecomputedEvidence, SummedEvidence
-from activetouch.envs.priors import TargetProb, TestPriors
+from activetouch.envs.priors import ObjectPriors, TargetProb
 from belief.bayes import update
 from belief.encoding import ENCODINGS, NO_ACTION, TOUCH_LIMIT, Situation, certainty, frame_probs
 from belief.errors import UnknownName
@@ -84,7 +84,7 @@ class BankEpisodes:
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
         self.num_poses, self.target = len(bank.pose_labels), bank.shape_labels.index(target)
         self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
-        self._priors = TestPriors.of(len(bank.shape_labels), self.target, target_prob)
+        self._priors = ObjectPriors.of(len(bank.shape_labels), self.target, target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
         self._evidence: Evidence
@@ -135,9 +135,8 @@ class BankEpisodes:
             first_rounds: which round each pose's touches are from, at first, ``(n, P)``.
             target_probs: where their beliefs begin, ``(n,)``; the middle of the range if not given.
         """
-        self._log_priors[rows] = np.log(
-            self._priors.probs(self._priors.middle if target_probs is None else target_probs)
-        )
+        start = self._priors.middle if target_probs is None else target_probs
+        self._log_priors[rows] = np.log(self._priors.probs(start))
         self.objects[rows], self._first_rounds[rows] = objects, first_rounds
         self.uses[rows] = 0
         self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]

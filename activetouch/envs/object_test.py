@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
-from activetouch.envs.priors import TargetProb, TestPriors
+from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touches import Touches
 from belief import Belief, Composition, SearchProblem
 from belief.encoding import TOUCH_LIMIT
@@ -91,7 +91,7 @@ class ObjectTestEnv(TouchEnv):
         labels = source.model.shape_labels
         problem = SearchProblem(labels, source.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
         super().__init__(problem, source, target, render_mode)
-        self._priors = TestPriors.of(len(labels), self.target, target_prob)
+        self._priors = ObjectPriors.of(len(labels), self.target, target_prob)
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         self._prior = Belief.from_probs(self.problem.shape_labels, self._priors.probs(self._priors.draw(rng, 1)[0]))

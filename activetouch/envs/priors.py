@@ -14,7 +14,7 @@ TargetProb: TypeAlias = float | tuple[float, float]
 
 
 @dataclass(frozen=True)
-class TestPriors:
+class ObjectPriors:
     """An object is the target with a probability that the test's belief begins at, and any other shape in equal shares.
 
     Attributes:
@@ -39,7 +39,7 @@ class TestPriors:
             )
 
     @classmethod
-    def of(cls, num_shapes: int, target: int, target_prob: TargetProb) -> TestPriors:
+    def of(cls, num_shapes: int, target: int, target_prob: TargetProb) -> ObjectPriors:
         """The priors of a probability, or of a range of them."""
         ends = np.ravel(np.asarray(target_prob, np.float64)).tolist()
         if len(ends) not in (1, 2):
@@ -58,7 +58,13 @@ class TestPriors:
         return rng.uniform(self.low, self.high, number)
 
     def probs(self, target_probs: ArrayLike) -> Floats:
-        """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``."""
+        """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``.
+
+        Raises:
+            ValueError: one is not in (0, 1).
+        """
         target = np.asarray(target_probs, np.float64)[..., None]
+        if not ((target > 0.0) & (target < 1.0)).all():
+            raise ValueError(f"the target's probability must be in (0, 1), got {target_probs}")
         is_target = np.arange(self.num_shapes) == self.target
         return np.where(is_target, target, (1.0 - target) / (self.num_shapes - 1))

@@ -273,6 +273,10 @@ def test_what_does_not_fit_is_refused(bank, model, ratio):
     for wrong in ((0.9, 0.1), (0.0, 0.5), (0.1, np.nan), (0.1, 0.2, 0.3), ()):
         with pytest.raises(ValueError, match="target_prob"):
             BankEpisodes(bank, model, "shape_0", 2, target_prob=wrong)
+    episodes = BankEpisodes(bank, model, "shape_0", 2)
+    for wrong in (0.0, 1.0, np.nan, [0.5, -0.1]):
+        with pytest.raises(ValueError, match="must be in"):
+            episodes.begin(np.arange(2), np.arange(2), target_probs=wrong)
     with pytest.raises(LabelMismatch, match="'a'"):
         BankEpisodes(bank, other, "shape_0", 2)
     short = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_0")
