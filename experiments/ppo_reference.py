@@ -1,8 +1,8 @@
 """What a test of one object can return at best: references for a learned policy.
 
-The optimum for the table of outcomes takes repeated poses for new evidence, and loses what the table merges. Thresholds
-on the posterior, the best pair of them, with the least used pose next, are what is certainly there. All touches for
-nothing, poses in turn, say how much there is to be known.
+What no policy exceeds is certified for the table of outcomes, repeats at the price that the observation model gives
+them; it loses what the table merges. Thresholds on the posterior, the best pair of them, with the least used pose next,
+are what is certainly there. All touches for nothing, poses in turn, say how much there is to be known.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from activetouch.envs.priors import ObjectPriors
 from belief.observation_model import ArrayModel
 from experiments.ppo_recipe import PPORecipe
 from experiments.ppo_training import Score, play
-from planners.solve import TouchProblem, solve
+from planners.repeats import repeat_discount, weights_in_turn
+from planners.solve import TouchProblem
+from planners.solve.bounds import touch_bound
 
 _CONFIRM = (0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99)
 _REJECT = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
@@ -32,7 +34,7 @@ class Reference:
     """For one target.
 
     Attributes:
-        optimum: of the table of outcomes, from below.
+        optimum: what no policy exceeds, of the table of outcomes, repeats priced, within the touch limit.
         thresholds: the best pair on the objects that policies learn from: confirm, reject.
         score: of that pair on the objects of the test split.
         free: return on these if as many touches as are allowed cost nothing.
@@ -53,8 +55,11 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     index = bank.shape_labels.index(target)
     prior = ObjectPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
+    worth = weights_in_turn(repeat_discount(model), problem.num_poses, -(-recipe.touch_limit // problem.num_poses))
+    weights = [*worth[: recipe.touch_limit].tolist(), 0.0]  # the limit: no touch after it shows anything
+    optimum = touch_bound(problem, np.random.default_rng(0), weights)
     free = 2.0 * play(thresholds(np.inf, -np.inf), test).success - 1.0
-    return Reference(float(solve(problem).lower_bound), best, play(thresholds(*best), test), free)
+    return Reference(optimum, best, play(thresholds(*best), test), free)
 
 
 def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArray[np.int64]]:

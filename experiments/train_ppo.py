@@ -133,7 +133,7 @@ class TrainPPO:
             print(
                 f"{one.recipe.state} {one.target}: return {last.mean_return:.3f} is "
                 f"{last.mean_return / best.mean_return:.3f} of the {best.mean_return:.3f} of the best thresholds "
-                f"({reject}, {confirm}); optimum of the table of outcomes {against.optimum:.3f}, "
+                f"({reject}, {confirm}); at most {against.optimum:.3f} in the table of outcomes, repeats priced; "
                 f"all touches for nothing {against.free:.3f}"
             )
         write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")

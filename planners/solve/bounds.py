@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,8 +103,13 @@ def look_ahead(
     return float(bound(belief[None], 0)[0])
 
 
-def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
+def touch_bound(problem: TouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
     """What no policy for one object exceeds at the prior.
+
+    Args:
+        problem: the test.
+        rng: samples where the grid is fine; any grid gives a bound.
+        weights: what each touch is worth, see :class:`~planners.solve.terms.TouchTerms`.
 
     Right nine times of ten, at λ = 0.05, the best is to touch until one more outcome points one way than the other, and
     then twice more: V(.9) = -λ + .82 · .976 + .18 (V(.9) - λ), and V(.5) = V(.9) - λ = 0.8537 by hand.
@@ -114,7 +119,7 @@ def touch_bound(problem: TouchProblem, rng: np.random.Generator) -> float:
     0.8537
     """
     shapes = np.flatnonzero(problem.prior > 0.0)
-    terms = TouchTerms(problem.touch_cost, problem.discount)
+    terms = TouchTerms(problem.touch_cost, problem.discount, weights)
     bound = ObjectBound(problem.outcome_probs, shapes, terms, rng)
     stage = staged(problem).stages[0]
     return bound(problem.prior, stage.confirm, stage.reject)
