@@ -42,7 +42,8 @@ class Result:
         decisions: of each search, touches included.
         rewards: return of each.
         decision_seconds: belief and decider, of all together.
-        planning_seconds: belief and decider in a first search for each target, which is when plans are made.
+        planning_seconds: belief and decider in a first search for each target, which is when plans are made, unless
+            the process made the same ones before.
     """
 
     configuration: Configuration

@@ -26,8 +26,8 @@ _CAPTION = (
 _COLUMNS = (
     "Success: of live searches, with its 95 % Wilson interval. To the default: the difference over the same "
     "searches, with its 95 % bootstrap interval. Times: processor time of one core; a search is its touches, each a "
-    "press with its image, a reading of one image and a decision; plans are made once for each target. Peak: of a "
-    "process that loads the sensor and searches. On the front: the probability that no other of the task is both "
+    "press with its image, a reading of one image and a decision; planning, once for each target, is left out. Peak: "
+    "of a process that loads the sensor and presses. On the front: the probability that no other of the task is both "
     "faster and at least as successful, given the searches."
 )
 _HEADINGS = (
@@ -41,7 +41,6 @@ _HEADINGS = (
     "ms a decision",
     "ms a press",
     "ms to read",
-    "s to plan",
     "weights MB",
     "peak MB",
     "on the front",
@@ -160,7 +159,6 @@ def _row(p: Point, prob: float, defaults: Mapping[str, Point]) -> tuple[str, ...
         f"{p.result.ms_per_decision:.2f}",
         f"{p.cost.physics:.2f}",
         f"{p.cost.network:.2f}",
-        f"{p.result.planning_seconds:.1f}",
         f"{p.cost.weights:.1f}",
         f"{p.cost.memory:.0f}",
         f"{prob:.2f}",
