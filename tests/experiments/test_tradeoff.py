@@ -1,5 +1,6 @@
 """The trade of speed for accuracy: keys, recorded worlds, fronts and picks by hand, a small sweep that resumes."""
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta, kstest
 
+from activetouch.scenes import SCENES
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.compare import BadArgument
@@ -191,8 +193,13 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     numbers = json.loads((folder / "tradeoff.json").read_text())
     page = (folder.parent / "tradeoff.md").read_text()
     assert len(numbers["points"]) >= 40
+    assert {p["configuration"]["network"]["scene"] for p in numbers["points"]} == set(SCENES)
+    with (folder / "tradeoff.csv").open(newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    assert len(rows) == len(numbers["points"])
+    assert all(f"| {' | '.join(row)} |" in page for row in rows)
     for line in numbers["answers"]:
-        assert line.split(". Success")[0].split(": ")[1] in page
+        assert line.split(". Success")[0] in page
 
 
 def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
