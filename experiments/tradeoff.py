@@ -51,7 +51,7 @@ class Tradeoff:
     out: Path = Path("runs/tradeoff")
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
     finished: bool = False
-    """Measure nothing: report on all results that the folder holds by now, whatever sweeps they are of."""
+    """Search no more: report on all results that the folder holds by now, whatever sweeps they are of."""
     jobs: int = 1
     """Processes; the results do not depend on it."""
 
@@ -76,10 +76,7 @@ class Tradeoff:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
         found = fronts([Point(*result) for result in results], np.random.default_rng(self.seed))
         answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
-        arguments = {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()} | {
-            "out": str(self.out)
-        }
-        write_report(self.out, found, answers, arguments)
+        write_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
         console = Console()
         for front in found:
             console.print(terminal_grid(front).rich())
