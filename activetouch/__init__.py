@@ -1,12 +1,14 @@
 """The world: shapes pressed against a tactile pad in MuJoCo, the images they leave, and the network that reads them.
 
-Importing this package loads neither MuJoCo nor torch; what needs them loads them when used.
+Importing this package loads neither MuJoCo nor torch; what needs them loads them when used. It registers the Gymnasium
+environments (decision 0025).
 """
 
+from activetouch import envs
 from activetouch.poses import POSES
 from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.scenes import SCENES
 from activetouch.shapes import SHAPES
 from activetouch.world import TactileSensor, TouchWorld
 
-__all__ = ["POSES", "SCENES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld"]
+__all__ = ["POSES", "SCENES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld", "envs"]

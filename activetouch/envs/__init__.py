@@ -1,7 +1,7 @@
-"""The search as Gymnasium environments; importing this package registers them.
+"""The search as Gymnasium environments; importing activetouch registers them.
 
-    import activetouch.envs, gymnasium                              # or name the module in the id:
-    env = gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone")
+    import activetouch, gymnasium                                        # or name the module in the id:
+    env = gymnasium.make("activetouch:activetouch/ObjectTest-v0", scene="coarse", target="cone")
 
 Gymnasium 1.0 did away with plugins, so an installed package cannot register anything before it is imported. What needs
 torch or MuJoCo is loaded when an environment is made.

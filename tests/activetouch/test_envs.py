@@ -57,11 +57,17 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name, wrapper):
     check_env_for_sb3(wrapped, skip_render_check=False)
 
 
-def test_an_id_that_names_its_module_needs_no_import():
-    code = (
-        "import sys, gymnasium; env = gymnasium.make('activetouch.envs:activetouch/ObjectTest-v0', scene='coarse');"
-        "print(env.reset(seed=0)[0].shape)"
-    )
+@pytest.mark.parametrize(
+    ("imported", "id_"),
+    [
+        ("activetouch, gymnasium", "activetouch/ObjectTest-v0"),
+        ("gymnasium, activetouch", "activetouch/ObjectTest-v0"),
+        ("gymnasium", "activetouch:activetouch/ObjectTest-v0"),
+        ("gymnasium", "activetouch.envs:activetouch/ObjectTest-v0"),
+    ],
+)
+def test_importing_the_package_or_naming_it_in_the_id_is_enough(imported, id_):
+    code = f"import {imported}; env = gymnasium.make({id_!r}, scene='coarse'); print(env.reset(seed=0)[0].shape)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "(13,)\n"
 
 
