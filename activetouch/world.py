@@ -60,6 +60,19 @@ class TouchRequest(Protocol):
         """The nuisances' source of chance."""
 
 
+def load_observation_model(folder: Path) -> ArrayModel:
+    """The observation model of the sensor in a folder.
+
+    Raises:
+        CorruptFile: it is damaged, or missing.
+    """
+    path = folder / OBSERVATION_FILE
+    try:
+        return read_observation_model(path.read_text())
+    except (OSError, ValueError) as error:
+        raise CorruptFile(f"{path} is no observation model: {error}") from error
+
+
 @dataclass(frozen=True, eq=False)
 class TactileSensor:
     """A scene with the classifier trained for it and the observation model fitted to both.
@@ -99,11 +112,7 @@ class TactileSensor:
         """
         from activetouch.classifier import TouchClassifier  # loads torch
 
-        path = folder / OBSERVATION_FILE
-        try:
-            model = read_observation_model(path.read_text())
-        except (OSError, ValueError) as error:
-            raise CorruptFile(f"{path} is no observation model: {error}") from error
+        model = load_observation_model(folder)
         return cls(scene, TouchClassifier.load(folder / CLASSIFIER_FILE), model)
 
     @classmethod

@@ -10,19 +10,18 @@ planners use keep of the information of a touch.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from rounds import time_in_rounds
 
+from activetouch.world import MODELS, load_observation_model
 from belief import Touch
 from belief.arrangement import arrangement_marginals
 from belief.bayes import target_information_gain, update, update_probs
-from belief.observation_model import information_of_touch, read_observation_model
+from belief.observation_model import information_of_touch
 
 BATCH, NUM_SHAPES = 100_000, 4
 THEIRS = "pomdp-py, one belief"
-MODELS = Path(__file__).parent.parent / "activetouch" / "models"
 
 
 def updates() -> dict[str, tuple[Callable[[int], object], int]]:
@@ -73,7 +72,7 @@ def others() -> dict[str, Callable[[int], object]]:
         f"exact marginals of {n} distinct objects": lambda _, w=w: arrangement_marginals(w) for n, w in weights.items()
     }
     for name in ("gel", "many", "hard"):
-        model = read_observation_model((MODELS / name / "observation_model.json").read_text())
+        model = load_observation_model(MODELS / name)
         table, num_shapes = model.outcome_table().probs, len(model.shape_labels)
         some = [Touch(i % len(table), row) for i, row in enumerate(rng.normal(size=(12, num_shapes)))]
         probs = rng.dirichlet(np.ones(num_shapes))
@@ -88,10 +87,10 @@ def others() -> dict[str, Callable[[int], object]]:
 def told() -> None:
     """What a touch of the shipped models tells about the shape, and what is left of it in their tables."""
     print(f"\n{'nats a touch, mean over poses':<34}{'touch':>8}{'table':>8}{'outcomes':>10}")
-    for path in sorted(MODELS.glob("*/observation_model.json")):
-        model = read_observation_model(path.read_text())
+    for sensor in sorted(path for path in MODELS.iterdir() if path.is_dir()):
+        model = load_observation_model(sensor)
         touch, table = information_of_touch(model, num_samples=20_000).mean(), model.outcome_table()
-        kind = f"{path.parent.name} ({model.name}, K = {table.num_shapes})"
+        kind = f"{sensor.name} ({model.name}, K = {table.num_shapes})"
         print(f"{kind:<34}{touch:8.3f}{table.information().mean():8.3f}{table.num_outcomes:10}")
 
 

@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from activetouch.world import MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, load_observation_model
 from belief import SearchProblem
-from belief.observation_model import OutcomeTable, read_observation_model
+from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from belief.tabular import TabularModel
@@ -68,7 +68,7 @@ class Timed:
 
 
 def tables() -> dict[str, OutcomeTable]:
-    coarse = read_observation_model((MODELS / "coarse" / OBSERVATION_FILE).read_text())
+    coarse = load_observation_model(MODELS / "coarse")
     return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
 
 

@@ -16,17 +16,15 @@ import numpy as np
 from repeats import read_rounds
 from scipy.special import softmax
 
-from activetouch.world import MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, load_observation_model
 from belief import Touch
-from belief.observation_model import OutcomeTable, read_observation_model
+from belief.observation_model import ArrayModel, OutcomeTable
 from belief.problem import Floats
 
 
-def recorded_posteriors(scene: str) -> tuple[Floats, np.ndarray]:
+def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:
     """Posteriors ``(n, K)`` of recorded objects after their first touch in every pose, and their shapes."""
-    sensor = MODELS / scene
-    model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
-    rounds = read_rounds(Path("data") / f"{scene}-repeats", sensor)
+    rounds = read_rounds(Path("data") / f"{scene}-repeats", MODELS / scene)
     first = rounds.logits[:, 0]
     touched = [[Touch(pose, logits) for pose, logits in enumerate(of_object)] for of_object in first]
     return softmax([model.log_likelihood(touches) for touches in touched], axis=1), rounds.shapes
@@ -51,9 +49,12 @@ def main() -> None:
     print("| scene | shape | recorded: told right | probability given to it | drawn from the table | |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = read_observation_model((MODELS / scene / OBSERVATION_FILE).read_text())
+        model = load_observation_model(MODELS / scene)
         rng = np.random.default_rng(arguments.seed)
-        found = (recorded_posteriors(scene), drawn_posteriors(model.outcome_table(arguments.outcomes), 5000, rng))
+        found = (
+            recorded_posteriors(scene, model),
+            drawn_posteriors(model.outcome_table(arguments.outcomes), 5000, rng),
+        )
         for index, label in enumerate(model.shape_labels):
             cells = []
             for probs, shapes in found:

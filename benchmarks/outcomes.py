@@ -13,8 +13,7 @@ import argparse
 import numpy as np
 from deciders import play
 
-from activetouch.world import MODELS, OBSERVATION_FILE
-from belief.observation_model import read_observation_model
+from activetouch.world import MODELS, load_observation_model
 from belief.statistics import paired_bootstrap
 from planners.planned import PointBased
 
@@ -31,7 +30,7 @@ def main() -> None:
     print("| scene | outcomes | return | success | touches | over the first |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = read_observation_model((MODELS / scene / OBSERVATION_FILE).read_text())
+        model = load_observation_model(MODELS / scene)
         reference = np.empty(0)
         for number in arguments.outcomes:
             decider = PointBased(model.outcome_table(number))

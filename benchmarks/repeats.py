@@ -24,9 +24,9 @@ import numpy as np
 from activetouch.classifier import TouchClassifier
 from activetouch.dataset import read_split
 from activetouch.manifest import read_manifest
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from activetouch.world import CLASSIFIER_FILE, MODELS, load_observation_model
 from belief import SearchProblem, Touch
-from belief.observation_model import OutcomeTable, read_observation_model
+from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap
 from belief.synthetic import sample_arrangement
 from experiments.scores import read_logits
@@ -95,7 +95,7 @@ def main() -> None:
     arguments = parser.parse_args()
     sensor = MODELS / arguments.scene
     rounds = read_rounds(Path("data") / f"{arguments.scene}-repeats", sensor)
-    model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
+    model = load_observation_model(sensor)
     known = repeat_discount(model)
     poses = tuple(f"pose_{pose}" for pose in range(rounds.num_poses))
     problem = SearchProblem(model.shape_labels, poses, 4, touch_limit=48)

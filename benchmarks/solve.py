@@ -12,13 +12,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 from scipy.special import softmax
 
-import activetouch
-from belief.observation_model import read_observation_model
+from activetouch.world import MODELS, load_observation_model
 from belief.problem import Floats
 from planners.solve import SearchPolicy, SearchTouchProblem, TouchPolicy, TouchProblem, solve
 
@@ -27,8 +25,7 @@ def table(name: str, num_outcomes: int | None) -> Floats:
     """An outcome table, by name."""
     if name == "synthetic":
         return np.asarray(softmax(2.0 * np.random.default_rng(1).normal(size=(6, 4, 12)), axis=2))
-    file = Path(activetouch.__file__).parent / "models" / name / "observation_model.json"
-    return read_observation_model(file.read_text()).outcome_table(num_outcomes).probs
+    return load_observation_model(MODELS / name).outcome_table(num_outcomes).probs
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:
@@ -49,9 +46,9 @@ def decision_times(policy: TouchPolicy) -> tuple[float, float]:
 def of_bound(policy: TouchPolicy | SearchPolicy, bounds: bool) -> tuple[str, str]:
     """What a policy achieves, of what is possible at most, and the ratio of the two."""
     low = policy.lower_bound
-    return (
-        (f"{low:.4f} of {policy.upper_bound:.4f}", f"{low / policy.upper_bound:.2%}") if bounds else (f"{low:.4f}", "")
-    )
+    if not bounds:
+        return f"{low:.4f}", ""
+    return f"{low:.4f} of {policy.upper_bound:.4f}", f"{low / policy.upper_bound:.2%}"
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from planners.solve.search_bounds import search_bound
 from planners.solve.stages import num_states
 
 _MOST_STATES = 64  # four distinct objects have 32, and take some minutes
-_LEAST_OUTCOMES, _OUTCOMES_PER_SHAPE = 24, 3  # of a touch: fewer would hold less than deciders make of it
+_LEAST_OUTCOMES = 24  # of a touch: fewer would hold less than deciders make of it
 _MOST_USES = 4  # of a pose that are priced one by one; the last price holds for all that follow
 
 
@@ -59,7 +59,7 @@ def best_expected_return(setting: Setting, target: int) -> float | None:
     problem, model = setting.problem, load_sensor(setting).model
     if not isinstance(problem.composition, Composition) or problem.touch_cost == 0.0:
         return None
-    probs = model.outcome_table(max(_LEAST_OUTCOMES, _OUTCOMES_PER_SHAPE * len(problem.shape_labels))).probs
+    probs = model.outcome_table(max(_LEAST_OUTCOMES, model.default_outcomes)).probs
     search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, problem.touch_cost)
     if num_states(search) > _MOST_STATES:
         return None

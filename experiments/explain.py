@@ -20,9 +20,9 @@ from activetouch.cost import Cost, measure
 from activetouch.errors import MissingRobot
 from activetouch.inventory import Entry, inventory, leaner, richer
 from activetouch.scenes import NamedScene
-from activetouch.world import MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, load_observation_model
 from belief import Composition
-from belief.observation_model import OutcomeTable, read_observation_model
+from belief.observation_model import OutcomeTable
 from experiments.scene_choice import SceneChoice
 from planners.limits import touch_limits
 
@@ -48,9 +48,9 @@ class Explain:
         """Print three tables; that of limits where the scene comes with a sensor."""
         named, console = self.choice.named, Console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
-        path = MODELS / self.choice.scene / OBSERVATION_FILE
-        if path.exists():
-            model = read_observation_model(path.read_text())
+        sensor = MODELS / self.choice.scene
+        if sensor.exists():
+            model = load_observation_model(sensor)
             console.print(limits_table(model.outcome_table(), model.shape_labels))
         variants = [("", "this scene", named.scene)]
         for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):

@@ -58,9 +58,7 @@ def front_figure(fronts: Sequence[Front]) -> Figure:
             axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             axes.xaxis.set_minor_formatter(NullFormatter())
             shown = {point.configuration.scene for point in front.points}
-            handles = [
-                Line2D([], [], marker="o", ls="", c=c, label=scene) for scene, c in _SCENES.items() if scene in shown
-            ]
+            handles = [_handle("o", colour, scene) for scene, colour in _SCENES.items() if scene in shown]
             axes.legend(handles=handles, frameon=False, fontsize=8)
         figure.axes[0].set_ylabel("share of searches that fail")
         varied = [_handle(marker, "0.5", _LABELS.get(what, what)) for what, marker in _MARKERS.items()]

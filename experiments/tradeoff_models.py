@@ -9,7 +9,7 @@ import numpy as np
 
 from activetouch.atomic import write_text
 from activetouch.dataset import TouchSet, read_manifest, read_shard
-from activetouch.world import MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, load_observation_model
 from belief import Touch
 from belief.observation_model import ArrayModel, read_observation_model
 from belief.selection import OBSERVATION_MODELS
@@ -26,7 +26,7 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     """The observation model of a configuration: the shipped one, or one that is fitted once and kept in the folder."""
     network, name = configuration.network, configuration.observation_model
     if name == SHIPPED:
-        return read_observation_model((MODELS / network.scene / OBSERVATION_FILE).read_text())
+        return load_observation_model(MODELS / network.scene)
     stem = f"{network.scene}-{network.sha256[:12]}-{configuration.precision}"
     path = folder / f"{stem}-{name.replace(' ', '')}.json"
     if not path.exists():

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from activetouch.atomic import atomic_path, write_text
-from activetouch.world import MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, load_observation_model
 from belief.errors import UnknownName
-from belief.observation_model import read_observation_model
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.scene_choice import bank_folder, named_scene
@@ -145,7 +144,7 @@ class TrainPPO:
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
-        model = read_observation_model((sensor / OBSERVATION_FILE).read_text())
+        model = load_observation_model(sensor)
         bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
         for target in self.targets:
             if target not in bank.shape_labels:

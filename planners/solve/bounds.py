@@ -87,7 +87,7 @@ def look_ahead(
     def bound(beliefs: Floats, touches: int) -> Floats:
         if touches == steps:
             return np.maximum(grid.interpolate(values, beliefs), stop(beliefs))
-        weight = terms.after(touches).weights[0]
+        weight = terms.weight(touches)
         nothing = (1.0 - weight) * bound(beliefs, touches + 1) if weight < 1.0 else 0.0
         best = stop(beliefs)
         for table in likelihoods:

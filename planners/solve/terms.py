@@ -41,6 +41,10 @@ class TouchTerms:
         rate = 1.0 - self.discount * (1.0 - weight)
         return self.cost / rate, self.discount * weight / rate
 
+    def weight(self, touches: int) -> float:
+        """Of the next touch once so many were made."""
+        return self.weights[min(touches, len(self.weights) - 1)]
+
     def after(self, touches: int) -> TouchTerms:
         """The terms once so many touches were made."""
         return TouchTerms(self.cost, self.discount, tuple(self.weights[touches:]) or (self.weights[-1],))

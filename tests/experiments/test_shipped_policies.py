@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, load_observation_model
 from belief import Belief, Probe, SearchProblem
-from belief.observation_model import read_observation_model
 from experiments.episodes import Setting
 from experiments.results import RunFolder, RunMismatch
 from experiments.shards import identity
@@ -27,7 +26,7 @@ def test_three_scenes_come_with_policies():
 def test_an_untouched_object_of_a_search_is_probed(scene, state):
     # At the priors of a search of four: all shapes alike, or those that are left after one or two were rejected for
     # certain; and at one half. A touch costs .02 there and is worth far more on every one of these scenes.
-    model = read_observation_model((MODELS / scene / OBSERVATION_FILE).read_text())
+    model = load_observation_model(MODELS / scene)
     labels, rng = model.shape_labels, np.random.default_rng(0)
     pose_labels = ("front", "z45", "z90", "y45", "y90", "corner")
     problem, decider = SearchProblem(labels, pose_labels, 4), PPODecider(MODELS / scene / POLICIES, state)
