@@ -1,8 +1,8 @@
 """``activetouch limit``: how well could any reader of a single touch do, and how near is the classifier?
 
 Which estimator answers depends on what the scene's images are. Few taxels: the best reader itself, by simulated Bayes.
-Force patches: readers of the few numbers an image is drawn from. Fine images: twins, which prove touches ambiguous one
-by one; or, asked for with a collection, bounds from what the network sees.
+Force patches: readers of the few numbers an image is drawn from; or, given a collection, of every pixel. Fine images:
+twins, which prove touches ambiguous one by one; or, given a collection, bounds from what the network sees.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from activetouch.scene import Scene
 from activetouch.world import MODELS, TactileSensor
 from belief.errors import ActiveTouchError
 from experiments.limit_bayes import SimulatedBayes
+from experiments.limit_close_up import CloseUp
 from experiments.limit_learned import LearnedView
 from experiments.limit_numbers import FewNumbers
 from experiments.limit_twins import TwinSearch
@@ -43,6 +44,7 @@ class Limit:
         activetouch limit --scene coarse
         activetouch limit --scene hard --twins.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
+        activetouch limit --scene paper --learned-from data/paper --out runs/limit-paper-pixels
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice("coarse"))
@@ -58,7 +60,8 @@ class Limit:
     twins: TwinSearch = field(default_factory=TwinSearch)
     """For fine images."""
     learned_from: Path | None = None
-    """For fine images, instead of twins: the collection the classifier was trained on."""
+    """For fine images instead of twins, for force-patch images instead of numbers: the collection the classifier was
+    trained on."""
     seed: int = 0
     """Of touches, banks and intervals."""
     out: Path | None = None
@@ -86,7 +89,7 @@ class Limit:
         """The one that suits the scene's images."""
         match scene.renderer:
             case ForcePatchRenderer():
-                return self.numbers
+                return self.numbers if self.learned_from is None else CloseUp(self.learned_from)
             case PressureRenderer(binning=binning) if (scene.pad.num_taxels // binning) ** 2 <= FEW_TAXELS:
                 return self.bayes
             case _:

@@ -54,7 +54,7 @@ class FewNumbers:
             "estimator": "few numbers",
             "sizes": sizes,
             "views": views,
-            "limit": {"at_least": views[_WHOLE]["value"], "at_most": views[_WHOLE]["upper"]},
+            "limit": {"at_most": views[_WHOLE]["upper"]},
             "classifier": share(classifier),
             "creep_shows": share(creep),
             "median": dict(zip(NUMBERS, np.median(test.values, axis=0).tolist(), strict=True)),
@@ -89,9 +89,10 @@ def _say(study: Study, numbers: dict[str, Any]) -> list[str]:
         "short window, and from nothing else, so no reader of the image beats the best reader of these numbers (the "
         "data-processing inequality).",
         f"{study.touches} fresh touches, each of another object, seed {study.seed}; {numbers['sizes'][-1]} known ones. "
-        f"Neighbours read {words(whole)} from {_WHOLE}, so the limit is at least about that; from the error of the "
-        f"single nearest neighbour it is at most {whole['upper']:.4f}, given enough known touches (Cover and Hart). "
-        "With half as many known touches the two "
+        f"Neighbours read {words(whole)} from {_WHOLE}, so the best reader of these comes to at least about that; from "
+        f"the error of the single nearest neighbour to at most {whole['upper']:.4f}, given enough known touches (Cover "
+        "and Hart). A reader of images may fall short of it, where they hardly show a number (--learned-from says what "
+        "every pixel tells). With half as many known touches the two "
         f"were {whole['curve'][-2]:.4f} and {whole['upper_curve'][-2]:.4f}: what still rises has not settled.",
         f"The classifier has {words(numbers['classifier'])} on the same touches; neighbours minus classifier "
         f"{words(whole['above_classifier'], '+')}.",

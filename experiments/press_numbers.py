@@ -67,7 +67,7 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
 """What a reader may be given; ``radius`` is the length of (along, across)."""
 
 IN_THE_IMAGE = tuple(name for name, columns in VIEWS.items() if not {"depth", "sideways force"} & set(columns))
-"""The views that an image determines, nearly."""
+"""The views made of what an image is drawn from; whether it shows them is another question."""
 
 
 @dataclass(frozen=True, eq=False)
