@@ -17,17 +17,18 @@ from repeats import read_rounds
 from scipy.special import softmax
 
 from activetouch.world import MODELS, load_observation_model
-from belief import Touch
+from belief.batch import TouchBatch
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.problem import Floats
+from belief.selection import log_posteriors
 
 
 def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:
     """Posteriors ``(n, K)`` of recorded objects after their first touch in every pose, and their shapes."""
     rounds = read_rounds(Path("data") / f"{scene}-repeats", MODELS / scene)
-    first = rounds.logits[:, 0]
-    touched = [[Touch(pose, logits) for pose, logits in enumerate(of_object)] for of_object in first]
-    return softmax([model.log_likelihood(touches) for touches in touched], axis=1), rounds.shapes
+    first = rounds.logits[:, 0]  # (n, P, K)
+    poses = np.broadcast_to(np.arange(rounds.num_poses), first.shape[:2])
+    return np.exp(log_posteriors(model, TouchBatch(poses, first))), rounds.shapes
 
 
 def drawn_posteriors(table: OutcomeTable, number: int, rng: np.random.Generator) -> tuple[Floats, np.ndarray]:

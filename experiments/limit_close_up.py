@@ -13,7 +13,7 @@ from activetouch.dataset import read_manifest, read_split
 from activetouch.rendering import ForcePatchRenderer
 from experiments.close_up import PLACE, CloseReader, close_ups
 from experiments.parallel import progress_bar
-from experiments.study import Findings, Grid, Study, paired_difference, share, words
+from experiments.study import Findings, Grid, Study, curve_cell, curve_heading, paired_difference, share, words
 
 _PARTS = (4, 2, 1)
 WHOLE = "every pixel of the spot, its place, its brightness"
@@ -50,9 +50,9 @@ class CloseUp:
             for name, columns in VIEWS.items():
                 curve = []
                 for rows in parts:
-                    seen, shapes = np.ascontiguousarray(known[rows, columns]), train.shapes[rows]
+                    seen, shapes = known[rows, columns], train.shapes[rows]
                     read = self.reader.learn(seen, shapes, study.seed, lambda n: progress.advance(bar, n))
-                    right = read(np.ascontiguousarray(asked[:, columns])).argmax(axis=1) == study.shapes
+                    right = read(asked[:, columns]).argmax(axis=1) == study.shapes
                     curve.append(float(right.mean()))
                 views[name] = {
                     **share(right),
@@ -85,9 +85,9 @@ def _say(study: Study, numbers: dict[str, Any]) -> list[str]:
 
 def _grids(numbers: dict[str, Any]) -> list[Grid]:
     rows = [
-        (name, words(view), f"{view['learned_from']:.3f}", " ".join(f"{value:.3f}" for value in view["curve"]))
+        (name, words(view), f"{view['learned_from']:.3f}", curve_cell(view["curve"]))
         for name, view in numbers["views"].items()
     ]
     rows.append(("the classifier", words(numbers["classifier"]), "", ""))
-    curve = "with " + ", ".join(str(size) for size in numbers["sizes"]) + " known"
-    return [Grid("What a touch's pixels tell", ("a reader that sees", "right", "of what it learned from", curve), rows)]
+    headings = ("a reader that sees", "right", "of what it learned from", curve_heading(numbers["sizes"]))
+    return [Grid("What a touch's pixels tell", headings, rows)]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from experiments.fresh import Stream
 from experiments.parallel import run_tasks
 from experiments.press_numbers import IN_THE_IMAGE, NUMBERS, VIEWS, PressNumbers, collect_numbers, read_by_neighbours
-from experiments.study import Findings, Grid, Study, chunks, paired_difference, share, words
+from experiments.study import Findings, Grid, Study, chunks, curve_cell, curve_heading, paired_difference, share, words
 
 _TOUCHES_PER_TASK = 50
 _WHOLE = IN_THE_IMAGE[-1]
@@ -110,10 +110,10 @@ def _grids(numbers: dict[str, Any]) -> list[Grid]:
             words(view),
             f"{view['upper']:.3f}",
             str(view["num_neighbours"]),
-            " ".join(f"{value:.3f}" for value in view["curve"]),
+            curve_cell(view["curve"]),
         )
         for name, view in numbers["views"].items()
     ]
     rows.append(("the classifier, from the image", words(numbers["classifier"]), "", "", ""))
-    curve = "with " + ", ".join(str(size) for size in numbers["sizes"]) + " known"
-    return [Grid("What a touch's numbers tell", ("given", "neighbours", "at most", "votes", curve), rows)]
+    headings = ("given", "neighbours", "at most", "votes", curve_heading(numbers["sizes"]))
+    return [Grid("What a touch's numbers tell", headings, rows)]

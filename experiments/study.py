@@ -151,3 +151,13 @@ def words(entry: dict[str, Any], sign: str = "") -> str:
     """A number with its interval."""
     low, high = entry["interval"]
     return f"{entry['value']:{sign}.4f} [{low:{sign}.4f}, {high:{sign}.4f}]"
+
+
+def curve_heading(sizes: Sequence[int]) -> str:
+    """Over a column of accuracies with so many known touches each."""
+    return f"with {', '.join(map(str, sizes))} known"
+
+
+def curve_cell(accuracies: Sequence[float]) -> str:
+    """Accuracies with more and more known touches, in one cell."""
+    return " ".join(f"{accuracy:.3f}" for accuracy in accuracies)
