@@ -22,9 +22,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from activetouch.atomic import atomic_path
 from activetouch.backbones import BACKBONES
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
+from belief.errors import CorruptFile
+from belief.files import atomic_path
 
 _FORMAT = "activetouch-classifier-2"
 

@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path
 from activetouch.contact import Contact
-from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
+from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.scene import Scene
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
+from belief.files import atomic_path
 
 __all__ = [
     "SPLITS",

@@ -13,10 +13,6 @@ class UnstablePress(ActiveTouchError, RuntimeError):
     """The physics of a press diverged or MuJoCo warned; no touch can be trusted."""
 
 
-class CorruptFile(ActiveTouchError, ValueError):
-    """A checkpoint or data file is truncated, foreign, or was changed after it was written."""
-
-
 class LabelMismatch(ActiveTouchError, ValueError):
     """A model was made for other shapes or poses than the scene has."""
 

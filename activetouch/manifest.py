@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.atomic import write_text
 from activetouch.contact_model import contact_model
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
+from belief.errors import CorruptFile
+from belief.files import write_text
 
 SPLITS = ("train", "calibration", "test")
 FORMAT = 2  # the first one had no number, no versions and no digests

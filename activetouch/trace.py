@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 
 Floats = NDArray[np.float64]
 COLUMNS = ("cycle", "time", "x", "y", "z", "fx", "fy", "fz", "phase")

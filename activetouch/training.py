@@ -14,13 +14,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from activetouch.atomic import atomic_path
 from activetouch.augmentation import augment
 from activetouch.classifier import TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import CorruptFile, LabelMismatch, TrainingDiverged
+from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Symmetry
+from belief.errors import CorruptFile
+from belief.files import atomic_path
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
 from activetouch.rendering import read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.scenes import SCENES
 from belief import Touch
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
 from belief.observation_model import ArrayModel, read_observation_model
 
 if TYPE_CHECKING:

@@ -15,6 +15,14 @@ class ImpossibleObservation(ActiveTouchError, ValueError):
     """
 
 
+class CorruptFile(ActiveTouchError, ValueError):
+    """A file is truncated, is of another kind, or was changed after it was written."""
+
+
+class CannotWrite(ActiveTouchError, OSError):
+    """A file cannot be written: the disk is full, or the folder is read-only or no folder."""
+
+
 class UnknownName(ActiveTouchError, KeyError):
     """A name was looked up that no table has; the message suggests the nearest one and lists all."""
 

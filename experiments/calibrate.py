@@ -10,12 +10,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from activetouch.dataset import TouchSet, read_manifest, read_split
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
+from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
 from belief.selection import ModelChoice, choose_observation_model, log_posteriors

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 from belief.metrics import ReliabilityCurve
 from belief.observation_model.repeats import effective_touches
 from experiments.calibration_models import INDEPENDENT, ModelScores, Weight

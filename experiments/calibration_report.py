@@ -12,11 +12,11 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import Console
 
-from activetouch.atomic import write_text
 from activetouch.dataset import read_manifest, read_split
 from activetouch.manifest import Manifest
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.errors import ActiveTouchError
+from belief.files import write_text
 from belief.observation_model import RatioModel
 from belief.selection import OBSERVATION_MODELS
 from experiments.calibration_measurements import Measurements

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 from experiments.figures import PALETTE
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ from typing import Annotated
 import tyro
 
 from activetouch.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
-from activetouch.errors import CorruptFile
 from activetouch.manifest import Manifest, parting, read_manifest, seal, write_manifest
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CorruptFile
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 

@@ -21,7 +21,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from activetouch.contact import first_touch
 from activetouch.deformable import Deformable
 from activetouch.dynamic import Dynamic
@@ -32,6 +31,7 @@ from activetouch.press import Press, Quasistatic
 from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from activetouch.stage import Stage
+from belief.files import write_text
 from experiments.baseline import neighbour_accuracy
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 from experiments.sheets import ALL
 from experiments.summary import Comparison
 

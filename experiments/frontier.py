@@ -20,8 +20,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from activetouch.dataset import read_split
+from belief.files import write_text
 from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder
 from experiments.scores import Scores, scores

@@ -27,7 +27,6 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import atomic_path, write_text
 from activetouch.contact import Contact, with_numbers_of
 from activetouch.dataset import TouchSet
 from activetouch.deformable import Deformable
@@ -37,6 +36,7 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.errors import ActiveTouchError
+from belief.files import atomic_path, write_text
 from belief.statistics import cluster_bootstrap, paired_bootstrap
 from experiments.baseline import averaged, share_by_object, shares_without_image
 from experiments.parallel import default_jobs, run_tasks

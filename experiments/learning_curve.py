@@ -11,10 +11,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from activetouch.dataset import SPLITS, TouchSet, read_manifest, read_split
 from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES
+from belief.files import write_text
 from experiments.parallel import default_jobs
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.scores import Scores, scores

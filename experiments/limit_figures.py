@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 from experiments.figures import PALETTE
 from experiments.twins import Twin
 

@@ -12,8 +12,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from belief import Confirm, Reject
+from belief.files import write_text
 from belief.statistics import wilson_interval
 from experiments.results import RunFolder, read_episode
 from planners import Episode, Step

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from activetouch.atomic import write_text
+from belief.files import write_text
 from experiments.report import csv_link, environment
 from experiments.sheets import ALL, Sheet
 from experiments.summary import Comparison

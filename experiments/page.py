@@ -10,7 +10,7 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from activetouch.atomic import write_text
+from belief.files import write_text
 from experiments.study import Grid
 
 

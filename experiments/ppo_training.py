@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path, write_text
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
-from activetouch.errors import CorruptFile, MissingPackage
-from belief.errors import ActiveTouchError
+from activetouch.errors import MissingPackage
+from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import atomic_path, write_text
 from belief.observation_model import ArrayModel
 from experiments.ppo_recipe import PPORecipe
 from planners.ppo import Policy, PolicyCard

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.chance import touch_rng
+from belief.files import atomic_path
 from belief.problem import Action
 from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode

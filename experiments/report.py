@@ -14,8 +14,8 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from activetouch.atomic import write_text
 from belief import SearchProblem
+from belief.files import write_text
 from experiments.episodes import Setting
 from experiments.figures import Picture, pictures
 from experiments.replay import Frame, action_words, replay

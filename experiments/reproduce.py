@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Literal
 from rich.console import Console
 from rich.markdown import Markdown
 
-from activetouch.atomic import write_text
 from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
+from belief.files import write_text
 from experiments.compare import require_seed
 from experiments.from_nothing import Effort, sensor_from_nothing
 from experiments.parallel import default_jobs

@@ -25,9 +25,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from activetouch.atomic import atomic_path, write_text
-from activetouch.errors import CorruptFile
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
+from belief.files import atomic_path, write_text
 from planners import Episode
 
 _PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # what a touch depends on
@@ -35,10 +34,6 @@ _PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transform
 
 class RunMismatch(ActiveTouchError, ValueError):
     """A folder holds another run than the one that was asked for."""
-
-
-class CannotWrite(ActiveTouchError, OSError):
-    """The disk is full, or the folder may not be written to."""
 
 
 EPISODES_PER_SHARD = 25

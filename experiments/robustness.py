@@ -19,10 +19,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.atomic import atomic_path, write_text
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TactileSensor
 from belief.batch import TouchBatch
+from belief.files import atomic_path, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.novelty import MahalanobisScore, auroc_interval, energy_score
 from belief.observation_model import ArrayModel

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path
 from activetouch.dataset import TouchSet
 from activetouch.presentation import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
+from belief.files import atomic_path
 from experiments.parallel import run_tasks
 
 

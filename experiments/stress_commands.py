@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from activetouch.errors import CorruptFile, ImpossibleRecipe
+from activetouch.errors import ImpossibleRecipe
 from activetouch.recipe import RECIPES
 from activetouch.rendering import Quantisation
-from belief.errors import UnknownName
+from belief.errors import CannotWrite, CorruptFile, UnknownName
 from experiments.bank import SensorNoise, UnknownLikelihood
 from experiments.calibration_report import CalibrationReport
 from experiments.collect import Collect
@@ -18,7 +18,7 @@ from experiments.compare import BadArgument, Compare
 from experiments.episodes import Setting
 from experiments.explain import Explain
 from experiments.replay import Replay
-from experiments.results import CannotWrite, RunFolder, RunMismatch, ShardKey
+from experiments.results import RunFolder, RunMismatch, ShardKey
 from experiments.scene_choice import DuplicateShape, SceneChoice
 from experiments.sliding_windows import WindowPlan
 from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from activetouch import Quasistatic, Scene, TactileSensor
-from activetouch.atomic import atomic_path, write_text
 from activetouch.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
-from activetouch.errors import BadMesh, CorruptFile, LabelMismatch
+from activetouch.errors import BadMesh, LabelMismatch
 from activetouch.manifest import read_manifest, seal
 from activetouch.pad import Pad
 from activetouch.scenes import SCENES
 from activetouch.shapes import Mesh
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
 from belief.calibration import TemperatureScaling
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
+from belief.files import atomic_path, write_text
 from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses
 
 Damage = Callable[[Path], None]

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rich import box
 from rich.table import Table
 
-from activetouch.atomic import write_text
 from activetouch.scene import Scene
 from activetouch.world import TactileSensor
 from belief.batch import TouchBatch
+from belief.files import write_text
 from belief.selection import log_posteriors
 from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.fresh import Stream, fresh_readings

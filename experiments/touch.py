@@ -18,7 +18,6 @@ import numpy as np
 import tyro
 from rich.progress import track
 
-from activetouch.atomic import atomic_path
 from activetouch.cycles import record_cycles
 from activetouch.dynamic import Dynamic
 from activetouch.errors import MissingPackage, WrongPress
@@ -27,6 +26,7 @@ from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from activetouch.trace import write_csv
 from belief.errors import UnknownName
+from belief.files import atomic_path
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:

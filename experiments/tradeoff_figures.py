@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
-from activetouch.atomic import atomic_path
+from belief.files import atomic_path
 from experiments.figures import INK, PALETTE, STYLE, svg
 from experiments.tradeoff_picks import Front
 

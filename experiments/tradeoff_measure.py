@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from activetouch import TactileSensor, TouchWorld
-from activetouch.atomic import write_text
 from activetouch.world import MODELS, POLICIES
 from belief import Touch
+from belief.files import write_text
 from experiments.episodes import episode_seed, make_world
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff_models import observation_model

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from activetouch.atomic import write_text
 from activetouch.dataset import TouchSet, read_manifest, read_shard
 from activetouch.world import MODELS, load_observation_model
 from belief import Touch
+from belief.files import write_text
 from belief.observation_model import ArrayModel, read_observation_model
 from belief.selection import OBSERVATION_MODELS
 from experiments.scene_choice import repeats_folder

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.atomic import write_text
+from belief.files import write_text
 from belief.statistics import paired_bootstrap
 from experiments.page import Part, write_csv, write_page
 from experiments.study import Grid

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from activetouch.atomic import atomic_path, write_text
 from activetouch.world import MODELS, load_observation_model
 from belief.errors import UnknownName
+from belief.files import atomic_path, write_text
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.scene_choice import bank_folder, named_scene

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.atomic import atomic_path, write_text
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
+from belief.errors import CorruptFile
+from belief.files import atomic_path, write_text
 
 if TYPE_CHECKING:
     from activetouch.envs.object_test import ObjectTestEnv

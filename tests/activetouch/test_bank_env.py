@@ -14,11 +14,11 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touches import LiveTouches, SampledTouches
 from activetouch.envs.vector import BankVectorEnv
 from activetouch.envs.wrappers import BeliefShaping, PosteriorState
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
 from belief import BeliefTracker, Touch
 from belief.calibration import TemperatureScaling
 from belief.categorical import Belief
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
 from belief.observation_model import PLDAModel, RatioModel
 
 POSES = ("p0", "p1", "p2")

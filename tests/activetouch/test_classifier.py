@@ -13,9 +13,9 @@ from scipy.stats import binom
 from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.backbones import BACKBONES
 from activetouch.classifier import ClassifierCard, TouchClassifier, TouchNetwork
-from activetouch.errors import CorruptFile, LabelMismatch
+from activetouch.errors import LabelMismatch
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
 
 pytestmark = pytest.mark.torch
 SHIPPED = MODELS / "gel" / CLASSIFIER_FILE

@@ -27,13 +27,13 @@ from activetouch.dataset import (
 )
 from activetouch.deformable import Deformable
 from activetouch.distributions import Constant
-from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
+from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.manifest import seal
 from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.scene import Symmetry, Variation
 from activetouch.stage import Stage
-from belief.errors import UnknownName
+from belief.errors import CorruptFile, UnknownName
 
 PLAN = CollectionPlan(train=13, calibration=1, test=1)
 SCENE = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic())

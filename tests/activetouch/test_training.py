@@ -8,9 +8,10 @@ import torch
 
 from activetouch.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.dataset import TouchSet
-from activetouch.errors import CorruptFile, LabelMismatch, TrainingDiverged
+from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.training import Trainer
+from belief.errors import CorruptFile
 
 pytestmark = pytest.mark.torch
 RECIPE = replace(RECIPES["large"], epochs=3, batch_size=16, learning_rate=3e-3, warmup=0.2, bf16=False)

@@ -18,8 +18,9 @@ import tyro
 from activetouch import Quasistatic
 from activetouch.contact import elastic_contact, surface_gap
 from activetouch.dataset import CollectionPlan, read_manifest, read_split
-from activetouch.errors import CorruptFile, LabelMismatch, UnstablePress
+from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.manifest import Manifest
+from belief.errors import CorruptFile
 from experiments.collect import Collect, NotReproduced, collect
 from experiments.scene_choice import SceneChoice
 

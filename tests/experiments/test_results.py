@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.atomic import atomic_path, write_text
-from activetouch.errors import CorruptFile
+from belief.errors import CannotWrite, CorruptFile
+from belief.files import atomic_path, write_text
 from experiments.merge import Conflict, merge
-from experiments.results import CannotWrite, RunFolder, RunMismatch, Seconds, ShardKey
+from experiments.results import RunFolder, RunMismatch, Seconds, ShardKey
 
 ROOT = Path(__file__).parents[2]
 KEY = ShardKey("threshold", "hex-nut", 3)

@@ -12,8 +12,8 @@ from activetouch.envs.episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touches import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
-from activetouch.errors import CorruptFile, MissingPackage
-from belief.errors import UnknownName
+from activetouch.errors import MissingPackage
+from belief.errors import CorruptFile, UnknownName
 from belief.synthetic import random_model
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo_reference import reference, thresholds
