@@ -27,6 +27,7 @@ from activetouch.contact import Contact
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.scene import Scene
+from belief.chance import keyed_rng
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path
 
@@ -94,7 +95,7 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
         number: of the object in its split.
         draw: how many objects were drawn for this number before, and could not be pressed.
     """
-    return np.random.default_rng([plan.seed, SPLITS.index(split), number, draw])  # a last 0 changes nothing
+    return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
 def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:

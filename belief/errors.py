@@ -7,6 +7,10 @@ class ActiveTouchError(Exception):
     """Base class of every error this project raises on purpose."""
 
 
+class InvalidArgument(ActiveTouchError, ValueError):
+    """An argument is not what the function takes; the message says what was given and what would do."""
+
+
 class ImpossibleObservation(ActiveTouchError, ValueError):
     """The evidence has zero likelihood under every hypothesis still believed in.
 

@@ -26,6 +26,7 @@ from scipy.special import log_ndtr
 
 from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
 from activetouch.scene import Scene, Symmetry
+from belief.chance import keyed_rng
 from belief.errors import ActiveTouchError
 from experiments.fresh import Stream
 
@@ -160,7 +161,7 @@ def log_evidence_of_slice(
     Returns:
         Shape, number, and log of the mean likelihood over the slice, ``(N,)``.
     """
-    rng = np.random.default_rng([seed, Stream.BANK, shape, number])
+    rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
     views = symmetric_views(ideal_images(scene, shape, IMAGES_PER_SLICE, rng), ideal_symmetry(scene))
     means = noise.sample_means(views.reshape(-1, *views.shape[2:]), rng)
     return shape, number, noise.log_sum_likelihood(readings, means) - np.log(len(means))

@@ -15,6 +15,7 @@ from rich.console import Console
 from activetouch.dataset import read_manifest, read_split
 from activetouch.manifest import Manifest
 from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.chance import keyed_rng
 from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.observation_model import RatioModel
@@ -153,7 +154,7 @@ class CalibrationReport:
         )
 
     def _rng(self, *key: int) -> np.random.Generator:
-        return np.random.default_rng([self.seed, *key])
+        return keyed_rng([self.seed, *key], is_fixed_length=True)
 
     def _in_order(self, tasks: list, description: str) -> list:
         """Results of tasks that say their name, in the order of the tasks whatever came first."""

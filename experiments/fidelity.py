@@ -31,6 +31,7 @@ from activetouch.press import Press, Quasistatic
 from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from activetouch.stage import Stage
+from belief.chance import keyed_rng
 from belief.files import write_text
 from experiments.baseline import neighbour_accuracy
 from experiments.parallel import default_jobs, run_tasks
@@ -184,7 +185,7 @@ def _depth(name: str, kind: str, press: Press, placement: Placement, force: floa
 def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[int, int, Pressed]:
     rows, images = [], []
     for number in numbers:
-        rng = np.random.default_rng([seed, shape, number])
+        rng = keyed_rng([seed, shape, number], is_fixed_length=True)
         thing = scene.sample_object(shape, rng)
         placement = scene.place(thing, number % len(scene.poses), rng)
         target = scene.variation.force.sample(rng)

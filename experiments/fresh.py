@@ -17,6 +17,7 @@ from activetouch.contact import Contact
 from activetouch.placement import Placement
 from activetouch.rendering import Fault, Noise, read_out
 from activetouch.scene import Scene
+from belief.chance import keyed_rng
 
 Floats = NDArray[np.float64]
 
@@ -63,7 +64,7 @@ def fresh_touch(scene: Scene, seed: int, stream: Stream, number: int) -> FreshTo
     Raises:
         UnstablePress: no press of it settled.
     """
-    rng = np.random.default_rng([seed, stream, number])
+    rng = keyed_rng([seed, stream, number], is_fixed_length=True)
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
     placement, contact, _ = scene.settled_contact(scene.sample_object(shape, rng), pose, rng)
     clean = scene.renderer(contact)

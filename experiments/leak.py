@@ -35,6 +35,7 @@ from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.chance import keyed_rng
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, write_text
 from belief.statistics import cluster_bootstrap, paired_bootstrap
@@ -136,7 +137,7 @@ class Leak:
             shares[CLASSIFIER] = judged(touched, touched.plain[CLASSIFIER], touched.lent[CLASSIFIER])
         if self.train:
             shares |= self._small_networks(scene, touched)
-        rng = np.random.default_rng([self.seed, _KEY, _INTERVALS])
+        rng = keyed_rng([self.seed, _KEY, _INTERVALS], is_fixed_length=True)
         result = {
             "scene": self.choice.to_dict(),
             "renderer": repr(scene.renderer),
@@ -207,7 +208,7 @@ def exchange(scene: Scene, num_objects: int, key: Key, readings: Readings, jobs:
             "take --fidelity quasistatic, dynamic or guarded_move"
         )
     touches = np.arange(num_objects * len(scene.shapes) * len(scene.poses))
-    lenders = np.random.default_rng([*key, _KEY]).permutation(len(touches))
+    lenders = keyed_rng([*key, _KEY], is_fixed_length=True).permutation(len(touches))
     tasks = [
         partial(_touch_some, scene, key, touches[first : first + _PER_TASK], lenders[first : first + _PER_TASK])
         for first in range(0, len(touches), _PER_TASK)
@@ -233,15 +234,15 @@ def _touch_some(scene: Scene, key: Key, touches: Integers, lenders: Integers) ->
         (contact, stiffness), (other, _) = _press(scene, key, touch), _press(scene, key, lender)
         numbers.append((contact.force, contact.depth))
         for images, shown in ((plain, contact), (lent, with_numbers_of(other, contact, stiffness))):
-            images.append(read_out(scene.renderer(shown), scene.faults, np.random.default_rng([*key, _KEY, touch, 1])))
+            images.append(read_out(scene.renderer(shown), scene.faults, keyed_rng([*key, _KEY, touch, 1])))
     return int(touches[0]), np.array(numbers), np.stack(plain), np.stack(lent)
 
 
 def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
     """A touch, and the stiffness of its object; the same however often it is asked for."""
     number, pose = divmod(touch, len(scene.poses))
-    thing = scene.sample_object(number % len(scene.shapes), np.random.default_rng([*key, _KEY, number, 2]))
-    rng = np.random.default_rng([*key, _KEY, touch, 3])
+    thing = scene.sample_object(number % len(scene.shapes), keyed_rng([*key, _KEY, number, 2]))
+    rng = keyed_rng([*key, _KEY, touch, 3])
     _, contact, _ = scene.settled_contact(thing, pose, rng)
     return contact, thing.stiffness
 

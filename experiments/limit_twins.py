@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.scene import Scene
+from belief.chance import keyed_rng
 from experiments.bank import ideal_symmetry
 from experiments.fresh import Stream, fresh_touch
 from experiments.parallel import run_tasks
@@ -112,7 +113,7 @@ class TwinSearch:
 
     def _choose(self, study: Study, right: NDArray[np.bool_], ranked: NDArray[np.int64]) -> list[Wanted]:
         """Misread touches, as many others, and the control: at random, but the same whatever the number of workers."""
-        rng = np.random.default_rng([study.seed, len(right)])
+        rng = keyed_rng([study.seed, len(right)], is_fixed_length=True)
         shapes = study.shapes
         misread, others = (rng.permutation(np.flatnonzero(kind))[: self.pairs] for kind in (~right, right))
         wanted = [Wanted("misread", int(n), int(shapes[n]), int(ranked[n, 0])) for n in misread]

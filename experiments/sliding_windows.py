@@ -19,6 +19,7 @@ from activetouch.dataset import TouchSet
 from activetouch.presentation import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
+from belief.chance import keyed_rng
 from belief.files import atomic_path
 from experiments.parallel import run_tasks
 
@@ -77,7 +78,7 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
     renderer = scene.renderer
     assert isinstance(renderer, ForcePatchRenderer), "windows are drawn from a log of forces"
-    rng = np.random.default_rng([plan.seed, stream, number])
+    rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
     thing = scene.sample_object(number % len(scene.shapes), rng)
     images: list[NDArray[np.uint8]] = []
     rows: list[Sequence[float]] = []

@@ -12,6 +12,7 @@ import numpy as np
 
 from belief import Composition, Counts, ImpossibleObservation, Probe, SearchProblem, Touch
 from belief.calibration import TemperatureScaling
+from belief.chance import keyed_rng
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
@@ -46,7 +47,7 @@ _MODEL_BASED = tuple(name for name in DECIDERS if name not in TRAINED)
 
 
 def _search(decider: Decider, problem: SearchProblem, model: ConfusionModel, number: int, target: int = 0) -> Episode:
-    rng = np.random.default_rng([number, 7])
+    rng = keyed_rng([number, 7])
     world = SyntheticWorld(model, sample_arrangement(problem, rng))
     return search(world, decider, problem, target, model, (number,))
 

@@ -25,6 +25,7 @@ from activetouch.placement import Placement
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from activetouch.trace import write_csv
+from belief.chance import keyed_rng
 from belief.errors import UnknownName
 from belief.files import atomic_path
 from experiments.scene_choice import SceneChoice
@@ -117,9 +118,11 @@ class Gallery:
         scene = traced(self.choice.named.scene)
         images = {}
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-            thing = scene.sample_object(shape_index, np.random.default_rng([self.seed, shape_index]))
+            thing = scene.sample_object(shape_index, keyed_rng([self.seed, shape_index], is_fixed_length=True))
             for pose_index, pose in enumerate(scene.pose_labels):
-                contact, _ = scene.press(thing, pose_index, np.random.default_rng([self.seed, shape_index, pose_index]))
+                contact, _ = scene.press(
+                    thing, pose_index, keyed_rng([self.seed, shape_index, pose_index], is_fixed_length=True)
+                )
                 for name, renderer in RENDERERS.items():
                     images[shape, name, pose] = renderer(contact)
         with atomic_path(self.out) as temporary:
@@ -152,7 +155,7 @@ class Record:
         """Press and write."""
         scene = self.choice.named.scene
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
-            rng = np.random.default_rng([self.seed, shape_index])
+            rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)
             cycles = record_cycles(scene, scene.sample_object(shape_index, rng), self.cycles, rng)
             write_csv(self.out / f"{shape}.csv", cycles)
         print(f"wrote {len(scene.shapes)} files to {self.out}")

@@ -33,6 +33,7 @@ from activetouch.poses import Quaternion, multiply
 from activetouch.press import Quasistatic
 from activetouch.rendering import Gain, Noise
 from activetouch.scene import Scene, Symmetry, Variation
+from belief.chance import keyed_rng
 from experiments.bank import UnknownLikelihood, symmetric_views
 from experiments.fresh import Stream, split_at_noise
 
@@ -156,7 +157,7 @@ def bank_slice(
     scene: Scene, shape: int, number: int, count: int, seed: int
 ) -> tuple[int, int, list[Pressing], NDArray[np.float32]]:
     """Presses of a shape as the scene draws them, on a coarse pad: shape, number, presses and their coarse images."""
-    rng = np.random.default_rng([seed, Stream.BANK, shape, number])
+    rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
     coarse, pressings, images = sketched(scene, SKETCH_EDGE), [], []
     for index in range(count):
         placement = scene.place(scene.sample_object(shape, rng), index % len(scene.poses), rng)

@@ -16,12 +16,10 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
-from belief.chance import touch_rng
+from belief.chance import deciding_rng, touch_rng
 from belief.observation_model import ObservationModel
 from planners.decider import Decider, InformationState
 from planners.episode import Episode, Outcome, Step
-
-_DECIDING = 3  # stream of an episode's seed, beside those of belief.chance
 
 
 class World(Protocol):
@@ -141,7 +139,7 @@ def _loop(
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
     world.reset()
     scene = SceneBelief(problem, model, target=target)
-    rng = np.random.default_rng([*seed, _DECIDING])
+    rng = deciding_rng(seed)
     steps: list[Step] = []
     object_index = num_touches = 0
 

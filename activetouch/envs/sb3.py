@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from activetouch.envs.episodes import BankEpisodes
+from belief.chance import keyed_rng
 
 
 class BankVecEnv(VecEnv):
@@ -26,7 +27,7 @@ class BankVecEnv(VecEnv):
     """
 
     def __init__(self, episodes: BankEpisodes, seed: Sequence[int]) -> None:
-        self._episodes, self._seed, self._rng = episodes, tuple(seed), np.random.default_rng(seed)
+        self._episodes, self._seed, self._rng = episodes, tuple(seed), keyed_rng(seed, is_fixed_length=True)
         self._actions = np.zeros(episodes.num_envs, np.int64)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None
@@ -36,7 +37,7 @@ class BankVecEnv(VecEnv):
     def reset(self) -> NDArray[np.float32]:
         """New episodes in all rows."""
         if self._seeds[0] is not None:
-            self._rng = np.random.default_rng([*self._seed, self._seeds[0]])
+            self._rng = keyed_rng([*self._seed, self._seeds[0]], is_fixed_length=True)
         self._reset_seeds()
         self._returns[:], self._lengths[:] = 0.0, 0
         self._episodes.reset(np.arange(self.num_envs), self._rng)
