@@ -7,9 +7,11 @@ from belief.batched_tracker import BatchedBeliefTracker
 from belief.categorical import Belief
 from belief.composition import Composition, Counts
 from belief.errors import ActiveTouchError, ImpossibleObservation
+from belief.history import TouchHistory
 from belief.impossible import FloorLikelihood, IgnoreImpossible, RaiseImpossible, ZeroPriorTarget
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch
 from belief.scene import SceneBelief
+from belief.scene_view import SceneView
 from belief.tracker import BeliefTracker
 
 __all__ = [
@@ -27,7 +29,9 @@ __all__ = [
     "RaiseImpossible",
     "Reject",
     "SceneBelief",
+    "SceneView",
     "SearchProblem",
     "Touch",
+    "TouchHistory",
     "ZeroPriorTarget",
 ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TypeAlias
 
 import numpy as np
@@ -98,8 +99,8 @@ class SearchProblem:
             )
         if not (np.isfinite(self.touch_cost) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
-        if self.touch_limit < 1:
-            raise ValueError(f"touch_limit must be at least 1, got {self.touch_limit}")
+        if not isinstance(self.touch_limit, Integral) or self.touch_limit < 1:  # NaN and infinity cut nothing off
+            raise ValueError(f"touch_limit must be an integer, at least 1, got {self.touch_limit!r}")
 
     @property
     def num_shapes(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,9 +12,11 @@ from belief.arrangement import blank_objects, log_arrangement_marginals, num_sta
 from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation
+from belief.history import TouchHistory
 from belief.impossible import RAISE, ImpossiblePolicy, warn_of_zero_prior
 from belief.observation_model import ObservationModel
 from belief.problem import Floats, SearchProblem, Touch
+from belief.scene_view import SceneView
 
 _UNKNOWN = -1
 
@@ -94,15 +97,26 @@ class SceneBelief:
         self._prior = prior if prior is not None else Belief.uniform(self.labels)
         self._on_impossible = on_impossible
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
-        self._touches: list[tuple[Touch, ...]] = [()] * problem.num_objects
+        self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._known = np.full(problem.num_objects, _UNKNOWN)
         self._on_table = np.ones(problem.num_objects, np.bool_)
         self._log_marginals = self._compute(self._log_likelihoods, self._known)
         if target is not None and np.isneginf(self._log_marginals[:, self._shape(target)]).all():
             warn_of_zero_prior(self.labels[target], "the prior" if self._counts is None else "the bag")
 
-    def touches(self, object_index: int) -> tuple[Touch, ...]:
-        """All touches of one object that count, oldest first."""
+    def view(self) -> SceneView:
+        """The belief as it is now, for reading only: what comes later does not show in it."""
+        now = copy.copy(self)
+        now._touches, now._on_table = self._touches.copy(), self._on_table.copy()  # what is changed in place
+        return SceneView(now)
+
+    @property
+    def num_objects(self) -> int:
+        """N, those that are known or removed included."""
+        return len(self._touches)
+
+    def touches(self, object_index: int) -> TouchHistory:
+        """All touches of one object that count, oldest first; it stays as it is when more are made."""
         return self._touches[self._object(object_index)]
 
     def marginals(self) -> Floats:
@@ -131,7 +145,7 @@ class SceneBelief:
         """
         if not self._on_table[self._object(object_index)]:
             raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
-        all_touches = (*self._touches[object_index], *touches)
+        all_touches = self._touches[object_index].extended(touches)
         log_likelihoods = self._log_likelihoods.copy()
         log_likelihoods[object_index] = self._on_impossible.temper(self._model.log_likelihood(all_touches))
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from belief import SceneBelief, SearchProblem
+from belief import SceneView, SearchProblem
 from belief.problem import Floats
 from planners.solve.stages import Stage, StagedProblem
 
@@ -52,7 +52,7 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)
 
 
-def belief_by_target(problem: SearchProblem, scene: SceneBelief, target: int, object_index: int) -> Floats:
+def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, object_index: int) -> Floats:
     """The exact marginals of a scene, as a belief about a stage of :func:`stages_by_target`, ``(2K,)``."""
     assert problem.counts is not None, "the composition has counts"
     marginals = scene.marginals()

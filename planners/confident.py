@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief import Probe
+from planners.answers import checked_decision
 from planners.decider import Decider, Decision, InformationState, ProbeSelector, StoppingRule
 
 
@@ -29,7 +30,7 @@ class Confident:
         stopped = self.stopping.stop(info)
         if stopped is not None:
             return stopped
-        wanted = self.decider.decide(info, rng)
+        wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
         if isinstance(wanted.action, Probe):
             return wanted
         chosen = self.fallback.choose(info, rng)

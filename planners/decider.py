@@ -8,13 +8,19 @@ with a :class:`Decision`: the action, and the scores that led to it. The commone
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from belief import Belief, Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief import Belief, Confirm, Probe, Reject, SceneBelief, SceneView, SearchProblem, Touch, TouchHistory
+from belief.errors import ActiveTouchError
+
+
+class BadState(ActiveTouchError, TypeError):
+    """An information state was to be made of something else than it takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,22 +31,53 @@ class InformationState:
         problem: the search.
         target: index of the shape sought.
         belief: about the current object, given all touches of all objects.
-        history: touches of the current object, oldest first.
+        history: touches of the current object, oldest first; becomes a :class:`belief.TouchHistory`.
         object_index: how many objects were rejected before this one.
-        scene: the joint belief about all objects, for deciders that plan beyond the current one; to be read only.
+        scene: the joint belief about all objects as it is now, for deciders that plan beyond the current one.
+
+    Nothing in it changes when more is felt, and nothing in it can be changed.
+
+    Raises:
+        BadState: the scene is a :class:`belief.SceneBelief`, which can be changed; its :meth:`view` is for deciders.
     """
 
     problem: SearchProblem
     target: int
     belief: Belief
-    history: tuple[Touch, ...] = ()
+    history: Sequence[Touch] = ()
     object_index: int = 0
-    scene: SceneBelief | None = None
+    scene: SceneView | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.scene, SceneView | None):
+            raise BadState(
+                f"a decider reads a SceneView, got {type(self.scene).__name__}; the method view() of a SceneBelief "
+                f"makes one, and InformationState.of takes the SceneBelief itself"
+            )
+        if not isinstance(self.history, TouchHistory):
+            object.__setattr__(self, "history", TouchHistory(self.history))
+
+    @classmethod
+    def of(cls, problem: SearchProblem, target: int, scene: SceneBelief, object_index: int) -> InformationState:
+        """What a decider sees of a scene when it is at an object."""
+        return cls(problem, target, scene.belief(object_index), scene.touches(object_index), object_index, scene.view())
 
     @property
     def target_prob(self) -> float:
         """Probability that the current object is the target."""
         return float(np.exp(self.belief.log_probs[self.target]))
+
+    @property
+    def uses(self) -> NDArray[np.int64]:
+        """How often the current object was touched in each pose, ``(P,)``.
+
+        >>> problem = SearchProblem(("cube", "cone"), ("front", "side", "top"), num_objects=1)
+        >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 2, 2)]
+        >>> InformationState(problem, 0, Belief.uniform(("cube", "cone")), touches).uses.tolist()
+        [1, 0, 2]
+        """
+        assert isinstance(self.history, TouchHistory), "made one at construction"
+        return self.history.uses(self.problem.num_poses)
 
     @property
     def num_left(self) -> int:

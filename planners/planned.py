@@ -24,7 +24,6 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.by_target import belief_by_target, stages_by_target
 from planners.decider import Decision, InformationState
-from planners.probing import num_uses
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchTouchProblem
 from planners.solve.files import table_sha256
@@ -106,7 +105,7 @@ class PointBased:
             return stop
         if not info.history:
             return Decision(Probe(int(plans.actions[best])), scores)
-        weights = self.repeats.weights(num_uses(info))
+        weights = self.repeats.weights(info.uses)
         probes = _look_ahead(planned.search, number, by_touches[touches + 1], belief, weights)
         scores |= {
             f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True) if q > -np.inf

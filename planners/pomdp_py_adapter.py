@@ -38,7 +38,6 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
 from planners.decider import Decision, InformationState
-from planners.probing import num_uses
 from planners.rest import prob_missed, target_chances
 
 END = SimpleState("end")
@@ -300,7 +299,7 @@ def _settings(info: InformationState, simulations: int, agent: pomdp_py.Agent) -
 
 def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
     """What makes sense now: not to confirm what is ruled out, nor to repeat a pose while another is fresher."""
-    uses = num_uses(info)
+    uses = info.uses
     all_used = len(info.history) >= max(info.problem.touch_limit // info.problem.num_objects, 1)
     return [
         theirs

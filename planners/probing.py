@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from belief import Probe
 from belief.bayes import expected_information_gain, target_information_gain
@@ -30,7 +29,7 @@ class RandomOrder:
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
-        uses = num_uses(info)
+        uses = info.uses
         return Decision(Probe(int(rng.choice(np.flatnonzero(uses == uses.min())))), {"target_prob": info.target_prob})
 
 
@@ -69,21 +68,8 @@ class ShapeInformationGain:
         return _best(info, expected_information_gain(info.belief.probs, self.table.probs), self.repeats)
 
 
-def num_uses(info: InformationState) -> NDArray[np.int64]:
-    """How often the current object was touched in each pose, ``(P,)``.
-
-    >>> from belief import Belief, SearchProblem, Touch
-    >>> problem = SearchProblem(("cube", "cone"), ("front", "side", "top"), num_objects=1)
-    >>> touches = tuple(Touch(pose, np.zeros(2)) for pose in (0, 2, 2))
-    >>> num_uses(InformationState(problem, 0, Belief.uniform(("cube", "cone")), touches)).tolist()
-    [1, 0, 2]
-    """
-    poses = np.array([touch.pose for touch in info.history], np.int64)
-    return np.bincount(poses, minlength=info.problem.num_poses)
-
-
 def _best(info: InformationState, gains: Floats, repeats: RepeatDiscount) -> Decision:
-    uses = num_uses(info)
+    uses = info.uses
     weights = repeats.weights(uses)
     worth = np.where(weights > 0.0, gains * weights, -np.inf)
     best = np.flatnonzero(worth == worth.max())

@@ -18,6 +18,7 @@ import numpy as np
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.chance import deciding_rng, touch_rng
 from belief.observation_model import ObservationModel
+from planners.answers import checked_decision
 from planners.decider import Decider, InformationState
 from planners.episode import Episode, Outcome, Step
 
@@ -73,6 +74,7 @@ def search(
         seed: of the episode; the same seed gives the same episode.
 
     Raises:
+        BadDecision: the decider answers something that is no decision.
         ImpossibleObservation: a touch contradicts everything still believed in.
     """
     return search_lockstep([world], decider, problem, [target], model, [seed])[0]
@@ -147,22 +149,19 @@ def _loop(
         return Episode(seed, target, arrangement, tuple(steps), outcome)
 
     while True:
-        history = scene.touches(object_index)
-        belief = scene.belief(object_index)
-        decision = decider.decide(InformationState(problem, target, belief, history, object_index, scene), rng)
+        info = InformationState.of(problem, target, scene, object_index)
+        decision = checked_decision(decider.decide(info, rng), decider, problem)
         action, touch = decision.action, None
         if isinstance(action, Probe):
-            if not 0 <= action.pose < problem.num_poses:
-                raise ValueError(f"the decider asked for pose {action.pose}, there are {list(problem.pose_labels)}")
-            if num_touches == problem.touch_limit:
-                steps.append(Step(object_index, belief, decision, None))
+            if num_touches >= problem.touch_limit:
+                steps.append(Step(object_index, info.belief, decision, None))
                 return end(Outcome.TRUNCATED)
-            repeat = sum(earlier.pose == action.pose for earlier in history)
+            repeat = int(info.uses[action.pose])
             touch = yield TouchRequest(world, action.pose, touch_rng(seed, object_index, action.pose, repeat))
             assert touch is not None, "a waiting episode is only ever resumed with its touch"
             scene.update(object_index, [touch])
             num_touches += 1
-        steps.append(Step(object_index, belief, decision, touch))
+        steps.append(Step(object_index, info.belief, decision, touch))
         if isinstance(action, Confirm):
             return end(Outcome.CONFIRMED)
         if isinstance(action, Reject):

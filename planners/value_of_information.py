@@ -26,7 +26,6 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
-from planners.probing import num_uses
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 from planners.rest import RestValues
 
@@ -98,7 +97,7 @@ class ValueOfInformation:
 
     def probe_values(self, info: InformationState, payoffs: Floats) -> Floats:
         """What the best plan is worth that begins with a probe in each pose, ``(P,)``; -inf out of the running."""
-        belief, cost, uses = info.belief.probs, info.problem.touch_cost, num_uses(info)
+        belief, cost, uses = info.belief.probs, info.problem.touch_cost, info.uses
         num_poses, num_outcomes = self.table.num_poses, self.table.num_outcomes
         now = (payoffs @ belief).max()
         joint = belief[:, None] * self._columns  # (K, P M), p(shape, outcome)

@@ -79,7 +79,7 @@ def test_the_belief_knows_what_may_have_been_given_away():
         problem = problem_of(composition, 3)
         scene = SceneBelief(problem, model)
         scene.update(0, [Touch(0, np.log(TABLE.probs[0, :, 0]))])
-        info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+        info = InformationState.of(problem, 0, scene, 1)
         rules = adapter.Rules(problem, 0, TABLE)
         histogram = adapter.belief_histogram(rules, info)
         assert sum(histogram.values()) == pytest.approx(1.0)

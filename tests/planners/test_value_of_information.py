@@ -125,7 +125,7 @@ def test_a_target_ruled_out_is_rejected_even_where_nothing_is_left_to_gain(rng):
     problem = SearchProblem(("a", "b"), ("p",), 2)
     scene = SceneBelief(problem, model)
     scene.update(0, model.sample(0, [0], rng))  # the target, which was rejected all the same
-    info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+    info = InformationState.of(problem, 0, scene, 1)
     assert prob_missed(info) == 1.0
     assert ValueOfInformation(model.table).decide(info, rng).action == Reject()
 
@@ -135,7 +135,7 @@ def test_the_last_of_all_distinct_objects_is_confirmed_untouched(rng):
     problem = SearchProblem(("a", "b"), ("p",), 2)
     scene = SceneBelief(problem, model)
     scene.update(0, [Touch(0, np.log([0.4, 0.6]))])
-    info = InformationState(problem, 0, scene.belief(1), (), 1, scene)
+    info = InformationState.of(problem, 0, scene, 1)
     assert ValueOfInformation(model.table).decide(info, rng).action == Confirm()
 
 

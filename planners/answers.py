@@ -1,0 +1,76 @@
+"""What a decider answered, checked before it is acted on or written down."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Mapping
+from dataclasses import replace
+from numbers import Real
+from typing import Any
+
+from belief import Confirm, Probe, Reject, SearchProblem
+from belief.errors import ActiveTouchError
+from planners.decider import Decision
+
+_WORKS = "a decider answers Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"
+
+
+class BadDecision(ActiveTouchError, ValueError):
+    """A decider answered something that is no decision of this search."""
+
+
+def checked_decision(decision: Any, decider: object, problem: SearchProblem) -> Decision:
+    """The decision, with plain numbers in place of numpy's.
+
+    Args:
+        decision: what was answered.
+        decider: who did, for the message.
+        problem: what was asked about.
+
+    Raises:
+        BadDecision: it is no :class:`Decision`, its action is none, its pose is none of the problem's, or a score is no
+            finite number.
+
+    >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1)
+    >>> checked_decision("confirm", None, problem)
+    Traceback (most recent call last):
+    ...
+    planners.answers.BadDecision: the decider NoneType answered 'confirm'; a decider answers Decision(Probe(pose)), \
+Decision(Confirm()) or Decision(Reject())
+    """
+    who = f"the decider {type(decider).__name__} answered"
+    if not isinstance(decision, Decision):
+        raise BadDecision(f"{who} {decision!r}; {_WORKS}")
+    action = decision.action
+    if isinstance(action, Probe):
+        pose = _pose(action.pose, problem, who)
+        if type(action.pose) is not int:
+            decision = replace(decision, action=Probe(pose))
+    elif not isinstance(action, Confirm | Reject):
+        raise BadDecision(f"{who} the action {action!r}; {_WORKS}")
+    return _with_plain_scores(decision, who)
+
+
+def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
+    try:
+        index = None if isinstance(pose, bool) else operator.index(pose)
+    except TypeError:
+        index = None
+    if index is None or not 0 <= index < problem.num_poses:
+        raise BadDecision(
+            f"{who} Probe({pose!r}); a pose is an integer in [0, {problem.num_poses}), for {list(problem.pose_labels)}"
+        )
+    return index
+
+
+def _with_plain_scores(decision: Decision, who: str) -> Decision:
+    scores = decision.scores
+    if not isinstance(scores, Mapping):
+        raise BadDecision(f"{who} with the scores {scores!r}; scores are named numbers, such as {{'value': 0.5}}")
+    plain = True
+    for name, value in scores.items():
+        if not isinstance(name, str) or not isinstance(value, Real) or not math.isfinite(value):
+            raise BadDecision(f"{who} with the score {name!r}: {value!r}; scores are named, finite numbers")
+        plain = plain and isinstance(value, float)
+    return decision if plain else replace(decision, scores={name: float(value) for name, value in scores.items()})

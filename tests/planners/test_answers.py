@@ -1,0 +1,96 @@
+"""Whatever a decider answers, a search ends: with an episode, or with an error that says what was answered."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from belief import Confirm, Probe, Reject, SearchProblem
+from belief.errors import ActiveTouchError
+from belief.synthetic import SyntheticWorld
+from planners import Decision, search
+from planners.answers import BadDecision
+from planners.confident import Confident
+from planners.probing import FixedOrder
+from planners.stopping import PosteriorThresholds
+
+
+class Answers:
+    """A decider that always answers the same."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def decide(self, info, rng):
+        return self.answer
+
+
+def play(decider, model, **rules):
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4, **rules)
+    return search(SyntheticWorld(model, (0, 1, 2, 3)), decider, problem, 0, model, (0,))
+
+
+NO_DECISIONS = {
+    "None": None,
+    "a word": "confirm",
+    "a number": 3,
+    "an action by itself": Confirm(),
+    "something like a decision": SimpleNamespace(action=Confirm(), scores={}),
+    "a decision on nothing": Decision(None),
+    "a decision on a word": Decision("confirm"),
+    "a decision on a number": Decision(3),
+    "the class of an action": Decision(Confirm),
+    "a pose by name": Decision(Probe("p0")),
+    "half a pose": Decision(Probe(0.5)),
+    "a pose as a float": Decision(Probe(1.0)),
+    "a pose that is NaN": Decision(Probe(float("nan"))),
+    "no pose": Decision(Probe(None)),
+    "a truth value for a pose": Decision(Probe(True)),
+    "a pose too many": Decision(Probe(3)),
+    "a pose before the first": Decision(Probe(-1)),
+    "a score that is no number": Decision(Probe(0), {"value": "high"}),
+    "a score that is NaN": Decision(Probe(0), {"value": float("nan")}),
+    "a score without a name": Decision(Probe(0), {1: 0.5}),
+    "no scores": Decision(Probe(0), None),
+}
+
+
+@pytest.mark.parametrize("what", NO_DECISIONS)
+@pytest.mark.parametrize(
+    "wrap", [Answers, lambda answer: Confident(PosteriorThresholds(), Answers(answer), FixedOrder())]
+)
+def test_what_is_no_decision_is_an_error_that_says_who_answered_what(what, wrap, model):
+    with pytest.raises(BadDecision, match="Answers answered") as caught:
+        play(wrap(NO_DECISIONS[what]), model)
+    assert isinstance(caught.value, ActiveTouchError)
+    answer = NO_DECISIONS[what]
+    named = answer.action if isinstance(answer, Decision) and answer.scores == {} else answer
+    assert isinstance(answer, Decision) or repr(named) in str(caught.value)
+
+
+def test_an_action_by_itself_is_told_what_works(model):
+    with pytest.raises(BadDecision, match=r"Decision\(Confirm\(\)\)"):
+        play(Answers(Confirm()), model)
+
+
+def test_numbers_of_numpy_are_numbers_and_are_written_down_as_such(model):
+    class Numpy:
+        def decide(self, info, rng):
+            done = len(info.history) > 1
+            return Decision(Reject() if done else Probe(np.int64(2)), {"value": np.float32(0.5), "touches": 2})
+
+    episode = play(Numpy(), model)
+    assert episode.num_touches == 8
+    first = json.loads(json.dumps(episode.to_dict()))["steps"][0]
+    assert (first["action"], first["scores"]) == (2, {"value": 0.5, "touches": 2.0})
+
+
+@pytest.mark.parametrize("limit", [float("nan"), float("inf"), 1.5, 0, -1, None, "48"])
+def test_a_touch_limit_that_cuts_nothing_off_is_refused(limit, model):
+    with pytest.raises(ValueError, match="touch_limit must be an integer, at least 1"):
+        play(Answers(Decision(Probe(0))), model, touch_limit=limit)
+
+
+def test_who_probes_for_ever_is_cut_off(model):
+    assert play(Answers(Decision(Probe(0))), model, touch_limit=5).num_touches == 5
