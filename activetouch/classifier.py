@@ -1,8 +1,7 @@
 """The network that reads a tactile image, its checkpoint format, and batched inference.
 
 A checkpoint is one safetensors file: weights in half precision, and in its header everything needed to use them
-honestly: shape and pose labels, what the images were, the MuJoCo version they came from, how training ended, and a
-SHA-256 of it all. Loading runs no code from the file.
+honestly (:mod:`activetouch.card`) and a SHA-256 of it all. Loading runs no code from the file.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import copy
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,38 +22,9 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.backbones import BACKBONES
-from activetouch.errors import LabelMismatch
+from activetouch.card import FORMAT, ClassifierCard, card_from, parse_card
 from belief.errors import CorruptFile
 from belief.files import atomic_path
-
-_FORMAT = "activetouch-classifier-2"
-
-
-@dataclass(frozen=True)
-class ClassifierCard:
-    """What a classifier is and what it was trained for; the checkpoint's header.
-
-    Attributes:
-        backbone: a key of :data:`BACKBONES`.
-        input_size: edge the image is averaged down, or repeated up, to before the network sees it [pixels].
-        shape_labels, pose_labels: of the scene it was trained on.
-        channels: of the images: 1, or 3 in colour.
-        pixel_mean, pixel_std: of the images it was trained on, in [0, 1]; they centre and scale the input.
-        images: description of the scene the training images came from.
-        mujoco_version: MuJoCo that pressed them.
-        training: summary of how training went (epochs, images, losses).
-    """
-
-    backbone: str
-    input_size: int
-    shape_labels: tuple[str, ...]
-    pose_labels: tuple[str, ...]
-    channels: int = 1
-    pixel_mean: float = 0.03
-    pixel_std: float = 0.1
-    images: str = ""
-    mujoco_version: str = ""
-    training: str = ""
 
 
 class TouchNetwork(nn.Module):
@@ -159,7 +129,7 @@ class TouchClassifier:
         # One entry: several would be written in random order, and the same classifier would not be the same file.
         header = json.dumps({"card": card, "sha256": _digest(card, tensors)})
         with atomic_path(path) as temporary:
-            save_file(tensors, temporary, metadata={_FORMAT: header})
+            save_file(tensors, temporary, metadata={FORMAT: header})
 
     @classmethod
     def load(cls, path: Path) -> TouchClassifier:
@@ -174,37 +144,16 @@ class TouchClassifier:
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         except (SafetensorError, OSError) as error:
             raise CorruptFile(f"{path} is missing, truncated, or no safetensors checkpoint: {error}") from error
-        if _FORMAT not in metadata:
-            raise CorruptFile(f"{path} is no {_FORMAT} checkpoint; its header has {sorted(metadata) or 'nothing'}")
+        text, digest = parse_card(metadata, path)
+        if digest != _digest(text, tensors):
+            raise CorruptFile(f"{path} was changed after it was written: its weights do not match their SHA-256")
+        card = card_from(text, path)
         try:
-            header = json.loads(metadata[_FORMAT])
-            if header["sha256"] != _digest(header["card"], tensors):
-                raise CorruptFile(f"{path} was changed after it was written: its weights do not match their SHA-256")
-            fields = json.loads(header["card"])
-            for name in ("shape_labels", "pose_labels"):
-                fields[name] = tuple(fields[name])
-            card = ClassifierCard(**fields)
             network = TouchNetwork(card)
             network.load_state_dict(tensors)  # copies half into single precision
-        except (KeyError, TypeError, json.JSONDecodeError, RuntimeError) as error:
+        except (KeyError, TypeError, RuntimeError) as error:
             raise CorruptFile(f"{path} does not describe a classifier: {error}") from error
         return cls(card, network)
-
-    def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
-        """Check that the classifier was trained for these shapes and poses.
-
-        Raises:
-            LabelMismatch: it was not; the message names both lists.
-        """
-        for what, mine, wanted in (
-            ("shapes", self.card.shape_labels, shape_labels),
-            ("poses", self.card.pose_labels, pose_labels),
-        ):
-            if mine != wanted:
-                raise LabelMismatch(
-                    f"the classifier knows the {what} {list(mine)}, the scene has {list(wanted)}. Train one for "
-                    "this scene (activetouch collect, then activetouch train)."
-                )
 
 
 def _digest(card: str, tensors: Mapping[str, Tensor]) -> str:

@@ -17,6 +17,18 @@ class LabelMismatch(ActiveTouchError, ValueError):
     """A model was made for other shapes or poses than the scene has."""
 
 
+class WrongScene(ActiveTouchError, ValueError):
+    """A sensor, a collection or a bank was made for another scene than it is to be used in."""
+
+
+class SceneShift(UserWarning):
+    """A sensor is used in a scene that differs from its own by a known shift."""
+
+
+class WrongRenderer(ActiveTouchError, TypeError):
+    """A renderer does not keep the rule of renderers (:class:`activetouch.rendering.TactileRenderer`)."""
+
+
 class WrongPress(ActiveTouchError, TypeError):
     """Something needs another way to press than the scene has: one that moves, or one that rotates."""
 

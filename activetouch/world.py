@@ -11,21 +11,25 @@ network over all images. It also keeps the time each part took.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import LabelMismatch
+from activetouch.card import ClassifierCard, read_card
+from activetouch.errors import LabelMismatch, SceneShift
 from activetouch.rendering import read_out
 from activetouch.scene import Scene, WorldObject
+from activetouch.scene_description import in_words, require_scene, scene_fields
 from activetouch.scenes import SCENES
 from belief import Touch
 from belief.errors import CorruptFile, UnknownName
-from belief.observation_model import ArrayModel, read_observation_model
+from belief.files import write_text
+from belief.observation_model import ArrayModel, read_observation_model, read_origin
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -64,13 +68,76 @@ def load_observation_model(folder: Path) -> ArrayModel:
     """The observation model of the sensor in a folder.
 
     Raises:
-        CorruptFile: it is damaged, or missing.
+        CorruptFile: it is damaged, was changed since, or is missing.
     """
+    return _observation_model(folder)[0]
+
+
+def write_observation_model(folder: Path, model: ArrayModel, scene: Mapping[str, Any]) -> None:
+    """Write the observation model of a sensor.
+
+    Args:
+        folder: of the sensor.
+        model: the model.
+        scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
+    """
+    write_text(folder / OBSERVATION_FILE, model.to_json({"scene": scene}) + "\n")
+
+
+def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str, ...]:
+    """How a scene differs from the one that the sensor in a folder was made for, found without loading its network.
+
+    Args:
+        folder: of classifier and observation model.
+        scene: in which it is to be used.
+        anyway: whether to use it whatever the differences are, as long as its network can read the images at all.
+
+    Returns:
+        The differences, in words: known shifts, and with ``anyway`` all others too; none for the sensor's own scene.
+
+    Raises:
+        CorruptFile: one of the files is damaged or missing.
+        LabelMismatch: it was made for other shapes or poses than the scene's.
+        WrongScene: it was made for a scene that differs by more than a known shift.
+    """
+    card = read_card(folder / CLASSIFIER_FILE)
+    return _shift(folder, card, *_observation_model(folder), scene, anyway)
+
+
+def _observation_model(folder: Path) -> tuple[ArrayModel, Mapping[str, Any] | None]:
+    """The model in a folder, and the fields of the scene it was fitted to."""
     path = folder / OBSERVATION_FILE
     try:
-        return read_observation_model(path.read_text())
-    except (OSError, ValueError) as error:
+        text = path.read_text(encoding="utf-8")
+        scene = (read_origin(text) or {}).get("scene")
+        if not (scene is None or isinstance(scene, dict)):
+            raise ValueError(f"its scene is {scene!r}")
+        return read_observation_model(text), scene
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
         raise CorruptFile(f"{path} is no observation model: {error}") from error
+
+
+def _shift(
+    folder: Path, card: ClassifierCard, model: ArrayModel, fitted_to: Mapping[str, Any] | None, scene: Scene, anyway: bool
+) -> tuple[str, ...]:
+    """See :func:`sensor_shift`."""
+    card.require_labels(scene.shape_labels, scene.pose_labels)
+    _require_model(model, scene)
+    here = scene_fields(scene)
+    found = require_scene(f"the classifier in {folder}", card.scene, here, anyway)
+    card.require_images(scene.image_shape)
+    return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted_to, here, anyway)))
+
+
+def _require_model(model: ArrayModel, scene: Scene) -> None:
+    shapes, poses = scene.shape_labels, scene.pose_labels
+    if model.shape_labels != shapes or model.num_poses != len(poses):
+        raise LabelMismatch(
+            f"the observation model is about the shapes {list(model.shape_labels)} in {model.num_poses} poses, the "
+            f"scene has {list(shapes)} in {len(poses)}; this scene needs an observation model of its own"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +149,8 @@ class TactileSensor:
         classifier: reads their images.
         model: turns what it reads into evidence.
         time: seconds spent so far.
+        shift: how the scene differs from the one that classifier and model were made for, in words; empty where it is
+            the same.
 
     Raises:
         LabelMismatch: classifier or observation model were made for other shapes or poses.
@@ -91,37 +160,49 @@ class TactileSensor:
     classifier: TouchClassifier
     model: ArrayModel
     time: TouchTime = field(default_factory=TouchTime)
+    shift: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        shapes, poses = self.scene.shape_labels, self.scene.pose_labels
-        self.classifier.require_labels(shapes, poses)
-        if self.model.shape_labels != shapes or self.model.num_poses != len(poses):
-            raise LabelMismatch(
-                f"the observation model is about the shapes {list(self.model.shape_labels)} in "
-                f"{self.model.num_poses} poses, the scene has {list(shapes)} in {len(poses)}. Fit one "
-                "for this scene: activetouch calibrate"
-            )
+        self.classifier.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
+        _require_model(self.model, self.scene)
 
     @classmethod
-    def load(cls, folder: Path, scene: Scene) -> TactileSensor:
+    def load(cls, folder: Path, scene: Scene, anyway: bool = False) -> TactileSensor:
         """The sensor whose classifier and observation model lie in a folder.
 
+        A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
+        a warning and :attr:`shift` tell it.
+
+        Args:
+            folder: of the two.
+            scene: in which to use it.
+            anyway: whether to use it, without a warning, in a scene that it was not made for.
+
         Raises:
-            CorruptFile: one of the files is damaged.
+            CorruptFile: one of the files is damaged or missing.
             LabelMismatch: they were made for other shapes or poses than the scene's.
+            WrongScene: they were made for a scene that differs by more than a known shift.
         """
         from activetouch.classifier import TouchClassifier  # loads torch
 
-        model = load_observation_model(folder)
-        return cls(scene, TouchClassifier.load(folder / CLASSIFIER_FILE), model)
+        model, fitted_to = _observation_model(folder)
+        classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
+        shift = _shift(folder, classifier.card, model, fitted_to, scene, anyway)
+        if shift and not anyway:
+            warnings.warn(
+                f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
+                SceneShift,
+                stacklevel=2,
+            )
+        return cls(scene, classifier, model, shift=shift)
 
     @classmethod
-    def shipped(cls, name: str = "gel", scene: Scene | None = None) -> TactileSensor:
-        """A sensor that comes with the package, by name, on the scene of that name or on another."""
+    def shipped(cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False) -> TactileSensor:
+        """A sensor that comes with the package, by name, on the scene of that name or on another. See :meth:`load`."""
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene)
+        return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene, anyway)
 
     def read(self, images: NDArray[np.uint8], poses: Sequence[int]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""

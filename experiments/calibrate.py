@@ -62,7 +62,7 @@ class Calibrate:
         trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
         classifier = TouchClassifier.load(trained)
         manifest = read_manifest(data)
-        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         logits = read_logits(classifier, calibration.images, "reading calibration touches")
         test_logits = read_logits(classifier, test.images, "reading test touches")

@@ -98,7 +98,7 @@ class CalibrationReport:
 
         folder = self.sensor if self.sensor is not None else MODELS / self.scene
         classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
-        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
         found = []
         for split in ("calibration", "test"):  # in turn, since their images take a gigabyte
             touches = read_split(data, split)

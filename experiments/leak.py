@@ -167,7 +167,7 @@ class Leak:
         from activetouch.classifier import TouchClassifier  # loads torch
 
         classifier = TouchClassifier.load((self.sensor or MODELS / self.choice.scene) / CLASSIFIER_FILE)
-        classifier.require_labels(scene.shape_labels, scene.pose_labels)
+        classifier.card.require_labels(scene.shape_labels, scene.pose_labels)
         return classifier
 
     def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:

@@ -35,7 +35,7 @@ class CloseUp:
         renderer = study.scene.renderer
         assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
         manifest = read_manifest(self.collection)
-        study.sensor.classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        study.sensor.classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
         train = read_split(self.collection, "train")
         order = np.random.default_rng(study.seed).permutation(np.unique(train.object_ids))  # parts are of whole objects
         known, readings = close_ups(train.images, renderer), study.read()

@@ -51,7 +51,7 @@ class LearnedView:
         """See :class:`experiments.study.Estimator`."""
         classifier, symmetry = study.sensor.classifier, study.scene.symmetry
         manifest = read_manifest(self.collection)
-        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
         learned = read_split(self.collection, "train")
         known = read_views(classifier, learned.images, Symmetry.NONE, "reading what it learned from")
         readings = study.read()

@@ -49,7 +49,7 @@ class MakeTouchBank:
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
         out = self.out if self.out is not None else bank_folder(self.scene)
         classifier, manifest = TouchClassifier.load(sensor / CLASSIFIER_FILE), read_manifest(data)
-        classifier.require_labels(manifest.shape_labels, manifest.pose_labels)
+        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
         for split in (TRAINING, TEST):
             touches = read_split(data, split)
             num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)

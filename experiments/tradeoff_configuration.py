@@ -64,7 +64,7 @@ class Network:
 
         path = checkpoint if checkpoint is not None else MODELS / scene / CLASSIFIER_FILE
         classifier, felt = TouchClassifier.load(path), SCENES[scene].scene
-        classifier.require_labels(felt.shape_labels, felt.pose_labels)
+        classifier.card.require_labels(felt.shape_labels, felt.pose_labels)
         label = f"{classifier.card.backbone} {classifier.card.input_size} px"
         return cls(scene, "" if checkpoint is None else str(checkpoint), label, _digest(path))
 

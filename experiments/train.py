@@ -104,7 +104,7 @@ class Train:
         card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels)
         card = replace(
             card,
-            images=manifest.scene,
+            scene=manifest.scene,
             mujoco_version=manifest.versions["mujoco"],
             training=f"{recipe}, {len(train.images)} images, from {start}",
         )

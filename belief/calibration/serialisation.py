@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
+
+from belief.files import sealed_json, unsealed_json
 
 
 class Writable(Protocol):
@@ -24,7 +25,7 @@ W = TypeVar("W", bound=Writable)
 
 
 def write_json(calibration: Writable, shape_labels: Sequence[str]) -> str:
-    """JSON text for :func:`read_json`, exact to the last bit.
+    """JSON text for :func:`read_json`, exact to the last bit, with a SHA-256.
 
     >>> from belief.calibration import TemperatureScaling
     >>> write_json(TemperatureScaling(), ["cube", "cone"]).split()[:3]
@@ -33,22 +34,22 @@ def write_json(calibration: Writable, shape_labels: Sequence[str]) -> str:
     if calibration.num_shapes not in (None, len(shape_labels)):
         raise ValueError(f"fitted for {calibration.num_shapes} shapes, got the names {list(shape_labels)}")
     fields = {"calibration": calibration.name, "shape_labels": list(shape_labels), **calibration.to_fields()}
-    return json.dumps(fields, indent=1, allow_nan=False)
+    return sealed_json(fields)
 
 
 def read_json(text: str, builders: Mapping[str, Callable[[Mapping[str, Any]], W]], shape_labels: Sequence[str]) -> W:
     """What a text describes, made by the builder for its kind.
 
     Raises:
-        ValueError: the text is not such a calibration, or one for other shapes or another order of them.
+        ValueError: the text is not such a calibration, was changed since, or is one for other shapes or another order of them.
 
     >>> read_json("[]", {}, ["cube"])
     Traceback (most recent call last):
     ...
-    ValueError: not a calibration: TypeError('list indices must be integers or slices, not str')
+    ValueError: not the calibration that was asked for: it is list, not a JSON object
     """
     try:
-        fields = json.loads(text)
+        fields = unsealed_json(text)
         if fields["calibration"] not in builders:
             raise ValueError(f"expected {' or '.join(builders)}, found {fields['calibration']!r}")
         if list(fields["shape_labels"]) != list(shape_labels):

@@ -9,7 +9,7 @@ To add a model, derive from :class:`ArrayModel`, and enter it in :data:`belief.s
 
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedding import FeatureEmbedding, LogitEmbedding
-from belief.observation_model.files import read_observation_model
+from belief.observation_model.files import read_observation_model, read_origin
 from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -31,4 +31,5 @@ __all__ = [
     "SignatureModel",
     "information_of_touch",
     "read_observation_model",
+    "read_origin",
 ]

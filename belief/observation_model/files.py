@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
+from typing import Any
 
+from belief.files import unsealed_json
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.gaussian import GaussianModel
 from belief.observation_model.model import ArrayModel
@@ -20,15 +21,16 @@ def read_observation_model(text: str) -> ArrayModel:
     """The model from :meth:`ArrayModel.to_json`.
 
     Raises:
-        ValueError: the text is no observation model; the message says what is wrong with it.
+        ValueError: the text is no observation model, or was changed since; the message says what is wrong with it.
 
-    >>> read_observation_model('{"model": "oracle"}')
+    >>> from belief.files import sealed_json
+    >>> read_observation_model(sealed_json({"model": "oracle"}))
     Traceback (most recent call last):
     ...
     ValueError: not an observation model: unknown kind 'oracle', known are confusion, gaussian, plda, ratio, signature
     """
     try:
-        fields = json.loads(text)
+        fields = unsealed_json(text)
         if fields["model"] not in _KINDS:
             raise ValueError(f"unknown kind {fields['model']!r}, known are {', '.join(_KINDS)}")
         labels = fields["shape_labels"]
@@ -41,3 +43,18 @@ def read_observation_model(text: str) -> ArrayModel:
         raise ValueError(f"not an observation model: {error}") from error
     except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:
         raise ValueError(f"not an observation model: {error!r}") from error
+
+
+def read_origin(text: str) -> dict[str, Any] | None:
+    """What the touches come from that a model was fitted to, as :meth:`ArrayModel.to_json` was given it.
+
+    Returns:
+        JSON types; None if nobody said.
+
+    Raises:
+        ValueError: the text was changed after it was written.
+    """
+    origin = unsealed_json(text).get("origin")
+    if not (origin is None or isinstance(origin, dict)):
+        raise ValueError(f"the origin of a model must be a JSON object, got {origin!r}")
+    return origin

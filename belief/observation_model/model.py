@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.batch import TouchBatch
+from belief.files import sealed_json
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
 
@@ -88,10 +88,14 @@ class ArrayModel(ABC):
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
         """The object from :meth:`to_fields`."""
 
-    def to_json(self) -> str:
-        """The model as JSON text, exact to the last bit; :func:`read_observation_model` reads it."""
+    def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
+        """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.
+
+        Args:
+            origin: what the touches come from that it was fitted to, as JSON types; :func:`read_origin` reads it.
+        """
         fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
-        return json.dumps(fields, allow_nan=False)
+        return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
         """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.
