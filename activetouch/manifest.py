@@ -20,12 +20,12 @@ import numpy as np
 from activetouch.contact_model import contact_model
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
+from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import CorruptFile
-from belief.files import write_text
+from belief.files import sealed_json, unsealed_json, write_text
 
 SPLITS = ("train", "calibration", "test")
-FORMAT = 2  # the first one had no number, no versions and no digests
-_FIRST_FORMAT = {"plan", "mujoco_version", "shape_labels", "pose_labels", "symmetry", "scene"}
+FORMAT = 3
 _OBJECTS_PER_SHARD = 48
 
 
@@ -73,7 +73,7 @@ class Manifest:
 
     Attributes:
         plan: how many objects, and the seed.
-        scene: the whole scene, written out for people, and to be compared.
+        scene: fields of the whole scene (:func:`activetouch.scene_description.scene_fields`).
         choice: the command line's words for that scene, from which it can be made again; None where a program of the
             user's recorded it.
         shape_labels, pose_labels: of the scene, in index order.
@@ -86,7 +86,7 @@ class Manifest:
     """
 
     plan: CollectionPlan
-    scene: str
+    scene: Mapping[str, Any]
     choice: Mapping[str, Any] | None
     shape_labels: tuple[str, ...]
     pose_labels: tuple[str, ...]
@@ -102,7 +102,7 @@ class Manifest:
         """The manifest of a collection that this machine would begin now."""
         return cls(
             plan,
-            repr(scene),
+            scene_fields(scene),
             None if choice is None else json.loads(json.dumps(choice)),
             scene.shape_labels,
             scene.pose_labels,
@@ -154,8 +154,14 @@ class Manifest:
         )
 
     def write(self, folder: Path) -> None:
-        """Write ``manifest.json``, whole or not at all."""
-        write_text(folder / "manifest.json", json.dumps({"format": FORMAT, **asdict(self)}, indent=2) + "\n")
+        """Write ``manifest.json``, with a digest of its own, whole or not at all."""
+        told = asdict(self)
+        shards = told.pop("sha256")
+        write_text(folder / "manifest.json", sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n")
+
+
+class NoCollection(CorruptFile):
+    """There is no collection in a folder."""
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -165,16 +171,17 @@ def read_manifest(folder: Path) -> Manifest:
         folder: of the collection, or the file of its manifest.
 
     Raises:
-        CorruptFile: there is no manifest, or none that can be read.
+        NoCollection: there is no manifest.
+        CorruptFile: it cannot be read, or was changed after it was written.
     """
-    found = _load(folder)
-    if found.keys() == _FIRST_FORMAT:
-        raise CorruptFile(
-            f"{folder} was recorded by an older version, without SHA-256 of its shards. To add them, run "
-            f"`activetouch collect --out {folder}` with the scene and plan it was recorded with ({_spelled(found)}); "
-            "its touches are kept"
-        )
-    return _parse(found, folder)
+    path = folder if folder.is_file() else folder / "manifest.json"
+    try:
+        found = unsealed_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise NoCollection(f"{folder} holds no collection: {path.name} cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise _damaged(path, error) from error
+    return _parse(found, path)
 
 
 def write_manifest(
@@ -183,8 +190,7 @@ def write_manifest(
     """Begin a collection, or go on with the one that is there.
 
     Returns:
-        What was recorded first. A manifest of the first format is brought to this one; the versions it did not tell
-        stay unknown.
+        What was recorded first.
 
     Raises:
         LabelMismatch: the folder holds a collection of another plan, scene or physics.
@@ -199,15 +205,8 @@ def write_manifest(
             )
         wanted.write(folder)
         return wanted
-    found = _load(folder)
-    if is_outdated := found.keys() == _FIRST_FORMAT:
-        told = {"format": FORMAT, **asdict(wanted), **found, "versions": {"mujoco": found["mujoco_version"]}}
-        first = _parse(told, folder)
-    else:
-        first = _parse(found, folder)
+    first = read_manifest(folder)
     _require_same(folder, first, wanted)
-    if is_outdated:
-        first.write(folder)
     return first
 
 
@@ -216,18 +215,14 @@ def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
     decisive = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
     if differing := [key for key in decisive if mine[key] != asked[key]]:
         key = differing[0]
-        told = parting(str(mine[key]), str(asked[key]))
+        if key == "scene":
+            told = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
+        else:
+            told = f"{mine[key]} there, {asked[key]} here"
         raise LabelMismatch(
             f"{folder} holds a collection with other {', '.join(differing)} ({key}: {told}). Choose another folder, or "
             "delete this one to record it anew."
         )
-
-
-def parting(there: str, here: str) -> str:
-    """Where two things that are written out begin to differ."""
-    equal = next((at for at, (one, other) in enumerate(zip(there, here, strict=False)) if one != other), len(there))
-    part = slice(max(equal - 25, 0), equal + 35)
-    return f"…{there[part]}… there, …{here[part]}… here"
 
 
 def _versions() -> dict[str, str]:
@@ -245,47 +240,29 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _load(folder: Path) -> dict[str, Any]:
-    path = folder if folder.is_file() else folder / "manifest.json"
-    try:
-        found = json.loads(path.read_text())
-    except OSError as error:
-        raise CorruptFile(
-            f"{folder} holds no collection ({error}); record one with: activetouch collect --out {folder}"
-        ) from error
-    except ValueError as error:
-        raise _damaged(path, error) from error
-    if not isinstance(found, dict):
-        raise _damaged(path, f"a {type(found).__name__} where an object is needed")
-    return found
-
-
-def _parse(found: Mapping[str, Any], folder: Path) -> Manifest:
-    path = folder if folder.is_file() else folder / "manifest.json"
+def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
         raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
     try:
         if found["format"] != FORMAT:
             raise ValueError(f"format {found['format']!r}, known is {FORMAT}")
-        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "redrawn"}
-        # Before there was the word, a press that did not settle ended a collection: complete ones have none.
-        told["redrawn"] = found.get("redrawn", None if told["sha256"] is None else 0)
+        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
+        told["sha256"] = digests = found["shards"]
         for name in ("shape_labels", "pose_labels", "image_shape"):
             told[name] = tuple(told[name])
         told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
         manifest = Manifest(**told)
-        for name, kind in (("scene", str), ("versions", Mapping), ("contact_model", Mapping)):
-            if not isinstance(told[name], kind):
+        for name in ("scene", "versions", "contact_model"):
+            if not isinstance(told[name], Mapping):
                 raise TypeError(f"{name} is {told[name]!r}")
         if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
             raise TypeError("a label that is no text")
         _ = manifest.mujoco_version
         names = {shard_path(Path(), split, shard).as_posix() for split, shard, _ in manifest.shards()}
-        digests = manifest.sha256
         if digests is not None and not (
             digests.keys() == names and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests.values())
         ):
-            raise ValueError("sha256 does not list the shards of the plan")
+            raise ValueError("it does not list the SHA-256 of the shards of the plan")
         redrawn = manifest.redrawn
         if redrawn is not None and not (type(redrawn) is int and redrawn >= 0):
             raise TypeError(f"redrawn is {redrawn!r}")
@@ -296,12 +273,6 @@ def _parse(found: Mapping[str, Any], folder: Path) -> Manifest:
 
 def _damaged(path: Path, why: object) -> CorruptFile:
     return CorruptFile(f"{path} is damaged ({why}). Restore it from a copy, or record the touches anew elsewhere")
-
-
-def _spelled(found: Mapping[str, Any]) -> str:
-    """The plan of a first-format manifest as arguments."""
-    plan = found.get("plan")
-    return " ".join(f"--plan.{key} {value}" for key, value in plan.items()) if isinstance(plan, dict) else "plan lost"
 
 
 def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:

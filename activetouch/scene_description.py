@@ -88,7 +88,9 @@ def scene_differences(
     return tuple(sorted(found, key=lambda difference: difference.is_shift))
 
 
-def require_scene(what: str, made_for: Mapping[str, Any] | None, here: Mapping[str, Any], anyway: bool = False) -> tuple[str, ...]:
+def require_scene(
+    what: str, made_for: Mapping[str, Any] | None, here: Mapping[str, Any], anyway: bool = False
+) -> tuple[str, ...]:
     """Refuse to use something in a scene that it was not made for.
 
     Args:
@@ -136,7 +138,9 @@ def _described(value: Any, depth: int = 0) -> Any:
     if isinstance(value, Mapping):  # their order counts
         return {"entries": [[str(key), _described(part, depth + 1)] for key, part in value.items()]}
     if isinstance(value, Sequence | frozenset | set):
-        return [_described(part, depth + 1) for part in (sorted(value) if isinstance(value, frozenset | set) else value)]
+        return [
+            _described(part, depth + 1) for part in (sorted(value) if isinstance(value, frozenset | set) else value)
+        ]
     return {**_class_of(value), **_state(value, depth)}
 
 

@@ -120,7 +120,12 @@ def _observation_model(folder: Path) -> tuple[ArrayModel, Mapping[str, Any] | No
 
 
 def _shift(
-    folder: Path, card: ClassifierCard, model: ArrayModel, fitted_to: Mapping[str, Any] | None, scene: Scene, anyway: bool
+    folder: Path,
+    card: ClassifierCard,
+    model: ArrayModel,
+    fitted_to: Mapping[str, Any] | None,
+    scene: Scene,
+    anyway: bool,
 ) -> tuple[str, ...]:
     """See :func:`sensor_shift`."""
     card.require_labels(scene.shape_labels, scene.pose_labels)

@@ -11,7 +11,8 @@ from typing import Annotated
 import tyro
 
 from activetouch.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
-from activetouch.manifest import Manifest, parting, read_manifest, seal, write_manifest
+from activetouch.manifest import Manifest, read_manifest, seal, write_manifest
+from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError, CorruptFile
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
@@ -143,7 +144,7 @@ def _choice(recorded: Manifest, source: Path) -> SceneChoice:
         raise NotReproduced(f"{source} was recorded by a program, not by this command; run that program again")
     try:
         choice = SceneChoice.from_dict(recorded.choice)
-        scene = repr(choice.named.scene)
+        scene = scene_fields(choice.named.scene)
     except ActiveTouchError:
         raise
     except (TypeError, KeyError, AttributeError, ValueError) as error:
@@ -152,7 +153,8 @@ def _choice(recorded: Manifest, source: Path) -> SceneChoice:
         ) from error
     if scene != recorded.scene:
         raise NotReproduced(
-            f"the scene that {source} names is another one now: {parting(recorded.scene, scene)}. "
+            f"the scene that {source} names is another one now: "
+            f"{in_words(map(str, scene_differences(recorded.scene, scene, surroundings=True)))}. "
             f"It was recorded by activetouch {recorded.versions.get('activetouch', 'of an unknown version')}."
         )
     return choice

@@ -1,6 +1,6 @@
 """A bank of recorded touches: what thousands of objects felt like, to learn from without pressing them again.
 
-    bank/manifest.json   labels, sizes, where the touches come from, SHA-256 of the arrays
+    bank/manifest.json   labels, sizes, scene, where the touches come from, SHA-256 of the arrays and of itself
     bank/logits.npy      (N, R, P, K) float32: N objects, each touched in R rounds of all P poses
     bank/features.npy    (N, R, P, D) float16, where they were kept
     bank/shapes.npy      (N,) int64
@@ -11,7 +11,6 @@ Arrays are mapped into memory, not read. The manifest is written last, so a bank
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,12 +21,12 @@ from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch
 from belief.errors import CorruptFile
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 
 if TYPE_CHECKING:
     from activetouch.envs.object_test import ObjectTestEnv
 
-_FORMAT = "activetouch-touch-bank-1"
+_FORMAT = "activetouch-touch-bank-2"
 _MANIFEST = "manifest.json"
 
 
@@ -44,6 +43,7 @@ class TouchBank:
         shape_labels, pose_labels: names of the K shapes and P poses.
         features: the classifier's embedding, ``(N, R, P, D)``, if kept.
         source: where the touches come from, for people.
+        scene: fields of the scene they come from (:func:`activetouch.scene_description.scene_fields`), if known.
 
     Raises:
         ValueError: the arrays do not fit each other or the labels, or hold no touch of some shape.
@@ -55,6 +55,7 @@ class TouchBank:
     pose_labels: tuple[str, ...]
     features: NDArray[np.floating] | None = None
     source: Mapping[str, Any] = field(default_factory=dict)
+    scene: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         number, poses = len(self.shape_labels), len(self.pose_labels)
@@ -118,9 +119,10 @@ class TouchBank:
             "shape_labels": list(self.shape_labels),
             "pose_labels": list(self.pose_labels),
             "source": dict(self.source),
-            "sha256": digests,
+            "scene": None if self.scene is None else dict(self.scene),
+            "arrays": digests,
         }
-        write_text(folder / _MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        write_text(folder / _MANIFEST, sealed_json(manifest) + "\n")
 
     @classmethod
     def open(cls, folder: Path) -> TouchBank:
@@ -129,23 +131,25 @@ class TouchBank:
         Raises:
             CorruptFile: there is none, or its files are not what was written.
         """
-        remedy = "Make it again with: activetouch touch-bank"
         try:
-            manifest = json.loads((folder / _MANIFEST).read_text())
+            manifest = unsealed_json((folder / _MANIFEST).read_text(encoding="utf-8"))
             if manifest["format"] != _FORMAT:
-                raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}. {remedy}")
-            for name, digest in manifest["sha256"].items():
+                raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}")
+            for name, digest in manifest["arrays"].items():
                 if _digest(folder / f"{name}.npy") != digest:
-                    raise CorruptFile(f"{folder / name}.npy was changed after it was written. {remedy}")
+                    raise CorruptFile(f"{folder / name}.npy was changed after it was written")
             arrays = {
-                name: np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in manifest["sha256"]
+                name: np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in manifest["arrays"]
             }
             labels = (tuple(manifest["shape_labels"]), tuple(manifest["pose_labels"]))
-            return cls(arrays["logits"], arrays["shapes"], *labels, arrays.get("features"), manifest["source"])
+            features, source, scene = arrays.get("features"), manifest["source"], manifest["scene"]
+            if not (scene is None or isinstance(scene, dict)):
+                raise TypeError(f"its scene is {scene!r}")
+            return cls(arrays["logits"], arrays["shapes"], *labels, features, source, scene)
         except CorruptFile:
             raise
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise CorruptFile(f"{folder} is no touch bank ({error}). {remedy}") from error
+            raise CorruptFile(f"{folder} is no touch bank: {error}") from error
 
     def require_labels(self, shape_labels: tuple[str, ...], num_poses: int) -> None:
         """Check that an observation model fits.

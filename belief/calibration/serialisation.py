@@ -41,7 +41,8 @@ def read_json(text: str, builders: Mapping[str, Callable[[Mapping[str, Any]], W]
     """What a text describes, made by the builder for its kind.
 
     Raises:
-        ValueError: the text is not such a calibration, was changed since, or is one for other shapes or another order of them.
+        ValueError: the text is not such a calibration, was changed since, or is one for other shapes or another order
+            of them.
 
     >>> read_json("[]", {}, ["cube"])
     Traceback (most recent call last):

@@ -1,7 +1,5 @@
 """Recorded touches are served as they would be felt live, whatever serves them."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -19,6 +17,7 @@ from belief import BeliefTracker, Touch
 from belief.calibration import TemperatureScaling
 from belief.categorical import Belief
 from belief.errors import CorruptFile, UnknownName
+from belief.files import sealed_json, unsealed_json
 from belief.observation_model import PLDAModel, RatioModel
 
 POSES = ("p0", "p1", "p2")
@@ -29,7 +28,7 @@ def bank(model, rng):
     shapes, poses = np.arange(60) % 4, np.tile(np.arange(3), 4)
     logits = [model.sample_batch(int(k), poses[None], rng).logits.reshape(4, 3, 4) for k in shapes]
     logits = np.array(logits, np.float32) + rng.normal(size=(60, 4, 3, 4)).astype(np.float32)
-    return TouchBank(logits, shapes, model.shape_labels, POSES, logits[..., :2], {"made by": "a test"})
+    return TouchBank(logits, shapes, model.shape_labels, POSES, logits[..., :2], {"made by": "a test"}, {"pad": 3})
 
 
 @pytest.fixture
@@ -229,12 +228,13 @@ def test_a_bank_survives_its_folder(bank, tmp_path):
     np.testing.assert_array_equal(copy.shapes, bank.shapes)
     np.testing.assert_allclose(copy.features, bank.features, atol=1e-2)
     assert (copy.shape_labels, copy.pose_labels, copy.source) == (bank.shape_labels, POSES, {"made by": "a test"})
+    assert copy.scene == {"pad": 3}
     assert isinstance(copy.logits, np.memmap)
     assert not copy.logits.flags.writeable
 
 
 def test_a_damaged_bank_is_refused(bank, tmp_path):
-    with pytest.raises(CorruptFile, match="touch-bank"):
+    with pytest.raises(CorruptFile, match="no touch bank"):
         TouchBank.open(tmp_path)
     bank.save(tmp_path)
     logits = (tmp_path / "logits.npy").read_bytes()
@@ -246,10 +246,15 @@ def test_a_damaged_bank_is_refused(bank, tmp_path):
     with pytest.raises(CorruptFile, match="no touch bank"):
         TouchBank.open(tmp_path)
     bank.save(tmp_path)
-    manifest = json.loads((tmp_path / "manifest.json").read_text())
-    for wrong in ({**manifest, "format": "other"}, {**manifest, "pose_labels": ["p0"]}, [], {"format": 3}):
-        (tmp_path / "manifest.json").write_text(json.dumps(wrong))
+    text = (tmp_path / "manifest.json").read_text()
+    manifest = unsealed_json(text)
+    for wrong in ({"format": "other"}, {"pose_labels": ["p0"]}, {"scene": "gel"}, {"arrays": None}):
+        (tmp_path / "manifest.json").write_text(sealed_json({**manifest, **wrong}))
         with pytest.raises(CorruptFile):
+            TouchBank.open(tmp_path)
+    for damaged in ("[]", '{"format": 3}', text.replace("a test", "no test")):
+        (tmp_path / "manifest.json").write_text(damaged)
+        with pytest.raises(CorruptFile, match="no touch bank"):
             TouchBank.open(tmp_path)
 
 

@@ -114,7 +114,7 @@ def test_a_truncated_checkpoint_is_a_clear_error(tmp_path):
 
 def test_a_foreign_checkpoint_is_a_clear_error(tmp_path):
     save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "foreign.safetensors")
-    with pytest.raises(CorruptFile, match="is no activetouch-classifier-2 checkpoint"):
+    with pytest.raises(CorruptFile, match="is no activetouch-classifier-3 checkpoint"):
         TouchClassifier.load(tmp_path / "foreign.safetensors")
 
 

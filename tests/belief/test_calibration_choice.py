@@ -1,6 +1,7 @@
 """Folds of whole objects, the choice between calibrations, and calibrations of every pose."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from belief.calibration import (
     VectorScaling,
     choose_calibration,
 )
+from belief.files import sealed_json
 from belief.folds import object_folds
 
 LABELS = ("cube", "sphere", "cone")
@@ -174,6 +176,14 @@ def test_without_pooling_every_pose_stands_alone(rng):
     np.testing.assert_allclose(fitted.predict_proba(logits, np.full(500, 2)), fitted.pooled.predict_proba(logits))
 
 
+def resealed(text):
+    """A text that somebody changed by hand, with the digest of what it says now, if it can have one."""
+    try:
+        return sealed_json({key: value for key, value in json.loads(text).items() if key != "sha256"})
+    except ValueError:
+        return text
+
+
 @pytest.mark.parametrize("name", CALIBRATIONS)
 def test_calibrations_of_poses_come_back_from_json_to_the_last_bit(name, rng):
     logits, labels, poses = sample_of_poses(rng, n=200)
@@ -190,7 +200,7 @@ def test_calibrations_of_poses_come_back_from_json_to_the_last_bit(name, rng):
         (text.replace('"num_touches": [', '"num_touches": [-1,'), LABELS, "not the calibration"),
     ):
         with pytest.raises(ValueError, match=message):
-            PerPose.from_json(bad, labels_)
+            PerPose.from_json(resealed(bad), labels_)
 
 
 @given(

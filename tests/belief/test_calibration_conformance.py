@@ -1,6 +1,7 @@
 """What every calibration in the table owes its callers, however strange the data."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.special import log_softmax
 
 from belief.calibration import CALIBRATIONS, calibration_from_json
+from belief.files import sealed_json
 
 LABELS = ("cube", "sphere", "cone")
 every_calibration = pytest.mark.parametrize("name", CALIBRATIONS)
@@ -222,6 +224,14 @@ def test_a_calibration_comes_back_from_json_to_the_last_bit(name, rng):
         np.testing.assert_array_equal(again.predict_log_proba(logits), fitted.predict_log_proba(logits))
 
 
+def resealed(text):
+    """A text that somebody changed by hand, with the digest of what it says now, if it can have one."""
+    try:
+        return sealed_json({key: value for key, value in json.loads(text).items() if key != "sha256"})
+    except (ValueError, AttributeError):
+        return text
+
+
 @every_calibration
 def test_foreign_truncated_and_mislabelled_texts_are_refused(name, rng):
     kind = CALIBRATIONS[name]
@@ -232,7 +242,7 @@ def test_foreign_truncated_and_mislabelled_texts_are_refused(name, rng):
         (text, LABELS[:2], "for the shapes"),
         (text[: len(text) // 2], LABELS, "not the calibration"),
         ("", LABELS, "not the calibration"),
-        ("[1, 2]", LABELS, "not a calibration"),
+        ("[1, 2]", LABELS, "not a JSON object"),
         ('{"model": "confusion"}', LABELS, "not a calibration: KeyError"),
         (json.dumps({**fields, "calibration": "isotonic"}), LABELS, f"expected .*{name}.*, found 'isotonic'"),
         (json.dumps({key: value for key, value in fields.items() if key != "temperature"}), LABELS, "'temperature'"),
@@ -241,6 +251,9 @@ def test_foreign_truncated_and_mislabelled_texts_are_refused(name, rng):
     ]
     for bad, labels, message in wrong:
         with pytest.raises(ValueError, match=message):
-            kind.from_json(bad, labels)
+            kind.from_json(resealed(bad), labels)
         with pytest.raises(ValueError, match=message):
-            calibration_from_json(bad, labels)
+            calibration_from_json(resealed(bad), labels)
+    at = next(found.start() + 2 for found in re.finditer(r"\d\.\d", text))
+    with pytest.raises(ValueError, match="was changed after it was written"):
+        kind.from_json(text[:at] + str(9 - int(text[at])) + text[at + 1 :], LABELS)

@@ -1,6 +1,7 @@
 """Laws that every observation model must obey, whatever it is made of."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 
 from belief import Touch
 from belief.batch import TouchBatch
-from belief.observation_model import information_of_touch, read_observation_model
+from belief.files import sealed_json, unsealed_json
+from belief.observation_model import information_of_touch, read_observation_model, read_origin
 from belief.selection import OBSERVATION_MODELS, log_posteriors
 
 BOTH_POSES = np.array([0, 1])
@@ -109,22 +111,44 @@ def damaged(text, path, *values):
         yield json.dumps(fields)
 
 
+def resealed(text):
+    """A text that somebody changed by hand, with the digest of what it says now, if it can have one."""
+    try:
+        return sealed_json({key: value for key, value in json.loads(text).items() if key != "sha256"})
+    except ValueError:
+        return text
+
+
 def test_damaged_text_is_refused_or_read_as_a_model_that_works(any_model, rng):
     batch, _ = objects(any_model, rng, 2, [0, 1])
     if any_model.name == "ratio":  # a few references will do, and are read faster
         any_model = replace(any_model, references=any_model.references[:, :3])
     text, refused = any_model.to_json(), 0
     values = (None, "x", [], {}, -1, [[1.0]], float("nan"), float("inf"))
-    for path in paths(json.loads(text)):
+    for path in paths(unsealed_json(text)):
         for broken in damaged(text, path, *values):
             try:
-                model = read_observation_model(broken)
+                model = read_observation_model(resealed(broken))
             except ValueError as error:
                 assert str(error).startswith("not an observation model: ")  # noqa: PT017
                 refused += 1
             else:
                 assert not np.isnan(model.log_likelihood_batch(batch)).any()
     assert refused > 30
+
+
+def test_a_model_in_which_one_digit_flipped_is_refused(any_model):
+    text = any_model.to_json()
+    at = [found.start() + 2 for found in re.finditer(r"\d\.[1-8]", text)][-1]
+    with pytest.raises(ValueError, match="was changed after it was written"):
+        read_observation_model(text[:at] + str(int(text[at]) + 1) + text[at + 1 :])
+
+
+def test_a_model_keeps_what_it_was_fitted_to(any_model):
+    text = any_model.to_json({"scene": {"pad": 3}})
+    assert read_origin(text) == {"scene": {"pad": 3}}
+    assert read_origin(any_model.to_json()) is None
+    assert read_observation_model(text).to_json() == any_model.to_json()
 
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.999])
