@@ -159,7 +159,7 @@ def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects
         LabelMismatch: it names shapes or poses that the collection does not have.
     """
     path = shard_path(folder, split, shard)
-    remedy = f"Delete it and record it again with: {manifest.command(folder)}"
+    remedy = f"Delete it and record it again {manifest.how(folder)}"
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -201,8 +201,8 @@ def read_split(folder: Path, split: str) -> TouchSet:
     missing = [shard for shard, _ in shards if not shard_path(folder, split, shard).exists()]
     if missing:
         raise CorruptFile(
-            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection with: "
-            f"{manifest.command(folder)}"
+            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection "
+            f"{manifest.how(folder)}"
         )
     per_object = manifest.touches_per_object
     total = shards[-1][1].stop * per_object
@@ -215,7 +215,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
         if digest != (recorded or digest):
             raise CorruptFile(
                 f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, the manifest says "
-                f"{recorded[:12]}…. Delete it and record it again with: {manifest.command(folder)}"
+                f"{recorded[:12]}…. Delete it and record it again {manifest.how(folder)}"
             )
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)

@@ -130,8 +130,15 @@ class Manifest:
         """SHA-256 recorded for a shard; None until all are there."""
         return None if self.sha256 is None else self.sha256[shard_path(Path(), split, shard).as_posix()]
 
+    def how(self, folder: Path) -> str:
+        """How to go on with the collection in a folder, as the end of a sentence."""
+        return "with the program that began it" if self.choice is None else f"with: {self.command(folder)}"
+
     def command(self, folder: Path) -> str:
-        """The command that goes on with the collection in a folder: it records what is missing and checks the rest."""
+        """The command that goes on with the collection in a folder: it records what is missing and checks the rest.
+
+        It is for collections that the command ``collect`` began.
+        """
         choice = {name.replace("_", "-"): value for name, value in (self.choice or {}).items()}
         plan = {f"plan.{name}": value for name, value in asdict(self.plan).items()}
         words = ["activetouch", "collect"]

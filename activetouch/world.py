@@ -70,7 +70,7 @@ def load_observation_model(folder: Path) -> ArrayModel:
     Raises:
         CorruptFile: it is damaged, was changed since, or is missing.
     """
-    return _observation_model(folder)[0]
+    return observation_model_and_scene(folder)[0]
 
 
 def write_observation_model(folder: Path, model: ArrayModel, scene: Mapping[str, Any]) -> None:
@@ -101,11 +101,15 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str,
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
     card = read_card(folder / CLASSIFIER_FILE)
-    return _shift(folder, card, *_observation_model(folder), scene, anyway)
+    return _shift(folder, card, *observation_model_and_scene(folder), scene, anyway)
 
 
-def _observation_model(folder: Path) -> tuple[ArrayModel, Mapping[str, Any] | None]:
-    """The model in a folder, and the fields of the scene it was fitted to."""
+def observation_model_and_scene(folder: Path) -> tuple[ArrayModel, Mapping[str, Any] | None]:
+    """The observation model in a folder, and the fields of the scene it was fitted to, if it says so.
+
+    Raises:
+        CorruptFile: it is damaged, was changed since, or is missing.
+    """
     path = folder / OBSERVATION_FILE
     try:
         text = path.read_text(encoding="utf-8")
@@ -190,7 +194,7 @@ class TactileSensor:
         """
         from activetouch.classifier import TouchClassifier  # loads torch
 
-        model, fitted_to = _observation_model(folder)
+        model, fitted_to = observation_model_and_scene(folder)
         classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
         shift = _shift(folder, classifier.card, model, fitted_to, scene, anyway)
         if shift and not anyway:

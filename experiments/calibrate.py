@@ -10,8 +10,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.dataset import TouchSet, read_manifest, read_split
-from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+from activetouch.dataset import TouchSet, read_split
+from activetouch.world import CLASSIFIER_FILE, write_observation_model
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
@@ -23,6 +23,7 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.baseline import depth_and_force_accuracy
 from experiments.scene_choice import named_scene, repeats_folder, training_folder
 from experiments.scores import read_logits
+from experiments.sensors import open_collection, require_collection
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class Calibrate:
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
     seed: int = 0
     """Of the bootstrap intervals."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
 
     def run(self) -> None:
         """Choose, fit, write, and print the evaluation."""
@@ -60,9 +63,10 @@ class Calibrate:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
         trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
+        manifest = open_collection(data, self.scene, repeats=True)
         classifier = TouchClassifier.load(trained)
-        manifest = read_manifest(data)
-        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         logits = read_logits(classifier, calibration.images, "reading calibration touches")
         test_logits = read_logits(classifier, test.images, "reading test touches")
@@ -82,7 +86,7 @@ class Calibrate:
             **evaluate(choice.model, test_logits, test, np.random.default_rng(self.seed)),
         }
         classifier.save(out / CLASSIFIER_FILE)
-        write_text(out / OBSERVATION_FILE, choice.model.to_json() + "\n")
+        write_observation_model(out, choice.model, manifest.scene)
         write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, choice)
         if manifest.plan.repeats == 1:

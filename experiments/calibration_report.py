@@ -12,7 +12,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from rich.console import Console
 
-from activetouch.dataset import read_manifest, read_split
+from activetouch.dataset import read_split
 from activetouch.manifest import Manifest
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.chance import keyed_rng
@@ -26,6 +26,7 @@ from experiments.calibration_touches import CALIBRATION_FITS, score_touches
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.scores import read_logits
+from experiments.sensors import open_collection, require_collection
 from experiments.sequences import KINDS, Rounds
 
 if TYPE_CHECKING:
@@ -66,6 +67,8 @@ class CalibrationReport:
     """Of sequences, chance and intervals."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
 
     def run(self) -> None:
         """Measure, print and write."""
@@ -74,7 +77,7 @@ class CalibrationReport:
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
         folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
-        manifest = read_manifest(data)
+        manifest = open_collection(data, self.scene, repeats=True)
         if manifest.plan.repeats < 2:
             raise NoRepeats(
                 f"{data} touches every object once in a pose, so how far touches repeat each other cannot be seen. "
@@ -98,7 +101,8 @@ class CalibrationReport:
 
         folder = self.sensor if self.sensor is not None else MODELS / self.scene
         classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
-        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
         found = []
         for split in ("calibration", "test"):  # in turn, since their images take a gigabyte
             touches = read_split(data, split)

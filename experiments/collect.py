@@ -68,8 +68,7 @@ class Collect:
             raise NotReproduced(f"--from-manifest needs an --out other than {original}, to compare the two")
         if recorded.sha256 is None:
             raise NotReproduced(
-                f"{source} is not complete, there is no SHA-256 to compare with; finish it with: "
-                f"{recorded.command(original)}"
+                f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
             )
         choice = _choice(recorded, source)
         again = collect(choice, recorded.plan, self.out, self.jobs)
@@ -128,7 +127,7 @@ def _require_recorded(
     if changed := sorted(differing - new):
         raise CorruptFile(
             f"{len(changed)} shards in {folder} were changed after they were recorded: {_some(changed)}. Delete them "
-            f"and record them again with: {manifest.command(folder)}"
+            f"and record them again {manifest.how(folder)}"
         )
     if differing:
         raise NotReproduced(

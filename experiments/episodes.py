@@ -18,6 +18,7 @@ from belief.chance import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
 from experiments.scene_choice import SceneChoice
+from experiments.sensors import check_sensor, load_quietly
 from planners import Episode, make_decider, search_lockstep
 
 _TOUCHES_PER_OBJECT = 12  # until a search is cut off
@@ -35,6 +36,8 @@ class Setting:
     """Objects on the table; as many as the scene has by default."""
     touch_cost: float = 0.02
     """λ."""
+    anyway: bool = False
+    """Use the sensor in a scene that it was not made for; the report says how the two differ."""
 
     def to_dict(self) -> dict[str, Any]:
         """The setting as plain values."""
@@ -64,6 +67,11 @@ class Setting:
         return self.sensor if self.sensor is not None else MODELS / self.choice.scene
 
     @property
+    def shift(self) -> tuple[str, ...]:
+        """How the scene differs from that of the sensor, or an error. See :func:`experiments.sensors.check_sensor`."""
+        return check_sensor(self.sensor_folder, self.choice, self.anyway)
+
+    @property
     def problem(self) -> SearchProblem:
         """The rules of the search."""
         named = self.choice.named
@@ -84,7 +92,7 @@ def load_sensor(setting: Setting) -> TactileSensor:
     import torch
 
     torch.set_num_threads(1)  # the processes share the cores, and sums keep their order
-    return TactileSensor.load(setting.sensor_folder, setting.scene)
+    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # the report tells a known shift
 
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:

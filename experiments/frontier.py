@@ -25,6 +25,7 @@ from belief.files import write_text
 from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder
 from experiments.scores import Scores, scores
+from experiments.sensors import open_collection, require_collection
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -92,12 +93,14 @@ class Frontier:
 
         torch.set_num_threads(self.threads)
         data = self.data if self.data is not None else collection_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=False)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
             test = test.select(slice(self.touches))
         variants: list[tuple[Path, str, TouchClassifier]] = []
         for path in self.checkpoints:
             single = TouchClassifier.load(path)
+            require_collection(data, manifest, single.card, None, repeats=False)
             variants += [(path, "fp32", single), (path, "bf16", single.to_bfloat16()), (path, "int8", _to_int8(single))]
         times = {b: self._time([classifier for *_, classifier in variants], test.images, b) for b in self.batches}
         entries = []

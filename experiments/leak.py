@@ -42,6 +42,7 @@ from belief.statistics import cluster_bootstrap, paired_bootstrap
 from experiments.baseline import averaged, share_by_object, shares_without_image
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, named_scene
+from experiments.sensors import check_sensor, tell_shift
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -118,6 +119,8 @@ class Leak:
     """Of objects, presses, exchange and intervals."""
     out: Path | None = None
     """Folder for leak.json and leak.md; runs/leak-SCENE by default."""
+    anyway: bool = False
+    """Use the sensor in a scene that it was not made for."""
     jobs: int = field(default_factory=default_jobs)
     """Processes that press; the results do not depend on it."""
 
@@ -166,9 +169,9 @@ class Leak:
             return None
         from activetouch.classifier import TouchClassifier  # loads torch
 
-        classifier = TouchClassifier.load((self.sensor or MODELS / self.choice.scene) / CLASSIFIER_FILE)
-        classifier.card.require_labels(scene.shape_labels, scene.pose_labels)
-        return classifier
+        folder = self.sensor or MODELS / self.choice.scene
+        tell_shift(check_sensor(folder, self.choice, self.anyway))
+        return TouchClassifier.load(folder / CLASSIFIER_FILE)
 
     def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:
         """What networks answer that learned from equally many images of each kind."""

@@ -11,13 +11,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from activetouch.dataset import SPLITS, TouchSet, read_manifest, read_split
+from activetouch.dataset import SPLITS, TouchSet, read_split
 from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES
 from belief.files import write_text
 from experiments.parallel import default_jobs
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.scores import Scores, scores
+from experiments.sensors import open_collection
 from experiments.train import STATE_FILE, BackboneName, Changes, card_for, new_classifier, run_to_the_end
 
 
@@ -75,8 +76,9 @@ class LearningCurve:
         torch.set_num_threads(self.threads)
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
         data = self.data if self.data is not None else collection_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=False)
         splits = {split: read_split(data, split) for split in SPLITS}
-        points = [self._point(share, read_manifest(data), splits, out) for share in sorted(self.shares)]
+        points = [self._point(share, manifest, splits, out) for share in sorted(self.shares)]
         arguments = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
         numbers = {"arguments": arguments, "points": [asdict(point) for point in points]}
         write_text(out / "learning_curve.json", json.dumps(numbers, indent=1) + "\n")

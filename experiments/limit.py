@@ -16,7 +16,6 @@ from rich.console import Console
 
 from activetouch.rendering import ForcePatchRenderer, PressureRenderer
 from activetouch.scene import Scene
-from activetouch.world import MODELS, TactileSensor
 from belief.errors import ActiveTouchError
 from experiments.limit_bayes import SimulatedBayes
 from experiments.limit_close_up import CloseUp
@@ -25,6 +24,7 @@ from experiments.limit_numbers import FewNumbers
 from experiments.limit_twins import TwinSearch
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
+from experiments.sensors import open_sensor
 from experiments.study import Estimator, Study
 
 FEW_TAXELS = 64
@@ -68,6 +68,8 @@ class Limit:
     """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
+    anyway: bool = False
+    """Use the sensor in a scene that it was not made for."""
 
     def run(self) -> None:
         """Measure, print and write."""
@@ -75,7 +77,7 @@ class Limit:
         if self.touches < len(scene.shapes):
             raise TooFewTouches(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
         folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
-        sensor = TactileSensor.load(self.sensor if self.sensor is not None else MODELS / self.choice.scene, scene)
+        sensor = open_sensor(self.sensor, self.choice, self.anyway)
         findings = self.estimator(scene).measure(Study(sensor, self.touches, self.seed, self.jobs, folder))
         console = Console()
         for sentence in findings.sentences:

@@ -13,6 +13,7 @@ from activetouch.dataset import read_manifest, read_split
 from activetouch.rendering import ForcePatchRenderer
 from experiments.close_up import PLACE, CloseReader, close_ups
 from experiments.parallel import progress_bar
+from experiments.sensors import require_collection
 from experiments.study import Findings, Grid, Study, curve_cell, curve_heading, paired_difference, share, words
 
 _PARTS = (4, 2, 1)
@@ -35,7 +36,7 @@ class CloseUp:
         renderer = study.scene.renderer
         assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
         manifest = read_manifest(self.collection)
-        study.sensor.classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        require_collection(self.collection, manifest, study.sensor.classifier.card, None, repeats=False)
         train = read_split(self.collection, "train")
         order = np.random.default_rng(study.seed).permutation(np.unique(train.object_ids))  # parts are of whole objects
         known, readings = close_ups(train.images, renderer), study.read()

@@ -29,6 +29,7 @@ from belief.statistics import cluster_bootstrap
 from experiments.bank import symmetric_views
 from experiments.parallel import progress_bar
 from experiments.press_numbers import cover_hart_accuracy
+from experiments.sensors import require_collection
 from experiments.study import Findings, Grid, Study, paired_difference, share, words
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class LearnedView:
         """See :class:`experiments.study.Estimator`."""
         classifier, symmetry = study.sensor.classifier, study.scene.symmetry
         manifest = read_manifest(self.collection)
-        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        require_collection(self.collection, manifest, study.sensor.classifier.card, None, repeats=False)
         learned = read_split(self.collection, "train")
         known = read_views(classifier, learned.images, Symmetry.NONE, "reading what it learned from")
         readings = study.read()

@@ -20,7 +20,6 @@ from rich.console import Console
 from rich.table import Table
 
 from activetouch.shapes import EXTENDED_SHAPES
-from activetouch.world import TactileSensor
 from belief.batch import TouchBatch
 from belief.files import atomic_path, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
@@ -31,6 +30,7 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paire
 from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
+from experiments.sensors import open_sensor
 
 _REFERENCE, _UNSEEN = "more known objects", "unseen shapes"
 
@@ -61,13 +61,15 @@ class Robustness:
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: int = field(default_factory=default_jobs)
     """Processes that press; the results do not depend on it."""
+    anyway: bool = False
+    """Use the sensor for a scene that it was not made for, as the world it was trained in."""
 
     def run(self) -> None:
         """Touch, measure, print and write."""
         from experiments.robustness_report import draw_conditions, tabulate, to_markdown  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
-        sensor = TactileSensor.load(self.sensor, scene) if self.sensor else TactileSensor.shipped(name, scene)
+        sensor = open_sensor(self.sensor, self.choice, self.anyway)
         series, left_out = choose(scene, self.objects, self.deformable)
         conditions, novel = list(series), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
         if novel:
@@ -86,6 +88,7 @@ class Robustness:
             "conditions": {c: measure(felt[c], trained, sensor.model, self.seed) for c in conditions},
             "unseen": tell_apart(felt[_REFERENCE], trained, felt[_UNSEEN], sensor.model, tuple(novel)) if novel else {},
             "left_out": left_out,
+            "shift": list(sensor.shift),
         }
         out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
         tables = tabulate(numbers)

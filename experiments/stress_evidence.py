@@ -16,6 +16,7 @@ from belief.calibration import (
     VectorScaling,
     choose_calibration,
 )
+from belief.files import sealed_json
 from belief.metrics import (
     accuracy,
     bias_corrected_interval,
@@ -308,7 +309,7 @@ def _observation_models() -> list[Case]:
         refuses(
             "read_observation_model",
             "a model of an unknown kind",
-            lambda: read_observation_model('{"model": "oracle"}'),
+            lambda: read_observation_model(sealed_json({"model": "oracle"})),
             ValueError,
             "unknown kind 'oracle'",
         ),

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from activetouch.dataset import read_manifest, read_split
+from activetouch.dataset import read_split
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.scores import readings
+from experiments.sensors import open_collection, require_collection
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection that a policy learns from and is measured on."""
@@ -38,6 +39,8 @@ class MakeTouchBank:
     """Folder of the classifier; that of the sensor that comes with the scene by default."""
     out: Path | None = None
     """Folder of the banks, one for each split; data/SCENE-bank by default."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
 
     def run(self) -> None:
         """Read both splits and write two banks."""
@@ -48,8 +51,10 @@ class MakeTouchBank:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
         out = self.out if self.out is not None else bank_folder(self.scene)
-        classifier, manifest = TouchClassifier.load(sensor / CLASSIFIER_FILE), read_manifest(data)
-        classifier.card.require_labels(manifest.shape_labels, manifest.pose_labels)
+        manifest = open_collection(data, self.scene, repeats=True)
+        classifier = TouchClassifier.load(sensor / CLASSIFIER_FILE)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
         for split in (TRAINING, TEST):
             touches = read_split(data, split)
             num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)
@@ -65,6 +70,7 @@ class MakeTouchBank:
                 manifest.pose_labels,
                 np.concatenate(features).reshape(by_object),
                 {"collection": str(data), "split": split, "classifier": classifier.card.training},
+                manifest.scene,
             )
             bank.save(out / split)
             print(f"wrote {out / split}: {num_objects} objects, {manifest.plan.repeats} rounds of {num_poses} poses")

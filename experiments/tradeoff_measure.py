@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from activetouch import TactileSensor, TouchWorld
+from activetouch.scene_description import scene_fields
+from activetouch.scenes import SCENES
 from activetouch.world import MODELS, POLICIES
 from belief import Touch
 from belief.files import write_text
@@ -166,7 +168,7 @@ def _sensor(configuration: Configuration) -> TactileSensor:
     """The scene with the configuration's network, and the shipped observation model."""
     from activetouch.classifier import TouchClassifier  # loads torch
 
-    sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene)
+    sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene, anyway=True)
     classifier = TouchClassifier.load(configuration.network.path)
     return replace(sensor, classifier=classifier.to_bfloat16() if configuration.precision == "bf16" else classifier)
 
@@ -230,12 +232,12 @@ def _peak_memory() -> float:
 
 def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
     """A folder from which a comparison can load the configuration's sensor; None where it is the shipped one."""
-    from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+    from activetouch.world import CLASSIFIER_FILE, write_observation_model
 
     if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):
         return None
     out = folder / "sensors" / configuration.key
-    out.mkdir(parents=True, exist_ok=True)
-    write_text(out / OBSERVATION_FILE, observation_model(configuration, folder / "models").to_json() + "\n")
+    fitted_to = scene_fields(SCENES[configuration.network.scene].scene)
+    write_observation_model(out, observation_model(configuration, folder / "models"), fitted_to)
     (out / CLASSIFIER_FILE).write_bytes(configuration.network.path.read_bytes())
     return out

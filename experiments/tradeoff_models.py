@@ -7,14 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from activetouch.dataset import TouchSet, read_manifest, read_shard
+from activetouch.card import ClassifierCard
+from activetouch.dataset import TouchSet, read_shard
+from activetouch.scenes import SCENES
 from activetouch.world import MODELS, load_observation_model
 from belief import Touch
+from belief.errors import CorruptFile
 from belief.files import write_text
 from belief.observation_model import ArrayModel, read_observation_model
 from belief.selection import OBSERVATION_MODELS
 from experiments.scene_choice import repeats_folder
 from experiments.scores import read_logits
+from experiments.sensors import open_collection, require_collection
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
 
 _SPLIT = "calibration"
@@ -30,17 +34,19 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     stem = f"{network.scene}-{network.sha256[:12]}-{configuration.precision}"
     path = folder / f"{stem}-{name.replace(' ', '')}.json"
     if not path.exists():
-        manifest = read_manifest(repeats_folder(network.scene))
         read, truth = _readings(network, configuration.precision)
         fitted = OBSERVATION_MODELS[name](
             read,
             truth.shapes,
             truth.object_ids,
-            shape_labels=manifest.shape_labels,
-            num_poses=len(manifest.pose_labels),
+            shape_labels=SCENES[network.scene].scene.shape_labels,
+            num_poses=len(SCENES[network.scene].scene.poses),
         )
         write_text(path, fitted.to_json() + "\n")
-    return read_observation_model(path.read_text())
+    try:
+        return read_observation_model(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise CorruptFile(f"{path} is no observation model: {error}. Delete it, and it is fitted again") from error
 
 
 @lru_cache(maxsize=1)
@@ -50,15 +56,16 @@ def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
 
     classifier = TouchClassifier.load(network.path)
     classifier = classifier.to_bfloat16() if precision == "bf16" else classifier
-    touches = _first_objects(network.scene)
+    touches = _first_objects(network.scene, classifier.card)
     logits = read_logits(classifier, touches.images, f"{network.scene}, {network.label} {precision}: calibration")
     return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)], touches
 
 
-def _first_objects(scene: str) -> TouchSet:
+def _first_objects(scene: str, card: ClassifierCard) -> TouchSet:
     """The first objects of the calibration split and their first rounds, without reading the other shards."""
     folder = repeats_folder(scene)
-    manifest = read_manifest(folder)
+    manifest = open_collection(folder, scene, repeats=True)
+    require_collection(folder, manifest, card, scene, repeats=True)
     wanted, parts = _OBJECTS * len(manifest.shape_labels), []
     for name, shard, objects in manifest.shards():
         if name == _SPLIT and objects.start < wanted:

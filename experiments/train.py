@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from activetouch.backbones import BACKBONES, ConvNeXt
-from activetouch.dataset import TouchSet, read_manifest, read_split
+from activetouch.dataset import TouchSet, read_split
 from activetouch.errors import MissingWeights
 from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.world import CLASSIFIER_FILE
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
+from experiments.sensors import open_collection
 
 if TYPE_CHECKING:
     from torch import nn
@@ -92,7 +93,7 @@ class Train:
         torch.set_num_threads(self.threads)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
-        manifest = read_manifest(data)
+        manifest = open_collection(data, self.scene, repeats=False)
         train, calibration = read_split(data, "train"), read_split(data, "calibration")
         if self.objects is not None:
             train = train.select(train.object_ids < self.objects)

@@ -1,0 +1,167 @@
+"""A scene as fields: equal scenes are told by equal ones, and every difference has its name and its weight."""
+
+import importlib
+import json
+import sys
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from activetouch import POSES, SCENES, SHAPES, Quasistatic, Scene
+from activetouch.distributions import Uniform
+from activetouch.errors import WrongScene
+from activetouch.guarded_move import GuardedMove
+from activetouch.pad import Pad
+from activetouch.presentation import Upright
+from activetouch.rendering import GelSightRenderer, Noise, PressureRenderer
+from activetouch.robot import Robot
+from activetouch.scene import Variation
+from activetouch.scene_description import require_scene, scene_differences, scene_fields
+from activetouch.shapes import Mesh
+from activetouch.solids.straight import Box
+from belief.files import sealed_json, unsealed_json
+
+GEL = Scene()
+CORNERS = np.array([[0, 0, 0], [0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.02]], float)
+TETRAHEDRON = Mesh("mug", CORNERS, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+
+REFUSED = {
+    "a pad of fewer taxels": (replace(GEL, pad=Pad(num_taxels=32)), "pad.num_taxels is 32, not 128"),
+    "a smaller pad": (replace(GEL, pad=Pad(half_width=0.0075)), "pad.half_width is 0.0075, not 0.015"),
+    "another renderer": (replace(GEL, renderer=GelSightRenderer()), "renderer is GelSightRenderer, not Pressure"),
+    "coarser images": (replace(GEL, renderer=PressureRenderer(8)), "renderer.binning is 8, not 1"),
+    "another size of a shape": (replace(GEL, shapes={**SHAPES, "cube": Box((0.01,) * 3)}), "shapes.cube.half_extents"),
+    "another order of shapes": (replace(GEL, shapes=dict(reversed(SHAPES.items()))), "shapes is [cone"),
+    "a mesh for a shape": (replace(GEL, shapes={**SHAPES, "cone": TETRAHEDRON}), "shapes.cone is Mesh, not Cone"),
+    "a pose of another name": (replace(GEL, poses={**dict(list(POSES.items())[:5]), "k": POSES["corner"]}), "poses is"),
+    "another pose": (replace(GEL, poses={**POSES, "corner": POSES["front"]}), "poses.corner is [1.0, 0.0"),
+}
+SHIFTED = {
+    "another fidelity": (replace(GEL, press_model=GuardedMove()), "press_model is GuardedMove, not Dynamic"),
+    "more noise": (replace(GEL, faults=(GEL.faults[0], Noise(0.5))), "faults.1.std is 0.5, not 0.02"),
+    "a fault less": (replace(GEL, faults=GEL.faults[:1]), "faults is [Gain], not [Gain, Noise]"),
+    "upright objects": (replace(GEL, presentation=Upright()), "presentation is Upright, not Tumbled"),
+    "other sizes": (replace(GEL, variation=Variation(size=Uniform(0.9, 1.2))), "variation.size.high is 1.2, not 1.1"),
+}
+SAME = {
+    "the same": Scene(),
+    "a finger and parked objects": replace(GEL, finger=True, parking=True, height=0.07),
+    "a robot": replace(GEL, robot=Robot()),
+}
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_fields_of_a_scene_survive_a_file(name):
+    told = scene_fields(SCENES[name].scene)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told
+    assert unsealed_json(sealed_json(told)) == told
+    assert scene_differences(told, scene_fields(SCENES[name].scene)) == ()
+
+
+@pytest.mark.parametrize("what", [*REFUSED, *SHIFTED])
+def test_a_difference_is_named_with_both_values(what):
+    other, told = {**REFUSED, **SHIFTED}[what]
+    found = scene_differences(scene_fields(GEL), scene_fields(other))
+    assert told in str(found[0])
+    assert all(difference.is_shift == (what in SHIFTED) for difference in found)
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_scene_with_other_images_is_refused_unless_anyway(what):
+    other, told = REFUSED[what]
+    with pytest.raises(WrongScene) as error:
+        require_scene("the sensor", scene_fields(GEL), scene_fields(other))
+    assert told in str(error.value)
+    assert any(
+        told in text for text in require_scene("the sensor", scene_fields(GEL), scene_fields(other), anyway=True)
+    )
+
+
+@pytest.mark.parametrize("what", SHIFTED)
+def test_a_known_shift_is_told_and_not_refused(what):
+    other, told = SHIFTED[what]
+    assert told in require_scene("the sensor", scene_fields(GEL), scene_fields(other))[0]
+
+
+@pytest.mark.parametrize("what", SAME)
+def test_what_changes_no_touch_is_no_difference(what):
+    assert require_scene("the sensor", scene_fields(GEL), scene_fields(SAME[what])) == ()
+
+
+@pytest.mark.mujoco
+def test_what_is_called_surroundings_changes_no_image_by_a_bit():
+    def images(scene):
+        rng = np.random.default_rng(7)
+        return [scene.press(scene.sample_object(shape, rng), shape, rng)[1].tobytes() for shape in range(4)]
+
+    plain = replace(GEL, pad=Pad(num_taxels=32))
+    for changes in ({"finger": True}, {"parking": True}, {"height": 0.07}):
+        assert images(replace(plain, **changes)) == images(plain)
+
+
+def test_something_that_does_not_say_its_scene_is_refused_unless_anyway():
+    with pytest.raises(WrongScene, match="does not say"):
+        require_scene("the sensor", None, scene_fields(GEL))
+    assert require_scene("the sensor", None, scene_fields(GEL), anyway=True)
+
+
+def test_rounding_of_another_processor_makes_no_difference():
+    shaken = {name: pose * (1 + 1e-15) for name, pose in POSES.items()}
+    assert scene_fields(replace(GEL, poses=shaken)) == scene_fields(GEL)
+    named = replace(TETRAHEDRON, name="cup", vertices=TETRAHEDRON.vertices + 1e-14)
+    assert scene_fields(replace(GEL, shapes={"a": named})) == scene_fields(replace(GEL, shapes={"a": TETRAHEDRON}))
+
+
+@pytest.fixture
+def own_module(tmp_path, monkeypatch):
+    """Writes a module of the user's own and imports it anew."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def module(source):
+        (tmp_path / "own_renderer.py").write_text(source)
+        sys.modules.pop("own_renderer", None)
+        importlib.invalidate_caches()
+        return importlib.import_module("own_renderer")
+
+    yield module
+    sys.modules.pop("own_renderer", None)
+
+
+@pytest.mark.parametrize("kind", ["a dataclass", "a class", "a function"])
+def test_an_edited_renderer_of_the_users_own_makes_another_scene(own_module, kind):
+    head = "from dataclasses import dataclass\n@dataclass(frozen=True)\n"
+    body = "    def __call__(self, contact):\n        return 0.5 * contact.pressure\n"
+    sources = {
+        "a dataclass": f"{head}class Own:\n    gain: float = 1.0\n{body}",
+        "a class": f"class Own:\n    def __init__(self):\n        self.gain = 1.0\n{body}",
+        "a function": "def own(contact):\n    return 0.5 * contact.pressure\n\ndef Own():\n    return own\n",
+    }
+
+    def described(source):
+        renderer = own_module(source).Own()
+        return {**scene_fields(GEL), "renderer": scene_fields(_Holder(renderer))["renderer"]}
+
+    first = described(sources[kind])
+    assert described(sources[kind]) == first
+    with pytest.raises(WrongScene, match="renderer"):
+        require_scene("the sensor", first, described(sources[kind].replace("0.5", "0.7")))
+
+
+@dataclass(frozen=True)
+class _Holder:
+    renderer: object
+
+
+def test_settings_of_an_own_class_without_fields_are_part_of_the_scene():
+    class Own:
+        def __init__(self, width):
+            self.width = width
+
+    first, second = (scene_fields(_Holder(Own(width))) for width in (1, 2))
+    assert [str(d) for d in scene_differences(first, second)] == ["renderer.width is 2, not 1"]
+
+
+def test_a_scene_without_engine_differs_from_one_with_it_by_a_known_shift_only():
+    (found,) = scene_differences(scene_fields(GEL), scene_fields(replace(GEL, press_model=Quasistatic())))
+    assert found.is_shift
