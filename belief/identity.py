@@ -30,6 +30,10 @@ def source_digest(thing: object) -> str:
 
     Args:
         thing: an object, a class, or a function.
+
+    >>> from belief import Probe
+    >>> source_digest(Probe(0)) == source_digest(Probe(1)) == source_digest(Probe)
+    True
     """
     kind = _kind(thing)
     digest = hashlib.sha256(f"{kind.__module__}.{kind.__qualname__}".encode())

@@ -53,6 +53,10 @@ def read_origin(text: str) -> dict[str, Any] | None:
 
     Raises:
         ValueError: the text was changed after it was written.
+
+    >>> from belief.files import sealed_json
+    >>> read_origin(sealed_json({"model": "plda", "origin": {"objects": 300}}))
+    {'objects': 300}
     """
     origin = unsealed_json(text).get("origin")
     if not (origin is None or isinstance(origin, dict)):
