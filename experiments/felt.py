@@ -111,10 +111,22 @@ def feel(sensor: TactileSensor, series: Mapping[str, Series], seed: int, jobs: i
     return felt
 
 
-class _Part(IntEnum):
-    """What draws from a generator of its own."""
+class Part(IntEnum):
+    """A property of an object, or a part of a touch, that draws from a generator of its own."""
 
-    SIZE, FRICTION, STIFFNESS, REST, PLACE, FORCE, FAULTS = range(1, 8)  # zeros at a key's end do not count
+    SIZE, FRICTION, STIFFNESS, ORIENTATION, PLACE, FORCE, FAULTS = range(1, 8)
+
+
+def part_rng(key: tuple[int, int], number: int, part: Part, pose: int = 0) -> np.random.Generator:
+    """Source of chance of one part; no two parts, poses, objects or keys share one.
+
+    Args:
+        key: seed and stream.
+        number: of the object.
+        part: what draws.
+        pose: of the touch; 0 for a property of the object.
+    """
+    return np.random.default_rng([*key, number, part, pose])
 
 
 def _press_some(
@@ -123,23 +135,23 @@ def _press_some(
     """Objects that could be pressed in all poses, n of them, and their images by name of the faults, ``(n, P, …)``."""
     kept, images = [], {name: [] for name in faults}
     for number in numbers:
-        vary, rngs = scene.variation, [np.random.default_rng([*key, number, part, 0]) for part in _Part]
+        vary = scene.variation
         thing = WorldObject(
             number % len(scene.shapes),
-            vary.size.sample(rngs[_Part.SIZE]),
-            scene.presentation.rest(rngs[_Part.REST]),
-            vary.friction.sample(rngs[_Part.FRICTION]),
-            vary.stiffness.sample(rngs[_Part.STIFFNESS]),
+            vary.size.sample(part_rng(key, number, Part.SIZE)),
+            scene.presentation.rest(part_rng(key, number, Part.ORIENTATION)),
+            vary.friction.sample(part_rng(key, number, Part.FRICTION)),
+            vary.stiffness.sample(part_rng(key, number, Part.STIFFNESS)),
         )
         ideal = []
         try:
             for pose in range(len(scene.poses)):
-                place, force = (np.random.default_rng([*key, number, p, pose]) for p in (_Part.PLACE, _Part.FORCE))
+                place, force = (part_rng(key, number, part, pose) for part in (Part.PLACE, Part.FORCE))
                 ideal.append(scene.renderer(scene.contact(scene.place(thing, pose, place), force)))
         except UnstablePress:
             continue
         kept.append(number)
         for name, some in faults.items():
-            chances = [np.random.default_rng([*key, number, _Part.FAULTS, pose]) for pose in range(len(ideal))]
+            chances = [part_rng(key, number, Part.FAULTS, pose) for pose in range(len(ideal))]
             images[name].append(np.stack([read_out(i, some, rng) for i, rng in zip(ideal, chances, strict=True)]))
     return kept, {name: np.stack(some) if some else np.empty(0, np.uint8) for name, some in images.items()}

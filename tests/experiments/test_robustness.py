@@ -14,7 +14,8 @@ from activetouch.placement import Placement
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
 from activetouch.stage import Stage
 from experiments.conditions import CONDITIONS
-from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
+from experiments import felt as felt_module
+from experiments.felt import AS_TRAINED, Felt, Part, Series, choose, feel, part_rng
 from experiments.robustness import Robustness, measure, tell_apart
 from experiments.robustness_report import tabulate, to_markdown
 from experiments.scene_choice import SceneChoice
@@ -144,6 +145,38 @@ def test_objects_that_cannot_be_pressed_are_missing_and_the_others_still_paired(
 def test_a_condition_in_which_nothing_can_be_pressed_is_named(sensor):
     with pytest.raises(UnstablePress, match="'hopeless'"):
         measured(sensor, {AS_TRAINED: COARSE, "hopeless": replace(COARSE, press_model=Fragile(0.0))})
+
+
+def test_parts_objects_poses_streams_and_seeds_have_chance_of_their_own():
+    keys = [((seed, stream), number, part, pose) for seed in (0, 1, 2**32) for stream in (0, 1) for number in (0, 1)
+            for part in Part for pose in (0, 1)]  # fmt: skip
+    assert len({part_rng(*key).integers(2**62) for key in keys}) == len(keys)
+
+
+def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
+    drawn, objects, real = [], [], np.random.default_rng
+
+    def spy(key):
+        if isinstance(key, list):  # a sensor's faults may have a seed of their own
+            drawn.append(tuple(key))
+        return real(key)
+
+    def place(scene, thing, pose, rng):
+        objects.append(thing)
+        return real_place(scene, thing, pose, rng)
+
+    real_place = type(COARSE).place
+    monkeypatch.setattr(felt_module.np.random, "default_rng", spy)
+    monkeypatch.setattr(type(COARSE), "place", place)
+    vary = replace(COARSE.variation, friction=Uniform(0.3, 1.0), stiffness=Uniform(0.5, 2.0))
+    scene = replace(COARSE, variation=vary)
+    felt_module._press_some(scene, {"as it is": scene.faults}, range(2), (3, 0))
+    assert len(drawn) == len(set(drawn)) == 2 * (4 + 3 * len(scene.poses))
+    for number, thing in ((0, objects[0]), (1, objects[-1])):
+        size, friction, stiffness, orientation = (part_rng((3, 0), number, part) for part in list(Part)[:4])
+        expected = (vary.size.sample(size), vary.friction.sample(friction), vary.stiffness.sample(stiffness))
+        assert (thing.scale, thing.friction, thing.stiffness) == expected
+        np.testing.assert_array_equal(thing.orientation, scene.presentation.rest(orientation))
 
 
 @pytest.mark.torch
