@@ -1,6 +1,6 @@
 """The networks a classifier may be made of, by name; reading the table loads no torch.
 
-To add one, write a frozen dataclass with the two members of :class:`Backbone` and a line in :data:`BACKBONES`.
+To add one, write a frozen dataclass with the members of :class:`Backbone` and a line in :data:`BACKBONES`.
 """
 
 from __future__ import annotations
@@ -22,6 +22,10 @@ class Backbone(Protocol):
     def num_features(self) -> int:
         """Length of a feature vector."""
 
+    @property
+    def smallest_image(self) -> int:
+        """Edge of the smallest image that it takes [pixels]."""
+
     def build(self, channels: int) -> nn.Module:
         """The network with random weights, drawn from torch's global generator."""
 
@@ -42,6 +46,11 @@ class ConvNeXt:
     def num_features(self) -> int:
         """See :class:`Backbone`."""
         return self.widths[-1]
+
+    @property
+    def smallest_image(self) -> int:
+        """See :class:`Backbone`: a patch of the first layer is 4 pixels wide, and every further stage halves."""
+        return 4 * 2 ** (len(self.depths) - 1)
 
     def build(self, channels: int) -> nn.Module:
         """See :class:`Backbone`."""
@@ -74,6 +83,11 @@ class SmallCNN:
     def num_features(self) -> int:
         """See :class:`Backbone`."""
         return self.widths[-1]
+
+    @property
+    def smallest_image(self) -> int:
+        """See :class:`Backbone`."""
+        return 1
 
     def build(self, channels: int) -> nn.Module:
         """See :class:`Backbone`."""

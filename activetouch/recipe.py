@@ -51,6 +51,23 @@ class TrainingRecipe:
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
 
+    @property
+    def words(self) -> str:
+        """In words."""
+        parts = [
+            f"{self.epochs} epochs" if self.epochs > 1 else "1 epoch",
+            f"{self.batch_size} images a step",
+            f"learning rate {self.learning_rate:g}",
+            f"weight decay {self.weight_decay:g}",
+            f"warm-up of {self.warmup:g} epochs" if self.warmup else "",
+            "rare shapes weighted up" if self.class_weights else "",
+            f"rotations up to {self.rotation:g}°" if self.rotation else "",
+            f"patience of {self.patience} epochs" if self.patience is not None else "",
+            "bfloat16" if self.bf16 else "",
+            f"seed {self.seed}",
+        ]
+        return ", ".join(part for part in parts if part)
+
 
 RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
     {

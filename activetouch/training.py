@@ -33,6 +33,14 @@ class EpochReport:
     calibration_loss: float
     calibration_accuracy: float
 
+    @property
+    def words(self) -> str:
+        """In words."""
+        return (
+            f"epoch {self.epoch}: training loss {self.training_loss:.4f}, on the calibration split loss "
+            f"{self.calibration_loss:.4f} and accuracy {self.calibration_accuracy:.4f}"
+        )
+
 
 def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
     """Mean negative log-likelihood [nats] and accuracy of the raw softmax."""

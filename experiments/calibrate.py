@@ -20,6 +20,7 @@ from belief.metrics import confusion_matrix, expected_calibration_error, negativ
 from belief.observation_model import ArrayModel
 from belief.selection import ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from experiments.arguments import Seed, check_arguments
 from experiments.baseline import depth_and_force_accuracy
 from experiments.scene_choice import named_scene, repeats_folder, training_folder
 from experiments.scores import read_logits
@@ -50,13 +51,14 @@ class Calibrate:
     """Folder of the collection; data/SCENE-repeats by default."""
     out: Path | None = None
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the bootstrap intervals."""
     anyway: bool = False
     """Use a collection of another scene than the classifier's."""
 
     def run(self) -> None:
         """Choose, fit, write, and print the evaluation."""
+        check_arguments(self)
         from activetouch.classifier import TouchClassifier  # loads torch
 
         named_scene(self.scene)  # or say which there are

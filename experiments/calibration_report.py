@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,6 +20,7 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.observation_model import RatioModel
 from belief.selection import OBSERVATION_MODELS
+from experiments.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.calibration_measurements import Measurements
 from experiments.calibration_models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
 from experiments.calibration_touches import CALIBRATION_FITS, score_touches
@@ -59,19 +60,20 @@ class CalibrationReport:
     """Folder of the classifier; the shipped sensor of the scene by default."""
     out: Path | None = None
     """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
-    confidence_level: float = 0.95
+    confidence_level: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] = 0.95
     """Posterior at which a search stops."""
-    resamples: int = 500
+    resamples: Count = 500
     """Of objects, behind the interval of a calibration error."""
-    seed: int = 0
+    seed: Seed = 0
     """Of sequences, chance and intervals."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     anyway: bool = False
     """Use a collection of another scene than the classifier's."""
 
     def run(self) -> None:
         """Measure, print and write."""
+        check_arguments(self)
         from experiments.calibration_sections import sections  # loads matplotlib
 
         named_scene(self.scene)  # or say which there are

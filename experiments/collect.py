@@ -14,7 +14,9 @@ from activetouch.dataset import CollectionPlan, num_redrawn, read_shard, record_
 from activetouch.manifest import Manifest, read_manifest, seal, write_manifest
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import ActiveTouchError, CorruptFile
+from experiments.arguments import Jobs, check_arguments
 from experiments.parallel import default_jobs, run_tasks
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice, collection_folder
 
 
@@ -40,27 +42,28 @@ class Collect:
     """The world."""
     out: Path | None = None
     """Folder of the collection; data/SCENE by default."""
-    plan: CollectionPlan = field(default_factory=CollectionPlan)
+    plan: PlanArguments = field(default_factory=PlanArguments)
     """Objects per shape and split, and rounds of poses that each is touched in."""
     from_manifest: Path | None = None
     """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the bytes do not depend on it."""
 
     def run(self) -> None:
         """Record all missing shards, and check all."""
+        check_arguments(self)
         if self.from_manifest is not None:
             self._again(self.from_manifest)
         else:
             folder = self.out if self.out is not None else collection_folder(self.choice.scene)
-            manifest = collect(self.choice, self.plan, folder, self.jobs)
+            manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
             print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
             if manifest.redrawn:
                 print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
 
     def _again(self, source: Path) -> None:
         """Make the collection of a manifest in another folder, and compare."""
-        if self.choice != SceneChoice() or self.plan != CollectionPlan():
+        if self.choice != SceneChoice() or self.plan != PlanArguments():
             raise NotReproduced("--from-manifest says scene and plan; leave out --scene, --plan and the like")
         recorded = read_manifest(source)
         original = source.parent if source.is_file() else source

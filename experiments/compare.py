@@ -18,7 +18,8 @@ from rich.console import Console
 
 from activetouch.rendering import RENDERERS
 from belief import SearchProblem
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import UnknownName
+from experiments.arguments import BadArgument
 from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
 from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
@@ -29,10 +30,6 @@ from experiments.verdict import verdict
 from planners import DECIDERS
 
 _CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
-
-
-class BadArgument(ActiveTouchError, ValueError):
-    """A command was asked for something that makes no sense."""
 
 
 def require_seed(seed: int) -> None:

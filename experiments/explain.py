@@ -23,6 +23,7 @@ from activetouch.scenes import NamedScene
 from activetouch.world import MODELS, load_observation_model
 from belief import Composition
 from belief.observation_model import OutcomeTable
+from experiments.arguments import Count, check_arguments
 from experiments.scene_choice import SceneChoice
 from planners.limits import touch_limits
 
@@ -41,11 +42,12 @@ class Explain:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
-    presses: int = 60
+    presses: Count = 60
     """Presses to measure in each scene."""
 
     def run(self) -> None:
         """Print three tables; that of limits where the scene comes with a sensor."""
+        check_arguments(self)
         named, console = self.choice.named, Console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
         sensor = MODELS / self.choice.scene

@@ -20,6 +20,7 @@ from activetouch.errors import UnstablePress
 from activetouch.rendering import Fault, read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.world import TactileSensor
+from belief.chance import keyed_rng
 from experiments.conditions import CONDITIONS, MeansNothing
 from experiments.parallel import run_tasks
 
@@ -126,7 +127,7 @@ def part_rng(key: tuple[int, int], number: int, part: Part, pose: int = 0) -> np
         part: what draws.
         pose: of the touch; 0 for a property of the object.
     """
-    return np.random.default_rng([*key, number, part, pose])
+    return keyed_rng([*key, number, part, pose])
 
 
 def _press_some(

@@ -33,6 +33,7 @@ from activetouch.shapes import SHAPES
 from activetouch.stage import Stage
 from belief.chance import keyed_rng
 from belief.files import write_text
+from experiments.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.baseline import neighbour_accuracy
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice
@@ -98,19 +99,20 @@ class Fidelity:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world; its own fidelity is not used."""
-    presses: int = 500
+    presses: Count = 500
     """Of every shape, quasistatic and dynamic."""
-    soft_presses: int = 40
+    soft_presses: CountOrNone = 40
     """Of every shape, on the soft pad; 0 to leave it out."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the placements."""
-    out: Path = Path("runs/fidelity.json")
+    out: JSONFile = Path("runs/fidelity.json")
     """File for the numbers."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Press, compare, print and write."""
+        check_arguments(self)
         scene, console = self.choice.named.scene, Console()
         plain = self._press(scene, Quasistatic(), self.presses, "quasistatic")
         stepped = self._press(scene, Dynamic(traced=True), self.presses, "dynamic")

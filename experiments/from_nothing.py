@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from activetouch.manifest import CollectionPlan
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE, POLICIES
+from experiments.arguments import Count
 from experiments.calibrate import Calibrate
 from experiments.collect import collect
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.touch_bank import TEST, MakeTouchBank
 from experiments.train import Changes, Train
@@ -25,15 +26,15 @@ from experiments.train_ppo import PPOChanges, TrainPPO
 class Effort:
     """How much goes into a sensor and its policies."""
 
-    touches: CollectionPlan = field(default_factory=lambda: CollectionPlan(train=1500))
+    touches: PlanArguments = field(default_factory=lambda: PlanArguments(train=1500))
     """Objects of each shape that the classifier learns from."""
-    repeats: CollectionPlan = field(default_factory=lambda: CollectionPlan(train=0, repeats=6))
+    repeats: PlanArguments = field(default_factory=lambda: PlanArguments(train=0, repeats=6))
     """Objects that the observation model and the policies learn from."""
     change: Changes = field(default_factory=lambda: Changes(epochs=6, batch_size=128))
     """What to change about the recipe ``large`` of the classifier."""
     ppo: PPOChanges = field(default_factory=PPOChanges)
     """What to change about the recipes of PPO."""
-    ppo_seeds: int = 3
+    ppo_seeds: Count = 3
     """Trainings of each policy, of which the best is kept."""
 
 
@@ -64,12 +65,12 @@ def sensor_from_nothing(scene: str, effort: Effort, folder: Path, jobs: int) -> 
 
 
 def _train(choice: SceneChoice, effort: Effort, data: Path, out: Path, jobs: int) -> None:
-    collect(choice, effort.touches, data, jobs)
+    collect(choice, effort.touches.plan, data, jobs)
     Train(choice.scene, data, out, recipe="large", change=effort.change, threads=jobs).run()
 
 
 def _calibrate(choice: SceneChoice, effort: Effort, data: Path, classifier: Path, out: Path, jobs: int) -> None:
-    collect(choice, effort.repeats, data, jobs)
+    collect(choice, effort.repeats.plan, data, jobs)
     Calibrate(choice.scene, classifier, data, out).run()
 
 

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from rich.table import Table
 
 from activetouch.dataset import read_split
 from belief.files import write_text
+from experiments.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder
 from experiments.scores import Scores, scores
@@ -65,27 +66,28 @@ class Frontier:
         activetouch frontier --checkpoints runs/train-tiny/classifier.safetensors runs/train-gel/classifier.safetensors
     """
 
-    checkpoints: tuple[Path, ...]
+    checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
     """From ``activetouch train``."""
     scene: str = "gel"
     """Whose touches to read."""
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
-    touches: int | None = None
+    touches: Count | None = None
     """Of the test split, to read; all by default."""
-    batches: tuple[int, ...] = (1, 64)
+    batches: Annotated[tuple[Count, ...], NotEmpty()] = (1, 64)
     """Batch sizes to time."""
-    rounds: int = 15
+    rounds: Count = 15
     """Of timing."""
-    threads: int = 1
+    threads: Jobs = 1
     """Of the linear algebra."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the intervals."""
     out: Path = Path("runs/frontier")
     """Folder for numbers, table and figure."""
 
     def run(self) -> None:
         """Read, time, write and print."""
+        check_arguments(self)
         import torch
 
         from activetouch.classifier import TouchClassifier, TouchNetwork

@@ -36,13 +36,14 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.chance import keyed_rng
-from belief.errors import ActiveTouchError
 from belief.files import atomic_path, write_text
 from belief.statistics import cluster_bootstrap, paired_bootstrap
+from experiments.arguments import CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
 from experiments.baseline import averaged, share_by_object, shares_without_image
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, named_scene
 from experiments.sensors import check_sensor, tell_shift
+from experiments.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
 
 if TYPE_CHECKING:
     from activetouch.classifier import TouchClassifier
@@ -59,10 +60,6 @@ NO_IMAGE, CLASSIFIER, _SMALL = "nearest neighbours, no image", "classifier", "sm
 _PER_TASK = 48
 _KEY = 0x1EAF  # keeps this chance apart from that of collections and episodes with the same seed
 _TEST, _TRAIN, _INTERVALS = range(3)
-
-
-class NothingToMeasure(ActiveTouchError, ValueError):
-    """There are too few objects or shapes to guess one from others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,29 +104,29 @@ class Leak:
     """The world."""
     sensor: Path | None = None
     """Folder of a classifier; the one that comes with the scene by default, if it is for these images and shapes."""
-    objects: int = 150
+    objects: Annotated[int, Within(2, 10**8)] = 150
     """To measure on, of every shape; each is touched once in every pose."""
-    train: int = 0
+    train: CountOrNone = 0
     """Objects of every shape to train small networks on; 0 to train none."""
-    input_size: int = 32
+    input_size: Pixels = 32
     """Edge the images are averaged down to before a small network sees them [pixels]."""
-    recipe: TrainingRecipe = field(default_factory=lambda: replace(RECIPES["large"], patience=None, bf16=False))
-    """How to train them."""
-    seed: int = 0
+    change: Changes = field(default_factory=Changes)
+    """What to change about how to train them: the recipe ``large`` in single precision, to its end."""
+    seed: Seed = 0
     """Of objects, presses, exchange and intervals."""
     out: Path | None = None
     """Folder for leak.json and leak.md; runs/leak-SCENE by default."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes that press; the results do not depend on it."""
 
     def run(self) -> None:
         """Touch, read, train if asked to, print and write."""
+        check_arguments(self)
         scene = self.choice.named.scene
-        if self.objects < 2 or len(scene.shapes) < 2 or self.train < 0:
-            found = f"{len(scene.shapes)} shapes, {self.objects} and {self.train}"
-            raise NothingToMeasure(f"needs two shapes, --objects of 2 and --train of 0 at least; got {found}")
+        if self.train:
+            require_input_size(self.input_size, scene.image_shape[0], "cnn")
         classifier = self._classifier(scene)
         readings = {"image": partial(averaged, size=self.input_size)} if self.train else {}
         if classifier is not None:
@@ -149,7 +146,7 @@ class Leak:
             "objects_per_shape": self.objects,
             "num_objects": self.objects * len(scene.shapes),
             "num_touches": len(touched.shapes),
-            "training": {"objects_per_shape": self.train, **asdict(self.recipe)} if self.train else None,
+            "training": {"objects_per_shape": self.train, **asdict(self._recipe)} if self.train else None,
             "chance": 1 / len(scene.shapes),
             "accuracy": {
                 who: {
@@ -161,6 +158,10 @@ class Leak:
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},
         }
         _write(result, self.out if self.out is not None else Path(f"runs/leak-{self.choice.scene}"))
+
+    @property
+    def _recipe(self) -> TrainingRecipe:
+        return self.change.of(replace(RECIPES["large"], patience=None, bf16=False))
 
     def _classifier(self, scene: Scene) -> TouchClassifier | None:
         own = named_scene(self.choice.scene).scene
@@ -176,16 +177,15 @@ class Leak:
     def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:
         """What networks answer that learned from equally many images of each kind."""
         from activetouch.training import Trainer  # loads torch
-        from experiments.train import card_for, new_classifier, run_to_the_end
 
         kept, shares = {"image": partial(averaged, size=self.input_size)}, {}
         known = exchange(scene, self.train, (self.seed, _TRAIN), kept, self.jobs)
         for kind in (PLAIN, SHUFFLED, REMOVED):
             learned, checked = known.labelled(kind), test.labelled(kind)  # the test is for the reports only
             card = card_for(learned, "cnn", self.input_size, scene.shape_labels, scene.pose_labels)
-            classifier = new_classifier(card, self.recipe.seed)
+            classifier = new_classifier(card, self._recipe.seed)
             with tempfile.TemporaryDirectory() as out:  # a training of a minute needs no resuming
-                trainer = Trainer(classifier, self.recipe, learned, checked, Path(out, "state"), scene.symmetry)
+                trainer = Trainer(classifier, self._recipe, learned, checked, Path(out, "state"), scene.symmetry)
                 run_to_the_end(trainer, Path(out, "tensorboard"))
             plain, lent = (trainer.finish().read(seen["image"]).labels for seen in (test.plain, test.lent))
             shares[_SMALL + kind] = judged(test, plain, lent)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich import box
@@ -15,11 +16,20 @@ from activetouch.dataset import SPLITS, TouchSet, read_split
 from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES
 from belief.files import write_text
+from experiments.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
 from experiments.parallel import default_jobs
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.scores import Scores, scores
 from experiments.sensors import open_collection
-from experiments.train import STATE_FILE, BackboneName, Changes, card_for, new_classifier, run_to_the_end
+from experiments.train import (
+    STATE_FILE,
+    BackboneName,
+    Changes,
+    card_for,
+    new_classifier,
+    require_input_size,
+    run_to_the_end,
+)
 
 
 @dataclass(frozen=True)
@@ -52,31 +62,33 @@ class LearningCurve:
     """Whose collection."""
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
-    shares: tuple[float, ...] = (1 / 64, 1 / 16, 1 / 4, 1.0)
+    shares: Annotated[tuple[Share, ...], NotEmpty()] = (1 / 64, 1 / 16, 1 / 4, 1.0)
     """Of the training split's objects, to learn from."""
     backbone: BackboneName = "cnn"
     """The network."""
-    input_size: int | None = None
+    input_size: Pixels | None = None
     """Edge the images are brought to [pixels]; the scene's by default."""
     change: Changes = field(default_factory=Changes)
     """What to change about the recipe ``large``; its epochs are those of the whole collection."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the intervals."""
-    threads: int = field(default_factory=default_jobs)
+    threads: Jobs = field(default_factory=default_jobs)
     """Threads of the linear algebra."""
     out: Path | None = None
     """Folder for states, numbers and figure; runs/learning-curve-SCENE by default."""
 
     def run(self) -> None:
         """Train, read, write and print."""
+        check_arguments(self)
         import torch
 
         from experiments.classifier_figures import draw_learning_curve
 
-        torch.set_num_threads(self.threads)
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)
+        require_input_size(self._size, manifest.image_shape[0], self.backbone)
+        torch.set_num_threads(self.threads)
         splits = {split: read_split(data, split) for split in SPLITS}
         points = [self._point(share, manifest, splits, out) for share in sorted(self.shares)]
         arguments = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
@@ -91,6 +103,10 @@ class LearningCurve:
         Console().print(table)
         print(f"wrote {out}/learning_curve.json and .svg")
 
+    @property
+    def _size(self) -> int:
+        return self.input_size if self.input_size is not None else named_scene(self.scene).input_size
+
     def _point(self, share: float, manifest: Manifest, splits: dict[str, TouchSet], out: Path) -> Point:
         from activetouch.training import Trainer
 
@@ -100,8 +116,7 @@ class LearningCurve:
         part = train.select(np.isin(train.object_ids, chosen))
         recipe = self.change.of(RECIPES["large"])
         recipe = replace(recipe, epochs=max(1, round(recipe.epochs * len(train.images) / len(part.images))))
-        size = self.input_size if self.input_size is not None else named_scene(self.scene).input_size
-        card = card_for(part, self.backbone, size, manifest.shape_labels, manifest.pose_labels)
+        card = card_for(part, self.backbone, self._size, manifest.shape_labels, manifest.pose_labels)
         state = out / f"{len(chosen)}-objects" / STATE_FILE
         classifier = new_classifier(card, recipe.seed)
         trainer = Trainer(classifier, recipe, part, calibration, state, manifest.symmetry)

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from activetouch.rendering import ForcePatchRenderer, PressureRenderer
 from activetouch.scene import Scene
-from belief.errors import ActiveTouchError
+from experiments.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.limit_bayes import SimulatedBayes
 from experiments.limit_close_up import CloseUp
 from experiments.limit_learned import LearnedView
@@ -29,10 +29,6 @@ from experiments.study import Estimator, Study
 
 FEW_TAXELS = 64
 """Of an image, at most, for a bank of ideal images to hold one like each."""
-
-
-class TooFewTouches(ActiveTouchError, ValueError):
-    """Not every shape would be touched."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ class Limit:
     """The world."""
     sensor: Path | None = None
     """Folder of the classifier and its calibration; the shipped one of the scene by default."""
-    touches: int = 6_000
+    touches: Count = 6_000
     """Fresh touches to measure on, each of another object."""
     bayes: SimulatedBayes = field(default_factory=SimulatedBayes)
     """For images of few taxels."""
@@ -62,20 +58,21 @@ class Limit:
     learned_from: Path | None = None
     """For fine images instead of twins, for force-patch images instead of numbers: the collection the classifier was
     trained on."""
-    seed: int = 0
+    seed: Seed = 0
     """Of touches, banks and intervals."""
     out: Path | None = None
     """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
 
     def run(self) -> None:
         """Measure, print and write."""
+        check_arguments(self)
         scene = self.choice.named.scene
         if self.touches < len(scene.shapes):
-            raise TooFewTouches(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
+            raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
         folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         findings = self.estimator(scene).measure(Study(sensor, self.touches, self.seed, self.jobs, folder))

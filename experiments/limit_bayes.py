@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.press import Press, Quasistatic
+from experiments.arguments import Count, CountOrNone
 from experiments.bank import IMAGES_PER_SLICE, SensorNoise, ideal_symmetry, log_evidence_of_slice, log_posterior, pool
 from experiments.parallel import run_tasks
 from experiments.study import Findings, Grid, Study, paired_difference, share, words
@@ -22,9 +23,9 @@ Floats = NDArray[np.float64]
 class SimulatedBayes:
     """Bayes' rule with a bank of ideal images for every shape."""
 
-    bank: int = 100_000
+    bank: Count = 100_000
     """Ideal images a shape, in thousands; each stands for all that are as likely by symmetry."""
-    checked: int = 8_000
+    checked: CountOrNone = 8_000
     """Ideal images a shape of a second bank, pressed as the scene presses; 0 to leave it out."""
 
     def measure(self, study: Study) -> Findings:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.arguments import Count, Within
 from experiments.fresh import Stream
 from experiments.parallel import run_tasks
 from experiments.press_numbers import IN_THE_IMAGE, NUMBERS, VIEWS, PressNumbers, collect_numbers, read_by_neighbours
@@ -22,9 +23,9 @@ _WHOLE = IN_THE_IMAGE[-1]
 class FewNumbers:
     """Neighbour readers of the numbers of a press."""
 
-    known: int = 20_000
+    known: Annotated[int, Within(2, 10**8)] = 20_000
     """Touches whose shapes are told."""
-    choice: int = 3_000
+    choice: Count = 3_000
     """Touches to choose the number of neighbours on."""
 
     def measure(self, study: Study) -> Findings:

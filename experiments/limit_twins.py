@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from activetouch.scene import Scene
 from belief.chance import keyed_rng
+from experiments.arguments import Count
 from experiments.bank import ideal_symmetry
 from experiments.fresh import Stream, fresh_touch
 from experiments.parallel import run_tasks
@@ -55,11 +56,11 @@ GROUPS = {
 class TwinSearch:
     """Search for presses of other shapes whose images noise hides from those of touches."""
 
-    pairs: int = 100
+    pairs: Count = 100
     """Misread touches to search, and as many read right."""
-    bank: int = 8_000
+    bank: Count = 8_000
     """Presses a shape to start from, in thousands."""
-    starts: int = 8
+    starts: Count = 8
     """Searches for each twin."""
 
     def measure(self, study: Study) -> Findings:

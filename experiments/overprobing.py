@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich import box
@@ -13,8 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from belief import Confirm, Reject
+from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.statistics import wilson_interval
+from experiments.arguments import Within, check_arguments
 from experiments.results import RunFolder, read_episode
 from planners import Episode, Step
 
@@ -87,6 +90,10 @@ def _objects(episode: Episode) -> Iterator[tuple[int, list[Step]]]:
             yield shape, steps
 
 
+class NothingToCount(ActiveTouchError, ValueError):
+    """No decider was ever sure of an object."""
+
+
 @dataclass(frozen=True)
 class OverprobingCommand:
     """Measure touches after certainty in a finished comparison: how many, how often they take it away, at what price.
@@ -99,17 +106,28 @@ class OverprobingCommand:
 
     folder: Path = Path("runs/compare")
     """Folder of a finished comparison; overprobing.json is written there."""
-    confidence: float = 0.95
+    confidence: Annotated[float, Within(0.5, 1.0, open_low=True)] = 0.95
     """Posterior from which on an object counts as known to be, or not to be, the target."""
 
     def run(self) -> None:
-        """Read, count, print."""
+        """Read, count, print.
+
+        Raises:
+            NothingToCount: no decider was ever sure of an object.
+        """
+        check_arguments(self)
         run = RunFolder(self.folder)
         labels = tuple(_shape_labels(run))
         episodes: dict[str, list[Episode]] = {}
         for key in (key for key in run.complete_keys() if key.is_played):
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
         found = [one for name, some in episodes.items() if (one := overprobing(name, some, self.confidence))]
+        if not found:
+            raise NothingToCount(
+                f"no decider in {self.folder} was ever sure of an object at --confidence {self.confidence} in "
+                f"{sum(map(len, episodes.values()))} episodes. Take a lower one, or play more with: activetouch "
+                f"compare --out {self.folder}"
+            )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         table = Table(box=box.SIMPLE_HEAD, caption_justify="left")
         table.caption = f"of objects that the posterior was sure of at {self.confidence} at some touch; 95 % Wilson"

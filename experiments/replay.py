@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.chance import touch_rng
 from belief.files import atomic_path
 from belief.problem import Action
+from experiments.arguments import Ending, check_arguments
 from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
 from planners import Episode, Step
@@ -81,11 +83,12 @@ class Replay:
     """For what."""
     number: int = 0
     """Which of its episodes, from 0."""
-    out: Path = Path("runs/search.png")
+    out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
     """Picture to write; the ending decides the format: .png, .svg, .pdf, or .gif and .webp for an animation."""
 
     def run(self) -> None:
         """Press the touches again and draw."""
+        check_arguments(self)
         from experiments.search_figures import animate_search, draw_search
 
         run = RunFolder(self.folder)

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.console import Console
 from rich.markdown import Markdown
 
 from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
+from belief.errors import UnknownName
 from belief.files import write_text
-from experiments.compare import require_seed
+from experiments.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.from_nothing import Effort, sensor_from_nothing
 from experiments.parallel import default_jobs
+from experiments.scene_choice import named_scene
 from experiments.sliding_windows import WindowPlan, kept_windows
-from experiments.train import BackboneName, Changes
+from experiments.train import BackboneName, Changes, require_input_size
+from planners import DECIDERS
 
 if TYPE_CHECKING:
     from activetouch.dataset import TouchSet
@@ -38,6 +42,9 @@ DEVIATIONS = (
 )
 
 
+_FEWEST_OBJECTS = 3  # of a shape; of two, both might be held out
+
+
 @dataclass(frozen=True)
 class Reproduce:
     """Make the paper's tables and figures beside ours; started again, it goes on after the last finished piece.
@@ -56,13 +63,13 @@ class Reproduce:
         activetouch reproduce --parts table1 --backbone cnn --change.epochs 5     (a quick look)
     """
 
-    parts: tuple[Part, ...] = ("table1", "table2", "figure2", "figure3")
+    parts: Annotated[tuple[Part, ...], NotEmpty()] = ("table1", "table2", "figure2", "figure3")
     """Which of the tables and figures."""
     table: Literal[1, 2] | None = None
     """Only this table."""
     backbone: BackboneName = "tiny"
     """Of Table 1: the network; the paper's is tiny."""
-    input_size: int = 128
+    input_size: Pixels = 128
     """Of Table 1: edge the images are averaged down to before the network [pixels]; the paper's is 128."""
     weights: str | None = None
     """Of Table 1: where the backbone starts from, as in ``activetouch train``; random weights without."""
@@ -70,21 +77,27 @@ class Reproduce:
     """Of Table 1 and Figure 2: how many images."""
     change: Changes = field(default_factory=Changes)
     """Of Table 1: what to change about the paper's recipe."""
-    scenes: tuple[str, ...] = ("paper", "gel")
+    scenes: Annotated[tuple[str, ...], NotEmpty()] = ("paper", "gel")
     """Of Table 2: where to search."""
-    deciders: tuple[str, ...] = ("threshold", "ppo", "ppo_confident", "ppo_posterior", "point_based")
+    deciders: Annotated[tuple[str, ...], NotEmpty()] = (
+        "threshold",
+        "ppo",
+        "ppo_confident",
+        "ppo_posterior",
+        "point_based",
+    )
     """Of Table 2: who searches. The paper's are threshold, its manual rule, ppo, and ppo_confident, its advice."""
-    episodes: int = 100
+    episodes: Count = 100
     """Of Table 2: searches per target; the paper's 100."""
     from_nothing: bool = False
     """Of Table 2: make sensors and policies from nothing, in place of those that come with the scenes."""
     effort: Effort = field(default_factory=Effort)
     """How much goes into those."""
-    seed: int = 0
+    seed: Seed = 0
     """Of splits, intervals and searches."""
     out: Path = Path("runs/reproduce")
     """Folder for all that is made on the way, tables, figures, numbers, and reproduce.md with all of them."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes that press and search, threads that train."""
 
     def run(self) -> None:
@@ -92,8 +105,8 @@ class Reproduce:
         from experiments.paper_figures import draw_figure2, draw_figure3
         from experiments.table2 import search_columns, to_markdown, to_numbers
 
-        require_seed(self.seed)
         parts = self.parts if self.table is None else (f"table{self.table}",)
+        self._check(parts)
         columns = None
         if "figure2" in parts:
             draw_figure2(self._windows(0), SCENES["paper"].scene.shape_labels, self.out / "figure2.svg")
@@ -107,6 +120,23 @@ class Reproduce:
         if "figure3" in parts and columns is not None:
             draw_figure3(self._confusion(), columns, self.out / "figure3.svg")
         self._write()
+
+    def _check(self, parts: Sequence[str]) -> None:
+        """Check all arguments before anything is pressed."""
+        check_arguments(self)
+        for scene in self.scenes:
+            named_scene(scene)
+        for decider in self.deciders:
+            if decider not in DECIDERS:
+                raise UnknownName("decider", decider, list(DECIDERS))
+        if "table1" in parts:
+            self.change.of(RECIPES["paper"])
+            require_input_size(self.input_size, SCENES["paper"].scene.image_shape[0], self.backbone)
+            if self.images.objects < _FEWEST_OBJECTS:
+                raise BadArgument(
+                    f"--images.objects must be at least {_FEWEST_OBJECTS} for Table 1, which holds out a fifth of the "
+                    f"objects and needs some of every shape to learn from; got {self.images.objects}"
+                )
 
     def _windows(self, stream: int) -> TouchSet:
         """Images of a stream, pressed once and kept."""

@@ -27,6 +27,7 @@ from belief.novelty import MahalanobisScore, auroc_interval, energy_score
 from belief.observation_model import ArrayModel
 from belief.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
+from experiments.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
@@ -51,21 +52,22 @@ class Robustness:
     """The world that the sensor was trained in."""
     sensor: Path | None = None
     """Folder from ``activetouch calibrate``; the scene's shipped sensor by default."""
-    objects: int = 100
+    objects: Annotated[int, Within(2, 10**8)] = 100
     """Of every shape, each touched once in every pose, in every condition; at least two."""
-    deformable: int = 0
+    deformable: CountOrNone = 0
     """How many of them to press into the soft pad too, where a press takes seconds."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the objects, their touches and the bootstrap."""
     out: Path | None = None
     """Folder for the results; runs/robustness-SCENE by default."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes that press; the results do not depend on it."""
     anyway: bool = False
     """Use the sensor for a scene that it was not made for, as the world it was trained in."""
 
     def run(self) -> None:
         """Touch, measure, print and write."""
+        check_arguments(self)
         from experiments.robustness_report import draw_conditions, tabulate, to_markdown  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene

@@ -17,6 +17,7 @@ from activetouch.rendering import RENDERERS
 from activetouch.scenes import SCENES, NamedScene
 from activetouch.shapes import Mesh
 from belief.errors import ActiveTouchError, UnknownName
+from experiments.arguments import Positive
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
@@ -76,7 +77,7 @@ class SceneChoice:
     """How objects lie; the scene's own by default."""
     meshes: tuple[Path, ...] = ()
     """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; a shape is called what its file is."""
-    mesh_scale: float = 1.0
+    mesh_scale: Positive = 1.0
     """Metres per unit of those files: 0.001 for millimetres."""
     robot: Literal["panda_allegro"] | None = None
     """A robot to stand behind the pad; its models are read from $MENAGERIE_ROOT."""

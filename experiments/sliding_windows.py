@@ -21,28 +21,22 @@ from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
 from belief.chance import keyed_rng
 from belief.files import atomic_path
+from experiments.arguments import Count, Seed, check_arguments
 from experiments.parallel import run_tasks
 
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """How many images there are; as it comes, about the paper's 700 of each shape.
+    """How many images there are; as it comes, about the paper's 700 of each shape."""
 
-    Attributes:
-        objects: of each shape, of different sizes.
-        presses: of each object, each in a new random orientation.
-        images: of each press, evenly spread over the time of contact.
-        seed: of everything.
-    """
-
-    objects: int = 35
-    presses: int = 2
-    images: int = 10
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if min(self.objects, self.presses, self.images) < 1:
-            raise ValueError(f"objects, presses and images must be at least 1, got {self}")
+    objects: Count = 35
+    """Of each shape, of different sizes."""
+    presses: Count = 2
+    """Of each object, each in a new random orientation."""
+    images: Count = 10
+    """Of each press, evenly spread over the time of contact."""
+    seed: Seed = 0
+    """Of everything."""
 
 
 def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
@@ -56,7 +50,11 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
 
     Returns:
         The images of all shapes in turn; ``poses`` counts the presses of an object, an object that misses has none.
+
+    Raises:
+        BadArgument: a number of the plan is out of its range.
     """
+    check_arguments(plan, "images.")
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
     parts = sorted(run_tasks(tasks, jobs, "sliding windows over presses"), key=lambda part: part.object_ids[0])

@@ -28,6 +28,7 @@ from activetouch.trace import write_csv
 from belief.chance import keyed_rng
 from belief.errors import UnknownName
 from belief.files import atomic_path
+from experiments.arguments import Count, Picture, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 
 if TYPE_CHECKING:
@@ -63,13 +64,14 @@ class Touch:
     """What to press."""
     pose: str = "front"
     """In which pose."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the object's size and orientation and of the press."""
-    out: Path = Path("runs/touch.png")
+    out: Picture = Path("runs/touch.png")
     """Picture to write; the ending decides the format."""
 
     def run(self) -> None:
         """Press once and draw."""
+        check_arguments(self)
         from activetouch.picture import GL_HINT, press_picture
         from experiments.touch_figures import draw_touch
 
@@ -106,13 +108,14 @@ class Gallery:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
-    seed: int = 4
+    seed: Seed = 4
     """Of the objects' sizes and orientations."""
-    out: Path = Path("docs/gallery.png")
+    out: Picture = Path("docs/gallery.png")
     """Picture to write; the ending decides the format."""
 
     def run(self) -> None:
         """Press every shape in every pose and draw."""
+        check_arguments(self)
         from experiments.touch_figures import draw_gallery
 
         scene = traced(self.choice.named.scene)
@@ -144,15 +147,16 @@ class Record:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice(scene="paper"))
     """The world."""
-    cycles: int = 10
+    cycles: Count = 10
     """Presses of each object."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the objects and their presses."""
     out: Path = Path("runs/log")
     """Folder for the files."""
 
     def run(self) -> None:
         """Press and write."""
+        check_arguments(self)
         scene = self.choice.named.scene
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
             rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)
@@ -192,11 +196,12 @@ class View:
     """What to press."""
     pose: str = "front"
     """In which pose."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the object's size and orientation and of the press."""
 
     def run(self) -> None:
         """Open the window; it stays until it is closed."""
+        check_arguments(self)
         import mujoco
 
         from activetouch.rig import Rig

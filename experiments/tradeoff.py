@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from rich.console import Console
 
 from activetouch.scenes import SCENES
-from experiments.compare import BadArgument, require_seed
+from experiments.arguments import BadArgument, Count, Jobs, NotEmpty, Positive, Seed, Share, check_arguments
 from experiments.parallel import run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
 
@@ -36,23 +36,23 @@ class Tradeoff:
         activetouch tradeoff --checkpoints gel=runs/train-gel-tiny-32/classifier.safetensors
     """
 
-    scenes: tuple[str, ...] = tuple(SCENES)
+    scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SCENES)
     """Which scenes."""
     checkpoints: tuple[str, ...] = ()
     """Further classifiers, of other backbones or resolutions, each as SCENE=FILE."""
-    episodes: int = 200
+    episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
-    success: float = 0.98
+    success: Share = 0.98
     """Success that is good enough."""
-    milliseconds: float = 50.0
+    milliseconds: Positive = 50.0
     """Time of a touch that is fast enough."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the episodes and intervals."""
     out: Path = Path("runs/tradeoff")
     """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
     finished: bool = False
     """Search no more: report on all results that the folder holds by now, whatever sweeps they are of."""
-    jobs: int = 1
+    jobs: Jobs = 1
     """Processes; the results do not depend on it."""
 
     def run(self) -> None:
@@ -66,11 +66,9 @@ class Tradeoff:
         from experiments.tradeoff_picks import Point, fronts, picks
         from experiments.tradeoff_report import sentences, terminal_grid, write_report
 
+        check_arguments(self)
         for scene in self.scenes:
             named_scene(scene)
-        if self.episodes < 1 or self.jobs < 1 or not self.scenes:
-            raise BadArgument("--episodes and --jobs must be at least 1, and --scenes must name one")
-        require_seed(self.seed)
         results = finished(self.out) if self.finished else self.measure()
         if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")

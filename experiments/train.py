@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from activetouch.backbones import BACKBONES, ConvNeXt
 from activetouch.dataset import TouchSet, read_split
 from activetouch.errors import MissingWeights
+from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.world import CLASSIFIER_FILE
+from experiments.arguments import BadArgument, Count, Jobs, NotNegative, Pixels, Positive, Seed, check_arguments
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
 from experiments.sensors import open_collection
@@ -29,19 +31,19 @@ BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
 class Changes:
     """What to change about a named recipe."""
 
-    epochs: int | None = None
+    epochs: Count | None = None
     """Passes over the training split."""
-    batch_size: int | None = None
+    batch_size: Count | None = None
     """Images a step."""
-    learning_rate: float | None = None
+    learning_rate: Positive | None = None
     """Peak of the cosine schedule."""
-    weight_decay: float | None = None
+    weight_decay: NotNegative | None = None
     """Of AdamW."""
-    patience: int | None = None
+    patience: Count | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Of initialisation, shuffling and augmentation."""
 
     def of(self, recipe: TrainingRecipe) -> TrainingRecipe:
@@ -68,46 +70,49 @@ class Train:
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
     """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
-    input_size: int | None = None
+    input_size: Pixels | None = None
     """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
     weights: str | None = None
     """Where the backbone starts from: a checkpoint of ours (a file), a published ConvNeXt such as ImageNet's in a local
     folder, or by name on the Hugging Face hub, which is the only case that goes online; random weights without."""
-    objects: int | None = None
+    objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
     recipe: Literal["paper", "large"] = "paper"
     """Optimiser settings: the paper's, or ours for tens of thousands of images from scratch."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
-    threads: int = field(default_factory=default_jobs)
+    threads: Jobs = field(default_factory=default_jobs)
     """Threads of the linear algebra."""
 
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors``."""
+        check_arguments(self)
+        recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        out = self.out if self.out is not None else training_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=False)
+        size = self.input_size if self.input_size is not None else named.input_size
+        backbone = self.backbone if self.backbone is not None else named.backbone
+        require_input_size(size, manifest.image_shape[0], backbone)
+        if self.objects is not None:
+            _require_objects(self.objects, manifest, data)
         import torch
 
         from activetouch.training import Trainer
 
         torch.set_num_threads(self.threads)
-        data = self.data if self.data is not None else collection_folder(self.scene)
-        out = self.out if self.out is not None else training_folder(self.scene)
-        manifest = open_collection(data, self.scene, repeats=False)
         train, calibration = read_split(data, "train"), read_split(data, "calibration")
         if self.objects is not None:
             train = train.select(train.object_ids < self.objects)
-        recipe = self.change.of(RECIPES[self.recipe])
-        named = named_scene(self.scene)
-        size = self.input_size if self.input_size is not None else named.input_size
-        backbone = self.backbone if self.backbone is not None else named.backbone
         start = f"the weights of {self.weights}" if self.weights else "random weights"
         card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels)
         card = replace(
             card,
             scene=manifest.scene,
             mujoco_version=manifest.versions["mujoco"],
-            training=f"{recipe}, {len(train.images)} images, from {start}",
+            training=f"{recipe.words}; {len(train.images)} images, from {start}",
         )
         classifier = new_classifier(card, recipe.seed, self.weights)
         print(f"{backbone} at {size} pixels, {card.training}")
@@ -116,6 +121,39 @@ class Train:
         trainer.finish().save(out / CLASSIFIER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
         print(f"kept epoch {kept}, wrote {out / CLASSIFIER_FILE}")
+
+
+def require_input_size(size: int, edge: int, backbone: str) -> None:
+    """Check that images can be brought to the size that a network is to see.
+
+    Args:
+        size: asked for with --input-size [pixels].
+        edge: of the images [pixels].
+        backbone: a key of :data:`activetouch.backbones.BACKBONES`.
+
+    Raises:
+        BadArgument: they cannot, or the network needs larger ones.
+    """
+    smallest = BACKBONES[backbone].smallest_image
+    if size < smallest:
+        raise BadArgument(f"--input-size must be at least {smallest} for the backbone {backbone!r}, got {size}")
+    if size % edge and edge % size:
+        fitting = [str(n) for n in range(smallest, edge + 1) if edge % n == 0]
+        raise BadArgument(
+            f"--input-size must divide the {edge} pixels of the images, or be a multiple of them, got {size}; "
+            f"{', '.join(fitting) or f'{edge} and its multiples'} do"
+        )
+
+
+def _require_objects(number: int, manifest: Manifest, data: Path) -> None:
+    """Check that a collection has so many objects to learn from, and that every shape is among them."""
+    labels = manifest.shape_labels
+    total = manifest.plan.train * len(labels)
+    if not len(labels) <= number <= total:
+        raise BadArgument(
+            f"--objects must be in [{len(labels)}, {total}]: one of each shape ({', '.join(labels)}), and no more than "
+            f"{data} has to learn from; got {number}"
+        )
 
 
 def card_for(
@@ -178,7 +216,7 @@ def run_to_the_end(trainer: Trainer, log: Path) -> None:
         while not trainer.is_finished:
             bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
             report = trainer.run_epoch(lambda n, bar=bar: progress.advance(bar, n))
-            progress.console.print(report)
+            progress.console.print(report.words, highlight=False)
             if writer is not None:
                 for name, value in asdict(report).items():
                     writer.add_scalar(name, value, report.epoch)

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from activetouch.world import MODELS, load_observation_model
 from belief.errors import UnknownName
 from belief.files import atomic_path, write_text
+from experiments.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.scene_choice import bank_folder, named_scene
@@ -23,6 +24,7 @@ from planners.ppo import policy_file
 if TYPE_CHECKING:
     from experiments.ppo_training import Score, Training
 
+_PROB = Within(0.0, 1.0, open_low=True, open_high=True)
 RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
 
 
@@ -30,19 +32,19 @@ RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
 class PPOChanges:
     """What to change about the named recipes."""
 
-    steps: int | None = None
+    steps: Count | None = None
     """Of all environments together."""
-    learning_rate: float | None = None
+    learning_rate: Positive | None = None
     """At the start; falls linearly to nothing."""
-    entropy: float | None = None
+    entropy: NotNegative | None = None
     """Weight of the entropy bonus."""
-    beta: float | None = None
+    beta: NotNegative | None = None
     """Weight of the shaping reward (decision 0031)."""
-    touch_cost: float | None = None
+    touch_cost: NotNegative | None = None
     """λ."""
-    touch_limit: int | None = None
+    touch_limit: Count | None = None
     """T_max, touches of one object."""
-    target_prob: float | tuple[float, float] | None = None
+    target_prob: Annotated[float | tuple[float, float] | None, _PROB] = None
     """How often the object of a training episode is the target, or a range (decisions 0030 and 0024)."""
 
     def of(self, recipe: PPORecipe) -> PPORecipe:
@@ -80,13 +82,14 @@ class TrainPPO:
     """What policies see, and how they learn; one recipe a state."""
     change: PPOChanges = field(default_factory=PPOChanges)
     """Settings that differ from the recipes'."""
-    seeds: int = 3
+    seeds: Count = 3
     """Trainings of each."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes."""
 
     def run(self) -> None:
         """Train what is missing, choose, and write policies and learning curves."""
+        check_arguments(self)
         from experiments.ppo_training import POLICY  # loads gymnasium
 
         named_scene(self.scene)  # or say which there are

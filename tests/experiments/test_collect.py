@@ -16,7 +16,7 @@ import tyro
 
 from activetouch import Quasistatic
 from activetouch.contact import elastic_contact, surface_gap
-from activetouch.dataset import CollectionPlan, read_manifest, read_split
+from activetouch.dataset import read_manifest, read_split
 from activetouch.errors import UnstablePress
 from activetouch.manifest import Manifest
 from activetouch.rendering import Noise
@@ -24,10 +24,11 @@ from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
 from belief.files import sealed_json, unsealed_json
 from experiments.collect import Collect, NotReproduced, collect
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
-PLAN = CollectionPlan(train=13, calibration=1, test=1)
+PLAN = PlanArguments(train=13, calibration=1, test=1)
 COARSE = SceneChoice("coarse")
 
 
@@ -112,16 +113,16 @@ def test_a_collection_is_not_compared_with_itself(folder):
 
 KILLED = """
 from pathlib import Path
-from experiments.collect import Collect, CollectionPlan, SceneChoice
+from experiments.collect import Collect, PlanArguments, SceneChoice
 if __name__ == "__main__":
-    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), CollectionPlan(96, 1, 1), jobs=2).run()
+    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), PlanArguments(96, 1, 1), jobs=2).run()
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="kills a group of processes, which only POSIX has")
 def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
-    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(96, 1, 1)
+    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), PlanArguments(96, 1, 1)
     killed, whole = tmp_path / "killed", tmp_path / "whole"
     program = [sys.executable, "-c", KILLED.format(out=str(killed))]
     with subprocess.Popen(program, start_new_session=True, stdout=subprocess.DEVNULL) as process:

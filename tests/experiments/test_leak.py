@@ -11,11 +11,12 @@ from activetouch.contact import contact_at_depth, surface_gap
 from activetouch.deformable import Deformable
 from activetouch.errors import WrongPress
 from activetouch.pad import Pad
-from activetouch.recipe import TrainingRecipe
 from activetouch.rendering import RENDERERS
+from experiments.arguments import BadArgument
 from experiments.baseline import shares_without_image
-from experiments.leak import PLAIN, REMOVED, SHUFFLED, Leak, NothingToMeasure, exchange, judged
+from experiments.leak import PLAIN, REMOVED, SHUFFLED, Leak, exchange, judged
 from experiments.scene_choice import SceneChoice
+from experiments.train import Changes
 
 PAD = Pad(num_taxels=16)
 KEY = (0, 0)
@@ -98,7 +99,7 @@ def test_an_imprint_that_does_not_follow_from_a_depth_cannot_be_lent_one():
 
 
 def test_a_single_object_is_too_few():
-    with pytest.raises(NothingToMeasure, match="--objects of 2"):
+    with pytest.raises(BadArgument, match="--objects"):
         Leak(objects=1).run()
 
 
@@ -124,8 +125,7 @@ def test_the_result_is_the_same_whatever_the_number_of_workers(tmp_path):
 def test_a_network_learns_from_each_kind_of_image_only_what_that_kind_tells():
     # 480 exchanged touches of four shapes, read by depth: .25 plus or minus .12 holds but with probability 2e-9.
     scene = Scene(pad=PAD, press_model=OnlyDepthTells(), faults=())
-    recipe = TrainingRecipe(epochs=8, batch_size=16, learning_rate=3e-3, bf16=False, rotation=0.0)
-    leak = Leak(train=20, input_size=16, recipe=recipe, jobs=1)
+    leak = Leak(train=20, input_size=16, change=Changes(epochs=8, batch_size=16, learning_rate=3e-3), jobs=1)
     shares = leak._small_networks(scene, exchange(scene, 20, KEY, {"image": np.asarray}))
     natural, shuffled, removed = (shares[f"small network, trained on: {kind}"] for kind in (PLAIN, SHUFFLED, REMOVED))
     assert natural[PLAIN].mean() == natural[REMOVED].mean() == removed[REMOVED].mean() == 1.0
@@ -137,8 +137,7 @@ def test_a_network_learns_from_each_kind_of_image_only_what_that_kind_tells():
 @pytest.mark.torch
 def test_without_a_sensor_for_the_images_the_baselines_and_small_networks_remain(tmp_path, capsys):
     choice = SceneChoice("coarse", fidelity="quasistatic", renderer="gelsight")
-    recipe = TrainingRecipe(epochs=1, bf16=False, rotation=0.0)
-    Leak(choice, objects=2, train=2, recipe=recipe, out=tmp_path, jobs=1).run()
+    Leak(choice, objects=2, train=2, change=Changes(epochs=1), out=tmp_path, jobs=1).run()
     assert "no sensor for these images" in capsys.readouterr().out
     result = json.loads((tmp_path / "leak.json").read_text())
     assert result["sensor"] is None

@@ -7,7 +7,8 @@ import pytest
 
 from activetouch.scenes import SCENES
 from belief.errors import UnknownName
-from experiments.limit import Limit, TooFewTouches
+from experiments.arguments import BadArgument
+from experiments.limit import Limit
 from experiments.limit_bayes import SimulatedBayes, by_shape, nll, summary
 from experiments.limit_numbers import FewNumbers
 from experiments.limit_twins import NEAR, TwinSearch, tally
@@ -23,7 +24,7 @@ def test_every_scene_has_the_estimator_its_images_ask_for(name):
 
 
 def test_too_few_touches_and_unknown_scenes_are_refused(tmp_path):
-    with pytest.raises(TooFewTouches, match="at least 12"):
+    with pytest.raises(BadArgument, match="at least 12"):
         Limit(SceneChoice("hard"), touches=11, out=tmp_path).run()
     with pytest.raises(UnknownName, match="fine"):
         Limit(SceneChoice("fine"), out=tmp_path).run()

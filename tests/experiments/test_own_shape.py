@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.dataset import CollectionPlan, read_manifest
+from activetouch.dataset import read_manifest
 from activetouch.scene import Symmetry
 from activetouch.shapes import Mesh
 from activetouch.world import CLASSIFIER_FILE
@@ -13,6 +13,7 @@ from experiments.calibrate import Calibrate
 from experiments.collect import Collect
 from experiments.compare import Compare
 from experiments.episodes import Setting
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.train import Changes, Train
 
@@ -26,7 +27,7 @@ def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
     assert Mesh.from_file(cup).entry_distance  # closed, the right way round, of a size that can be felt
     choice = SceneChoice(meshes=(cup,), fidelity="quasistatic")
     data, trained, sensor = tmp_path / "touches", tmp_path / "trained", tmp_path / "sensor"
-    Collect(choice, out=data, plan=CollectionPlan(train=12, calibration=6, test=4), jobs=2).run()
+    Collect(choice, out=data, plan=PlanArguments(train=12, calibration=6, test=4), jobs=2).run()
     assert read_manifest(data).symmetry == Symmetry.ROTATIONS
     Train(data=data, out=trained, input_size=32, recipe="large", change=Changes(epochs=1), threads=1).run()
     Calibrate(classifier=trained / CLASSIFIER_FILE, data=data, out=sensor).run()

@@ -13,8 +13,8 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
 from activetouch.stage import Stage
-from experiments.conditions import CONDITIONS
 from experiments import felt as felt_module
+from experiments.conditions import CONDITIONS
 from experiments.felt import AS_TRAINED, Felt, Part, Series, choose, feel, part_rng
 from experiments.robustness import Robustness, measure, tell_apart
 from experiments.robustness_report import tabulate, to_markdown

@@ -8,6 +8,7 @@ from scipy.spatial.distance import cdist
 
 from activetouch.scenes import SCENES
 from belief.metrics import shape_scores
+from experiments.arguments import BadArgument
 from experiments.reproduce import Reproduce
 from experiments.sliding_windows import WindowPlan, record_windows, split_by_image, split_by_object
 from experiments.table1 import PAPER, Result, to_markdown
@@ -67,8 +68,8 @@ def test_windows_of_one_press_are_near_copies_and_other_presses_are_not(images):
 
 
 def test_impossible_plans_are_refused():
-    with pytest.raises(ValueError, match="at least 1"):
-        WindowPlan(presses=0)
+    with pytest.raises(BadArgument, match="presses"):
+        record_windows(SCENES["paper"].scene, WindowPlan(presses=0), 0, 1)
 
 
 def test_the_papers_table_agrees_with_itself():

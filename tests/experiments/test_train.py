@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from activetouch.classifier import TouchClassifier
-from activetouch.dataset import CollectionPlan, read_split
+from activetouch.dataset import read_split
 from activetouch.errors import ImpossibleRecipe, MissingWeights
 from activetouch.recipe import RECIPES
 from activetouch.world import CLASSIFIER_FILE, MODELS
+from experiments.arguments import BadArgument
 from experiments.collect import Collect
 from experiments.frontier import Frontier
 from experiments.learning_curve import LearningCurve
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.scores import scores
 from experiments.train import Changes, Train, card_for, new_classifier
@@ -25,7 +27,7 @@ SHIPPED = MODELS / "coarse" / CLASSIFIER_FILE
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("touches") / "coarse"
     choice = SceneChoice("coarse", fidelity="quasistatic")
-    Collect(choice, out=folder, plan=CollectionPlan(train=24, calibration=12, test=12), jobs=1).run()
+    Collect(choice, out=folder, plan=PlanArguments(train=24, calibration=12, test=12), jobs=1).run()
     return folder
 
 
@@ -43,7 +45,28 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
     assert card.pixel_mean == pytest.approx(train.images.mean() / 255, abs=2e-3)
     assert card.pixel_std == pytest.approx(train.images.std() / 255, abs=5e-3)
     assert "576 images, from random weights" in card.training
-    assert "576 images, from random weights" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "576 images, from random weights" in said
+    assert "learning rate 0.001" in said
+    assert "epoch 2: training loss" in said
+    assert "TrainingRecipe(" not in said + card.training
+    assert "EpochReport(" not in said
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"objects": 1}, ("--objects", "[4, 96]", "got 1", "sphere, cube, cylinder, cone")),
+        ({"objects": 97}, ("--objects", "[4, 96]", "got 97")),
+        ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
+        ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
+    ],
+)
+def test_what_a_collection_or_a_network_cannot_give_is_refused_before_training(data, tmp_path, wrong, words):
+    with pytest.raises(BadArgument) as refused:
+        trained(data, tmp_path / "out", **wrong)
+    assert all(word in str(refused.value) for word in words)
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_same_command_trains_the_same_classifier(data, tmp_path):
