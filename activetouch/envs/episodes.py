@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activetouch.envs.bank import TouchBank
-from activetouch.envs.evidence import Evidence, RecomputedEvidence, SummedEvidence
+from activetouch.envs.evidence import evidence_of
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from belief.bayes import update
 from belief.encoding import ENCODINGS, NO_ACTION, TOUCH_LIMIT, Situation, certainty, frame_probs
 from belief.errors import UnknownName
-from belief.observation_model import ArrayModel, ConfusionModel, RatioModel
+from belief.observation_model import ArrayModel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -87,11 +87,7 @@ class BankEpisodes:
         self._priors = ObjectPriors.of(len(bank.shape_labels), self.target, target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
-        self._evidence: Evidence
-        if isinstance(model, RatioModel | ConfusionModel):
-            self._evidence = SummedEvidence(bank.logits, model, num_envs)
-        else:
-            self._evidence = RecomputedEvidence(bank.logits, model, num_envs, touch_limit, bank.features)
+        self._evidence = evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
         self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle)), (num_envs, 1))

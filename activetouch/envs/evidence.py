@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.batch import TouchBatch
-from belief.observation_model import ArrayModel, ConfusionModel, RatioModel
-from belief.observation_model.repeats import effective_touches
+from belief.observation_model import ArrayModel
+from belief.observation_model.directions import centred
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,24 +25,61 @@ class Evidence(Protocol):
         """New objects in these rows."""
 
     def log_likelihoods(self) -> Floats:
-        """Log p(touches | shape) of every row, ``(B, K)``."""
+        """Log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row."""
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """All that changes, by name: who writes into these arrays puts the evidence back to where it was."""
 
 
-class SummedEvidence:
-    """For models whose evidence is a sum over poses of the mean of a pose's touches times what they count as.
+def evidence_of(
+    logits: NDArray[np.floating],
+    model: ArrayModel,
+    num_envs: int,
+    touch_limit: int,
+    features: NDArray[np.floating] | None = None,
+) -> Evidence:
+    """The evidence that a model needs, as it says by :meth:`belief.observation_model.ArrayModel.worth_of_sums`.
 
     Args:
         logits: of the bank, ``(N, R, P, K)``.
-        model: a ratio model, or a confusion model, for which touches are independent.
+        model: any.
         num_envs: B.
+        touch_limit: touches of a row, at most.
+        features: of the bank, for models that read them.
+    """
+    worth = model.worth_of_sums(np.arange(touch_limit + 1))
+    if worth is None:
+        return RecomputedEvidence(logits, model, num_envs, touch_limit, features)
+    return SummedEvidence(logits, model, num_envs, worth, features)
+
+
+class SummedEvidence:
+    """For models whose evidence is a sum over poses of what the sum of a pose's touches is worth.
+
+    Args:
+        logits: of the bank, ``(N, R, P, K)``.
+        model: gives the log-likelihoods of single touches.
+        num_envs: B.
+        worth: of sums of 0, 1, … touches: factors ``(n,)``, or matrices ``(n, K, K)`` for centred log-likelihoods.
+        features: of the bank, for models that read them.
     """
 
-    def __init__(self, logits: NDArray[np.floating], model: RatioModel | ConfusionModel, num_envs: int) -> None:
+    def __init__(
+        self,
+        logits: NDArray[np.floating],
+        model: ArrayModel,
+        num_envs: int,
+        worth: Floats,
+        features: NDArray[np.floating] | None = None,
+    ) -> None:
         num_objects, num_rounds, num_poses, num_shapes = logits.shape
         poses = np.broadcast_to(np.arange(num_poses), (num_objects, num_rounds, num_poses)).reshape(-1, 1)
-        alone = TouchBatch(poses, logits.reshape(-1, 1, num_shapes))
-        self._single = model.log_likelihood_batch(alone).reshape(logits.shape)
-        self._correlation = model.correlation if isinstance(model, RatioModel) else 0.0
+        read = None if features is None else np.asarray(features).reshape(len(poses), 1, -1)
+        alone = TouchBatch(poses, logits.reshape(-1, 1, num_shapes), read)
+        single = model.log_likelihood_batch(alone).reshape(logits.shape)
+        self._single = single if worth.ndim == 1 else centred(single)
+        self._worth = worth
         self._sums = np.zeros((num_envs, num_poses, num_shapes))
         self._counts = np.zeros((num_envs, num_poses), np.int64)
 
@@ -58,8 +95,15 @@ class SummedEvidence:
 
     def log_likelihoods(self) -> Floats:
         """See :class:`Evidence`."""
-        weights = effective_touches(self._counts, self._correlation) / np.maximum(self._counts, 1)
-        return np.asarray((weights[:, None, :] @ self._sums)[:, 0])
+        worth = self._worth[self._counts]
+        if worth.ndim == 2:
+            return np.asarray((worth[:, None, :] @ self._sums)[:, 0])
+        return np.asarray((worth @ self._sums[..., None]).sum(axis=1)[..., 0])
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """See :class:`Evidence`."""
+        return {"sums": self._sums, "counts": self._counts}
 
 
 class RecomputedEvidence:
@@ -105,3 +149,8 @@ class RecomputedEvidence:
     def log_likelihoods(self) -> Floats:
         """See :class:`Evidence`."""
         return self._found.copy()
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """See :class:`Evidence`."""
+        return {"touched": self._touched, "counts": self._counts, "found": self._found}

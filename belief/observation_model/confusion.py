@@ -131,6 +131,10 @@ class ConfusionModel(ArrayModel):
         outcomes = self.outcomes_of(batch.logits)
         return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
 
+    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
+        """See :class:`ArrayModel`; all, as touches are independent."""
+        return np.ones(np.shape(num_touches))
+
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; the logits claim what the sampled outcome is worth, within its bin."""
         cumulative = self.probs[:, shape].cumsum(axis=1)  # (P, M)

@@ -167,6 +167,20 @@ class ArrayModel(ABC):
             self._tables[wanted] = self._tabulate(wanted, np.random.default_rng(0))
         return self._tables[wanted]
 
+    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
+        """What sums of the log-likelihoods of n single touches in one pose count as, where nothing else matters.
+
+        Who follows many objects at once asks, and keeps sums in place of touches if there is an answer.
+
+        Args:
+            num_touches: n, ``(...)``.
+
+        Returns:
+            Factors ``(...)``; or matrices ``(..., K, K)``, to be applied to sums of log-likelihoods less their mean over
+            shapes; None, as for any model that does not say otherwise, if a likelihood needs the touches themselves.
+        """
+        return None
+
     @property
     def default_outcomes(self) -> int:
         """Outcomes of a table unless asked otherwise: 3 K, to say which shape and how surely, but at least 12."""

@@ -170,6 +170,12 @@ class RatioModel(ArrayModel):
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
         return np.asarray((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
+    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
+        """See :class:`ArrayModel`; a matrix each where directions of evidence repeat differently."""
+        if self.directions is not None:
+            return discounts(num_touches, self.directions)
+        return effective_touches(num_touches, self.correlation) / np.maximum(num_touches, 1)
+
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; references, drawn in proportion to what they say for the shape.
 

@@ -3,22 +3,23 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import log_softmax
 
 from activetouch import TactileSensor
 from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
-from activetouch.envs.evidence import RecomputedEvidence, SummedEvidence
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touches import LiveTouches, SampledTouches
 from activetouch.envs.vector import BankVectorEnv
 from activetouch.envs.wrappers import BeliefShaping, PosteriorState
 from activetouch.errors import LabelMismatch
-from belief import BeliefTracker, Touch
+from belief import Touch
 from belief.calibration import TemperatureScaling
-from belief.categorical import Belief
 from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
-from belief.observation_model import PLDAModel, RatioModel
+from belief.observation_model import RatioModel
+from belief.observation_model.files import _KINDS
+from belief.selection import OBSERVATION_MODELS
 
 POSES = ("p0", "p1", "p2")
 
@@ -83,37 +84,37 @@ def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_pro
     assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}
 
 
-@pytest.mark.parametrize("kind", ["ratio", "confusion", "plda"])
-def test_evidence_kept_up_to_date_is_what_a_tracker_says(kind, model, ratio, bank, rng):
-    if kind == "plda":
-        flat = bank.logits.reshape(-1, 4)
-        touches = [Touch(i % 3, row) for i, row in enumerate(flat)]
-        used = PLDAModel.fit(touches, bank.shapes.repeat(12), np.arange(60).repeat(12))
-    else:
-        used = {"ratio": ratio, "confusion": model}[kind]
-    by_sum = kind != "plda"
-    evidence = SummedEvidence(bank.logits, used, 5) if by_sum else RecomputedEvidence(bank.logits, used, 5, 20)
-    again = RecomputedEvidence(bank.logits, used, 5, 20)
-    trackers, objects = [None] * 5, np.zeros(5, np.int64)
+# All that calibration chooses from, and all that files can hold; none is listed by hand.
+FITS = OBSERVATION_MODELS | {f"{kind.name} of files": kind.fit for kind in _KINDS.values()}
+
+
+def fitted(name, bank):
+    touches = [Touch(i % 3, row) for i, row in enumerate(bank.logits.reshape(-1, 4).astype(np.float64))]
+    return FITS[name](
+        touches, bank.shapes.repeat(12), np.arange(60).repeat(12), shape_labels=bank.shape_labels, num_poses=3
+    )
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_the_arrays_evidence_is_the_models_likelihood(name, bank, rng):
+    used = fitted(name, bank)
+    episodes = BankEpisodes(bank, used, "shape_0", 8, touch_limit=20)
+    episodes.reset(np.arange(8), rng)
+    touches: list[list[Touch]] = [[] for _ in range(8)]
     for turn in range(30):
-        if turn % 10 == 0:
-            rows = np.arange(5) if turn == 0 else np.array([1, 3])
-            objects[rows] = rng.integers(60, size=len(rows))
-            evidence.forget(rows)
-            again.forget(rows)
-            for row in rows:
-                trackers[row] = BeliefTracker(Belief.uniform(model.shape_labels), used)
-        if any(len(tracker.touches) == 20 for tracker in trackers):
-            break
-        rows = np.flatnonzero(rng.random(5) < 0.6)
-        rounds, poses = rng.integers(4, size=len(rows)), rng.integers(3, size=len(rows))
-        for some in (evidence, again):
-            some.add(rows, objects[rows], rounds, poses)
-        for row, round_, pose in zip(rows, rounds, poses, strict=True):
-            trackers[row].update(Touch(int(pose), bank.logits[objects[row], round_, pose].astype(np.float64)))
-        for found in (evidence.log_likelihoods(), again.log_likelihoods()):
-            posterior = found - np.logaddexp.reduce(found, axis=1, keepdims=True)
-            np.testing.assert_allclose(posterior, [t.belief.log_probs for t in trackers], atol=1e-9)
+        if turn == 15:  # some begin anew, with the others in the middle of theirs
+            episodes.reset(np.array([1, 3]), rng)
+            touches[1], touches[3] = [], []
+        actions = rng.choice([0, 0, 0, 1, 2], size=8)  # many repeats
+        for row in np.flatnonzero(episodes.num_touches < 20):
+            pose = int(actions[row])
+            round_ = (episodes._first_rounds[row, pose] + episodes.uses[row, pose]) % 4
+            touches[row].append(Touch(pose, bank.logits[episodes.objects[row], round_, pose].astype(np.float64)))
+        episodes.step(actions)
+        likelihoods = np.stack([used.log_likelihood(of_row) for of_row in touches])
+        expected = log_softmax(np.log(0.5 * np.array([1, 1 / 3, 1 / 3, 1 / 3])) + likelihoods, axis=1)
+        np.testing.assert_allclose(episodes.log_probs, expected, rtol=1e-12, atol=1e-9)
+    assert len(touches[0]) == 20
 
 
 def test_episodes_are_drawn_as_the_task_says(bank, model):
