@@ -2,16 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
-from belief.encoding import TOUCH_LIMIT
+from belief.encoding import ENCODINGS, TOUCH_LIMIT
 from belief.errors import ActiveTouchError
 
 
 class ImpossiblePPO(ActiveTouchError, ValueError):
-    """A setting of PPO is out of its range."""
+    """A setting of PPO is out of its range.
+
+    Args:
+        name: of the setting.
+        rule: what it must be.
+        value: what it is.
+    """
+
+    def __init__(self, name: str, rule: str, value: object) -> None:
+        self._arguments = (name, rule, value)
+        super().__init__(f"{name} must be {rule}, got {value!r}")
+
+    def __reduce__(self) -> tuple[type[ImpossiblePPO], tuple[str, str, object]]:
+        return ImpossiblePPO, self._arguments  # so that it survives the way back from a worker
+
+
+def _is_count(least: int) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, int) and not isinstance(value, bool) and value >= least
+
+
+def _is_in(low: float, high: float) -> Callable[[Any], bool]:
+    """Within (low, high]."""
+    return lambda value: bool(low < value <= high)
+
+
+def _is_not_negative(value: Any) -> bool:
+    return bool(0.0 <= value < math.inf)
+
+
+def _is_chance(value: Any) -> bool:
+    ends = value if isinstance(value, tuple) else (value, value)
+    return len(ends) == 2 and bool(0.0 < ends[0] <= ends[1] < 1.0)
+
+
+_AT_LEAST_ONE = (_is_count(1), "a whole number of at least 1")
+_WEIGHT = (_is_not_negative, "a finite number ≥ 0")
+_RULES: Mapping[str, tuple[Callable[[Any], bool], str]] = MappingProxyType(
+    {
+        "state": (lambda value: value in ENCODINGS, f"one of {', '.join(ENCODINGS)}"),
+        "steps": _AT_LEAST_ONE,
+        "num_envs": _AT_LEAST_ONE,
+        "rollout": _AT_LEAST_ONE,
+        "batch_size": (_is_count(2), "a whole number of at least 2"),
+        "epochs": _AT_LEAST_ONE,
+        "learning_rate": (lambda value: bool(0.0 < value < math.inf), "a finite number > 0"),
+        "entropy": _WEIGHT,
+        "discount": (_is_in(0.0, 1.0), "in (0, 1]"),
+        "gae": (_is_in(0.0, 1.0), "in (0, 1]"),
+        "hidden": (lambda value: len(value) > 0 and all(map(_is_count(1), value)), "sizes of at least 1, one or more"),
+        "beta": _WEIGHT,
+        "touch_cost": _WEIGHT,
+        "touch_limit": _AT_LEAST_ONE,
+        "target_prob": (_is_chance, "in (0, 1), one number or two that rise"),
+    }
+)
+"""What each setting must be, and in words."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +89,9 @@ class PPORecipe:
         beta: weight of the shaping reward (decision 0031).
         touch_cost, touch_limit: of the task.
         target_prob: how often an object is the target, or a range from which every test of the training draws this.
+
+    Raises:
+        ImpossiblePPO: a setting is out of its range; the message names it.
     """
 
     state: str = "paper"
@@ -52,15 +112,17 @@ class PPORecipe:
     target_prob: float | tuple[float, float] = 0.5
 
     def __post_init__(self) -> None:
-        counts = (self.steps, self.num_envs, self.rollout, self.batch_size, self.epochs, *self.hidden)
-        if min(counts) < 1 or not self.hidden or self.batch_size > self.num_envs * self.rollout:
-            raise ImpossiblePPO(f"counts must be at least 1, and a batch no larger than a rollout, got {self}")
-        shares = (self.discount, self.gae)
-        if not (self.learning_rate > 0.0 and min(shares) > 0.0 and max(shares) <= 1.0 and self.beta >= 0.0):
-            raise ImpossiblePPO(f"need learning_rate > 0, discount and gae in (0, 1], beta ≥ 0, got {self}")
-        low, high = self._target_probs
-        if not 0.0 < low <= high < 1.0:
-            raise ImpossiblePPO(f"target_prob must be in (0, 1), a number or two that rise, got {self.target_prob}")
+        for name, (is_right, rule) in _RULES.items():
+            value = getattr(self, name)
+            try:
+                fits = is_right(value)
+            except TypeError:  # no number at all
+                fits = False
+            if not fits:
+                raise ImpossiblePPO(name, rule, value)
+        if self.batch_size > self.num_envs * self.rollout:
+            rule = f"no larger than a rollout of {self.num_envs} × {self.rollout} steps"
+            raise ImpossiblePPO("batch_size", rule, self.batch_size)
 
     @property
     def test_prob(self) -> float:

@@ -1,15 +1,15 @@
 """Train one policy on a touch bank with Stable-Baselines3, in a folder from which it goes on after an interruption.
 
-    FOLDER/checkpoint.zip     the learner as SB3 saves it: ``PPO.load`` reads it, and trusts it as any pickle
-    FOLDER/progress.json      settings, steps done, learning curve
+    FOLDER/state.safetensors  all it goes on from, with settings and learning curve: see :mod:`experiments.ppo_state`
     FOLDER/policy.safetensors once finished, what :mod:`planners.ppo` reads
+    FOLDER/learner.zip        once finished, the learner as SB3 saves it: ``PPO.load`` trusts it as any pickle
 
-Going on reads weights only, and runs no code from the checkpoint. Its chance is keyed by the steps done, so an
-interrupted training ends with another policy than one in a single piece would.
+An interrupted training ends with the same policy and curve as one in a single piece. Going on runs no code from a file.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -23,16 +23,17 @@ from activetouch.envs.bank import TouchBank
 from activetouch.envs.episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
 from activetouch.errors import MissingPackage
+from activetouch.sealed_tensors import array_digest, read_tensors
 from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path
 from belief.observation_model import ArrayModel
 from experiments.ppo_recipe import PPORecipe
-from planners.ppo import Policy, PolicyCard
+from planners.ppo import BadPolicy, Policy, PolicyCard
 
 if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
-CHECKPOINT, PROGRESS, POLICY = "checkpoint.zip", "progress.json", "policy.safetensors"
+STATE, LEARNER, POLICY = "state.safetensors", "learner.zip", "policy.safetensors"
 _EVALUATIONS = 12  # of a training
 _EPISODES = 2000  # of an evaluation
 
@@ -86,30 +87,44 @@ class Training:
 
     def run(self) -> list[Score]:
         """Train what is left and return the learning curve on the test bank."""
-        done, curve = self._read_progress()
-        if (self.folder / POLICY).is_file() and done >= self.recipe.steps:
-            return curve
-        learner = self._learner(done)
+        from experiments.ppo_state import global_chance_kept
+
+        steps, curve = self._progress()
+        if not ((self.folder / POLICY).is_file() and steps >= self.recipe.steps):
+            with global_chance_kept():
+                self._train(steps, curve)
+        return curve
+
+    def _train(self, done: int, curve: list[Score]) -> None:
+        """Train from where the folder stands; the curve grows."""
+        from experiments.ppo_state import restore_state, write_state
+
+        learner = self._learner()
+        if curve:
+            restore_state(self.folder / STATE, learner)
         every = self.recipe.steps / _EVALUATIONS
 
         def report(steps: int) -> None:
             if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
                 policy = policy_of(learner, self.card)
                 curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES, self.recipe.test_prob), steps))
-                with atomic_path(self.folder / CHECKPOINT) as temporary:
-                    learner.save(temporary)
-                self._write_progress(steps, curve)
+                write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
 
         learner.learn(self.recipe.steps - done, _callback(report), reset_num_timesteps=False, tb_log_name=self.target)
         every = 0.0  # the last point is always on the curve
         report(learner.num_timesteps)
+        with atomic_path(self.folder / LEARNER) as temporary:
+            learner.save(temporary)
         with atomic_path(self.folder / POLICY) as temporary:
             temporary.write_bytes(policy_of(learner, self.card).to_bytes())
-        return curve
 
     def score(self) -> Score:
         """Of the finished policy on the objects and priors that it learned from: to choose among seeds."""
-        policy = Policy.from_bytes((self.folder / POLICY).read_bytes())
+        path = self.folder / POLICY
+        try:
+            policy = Policy.from_bytes(path.read_bytes())
+        except BadPolicy as error:
+            raise CorruptFile(f"{path}: {error}; delete {self.folder} and start again") from error
         return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES, self.recipe.target_prob), self.recipe.steps)
 
     def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb) -> BankEpisodes:
@@ -117,8 +132,10 @@ class Training:
         task = (recipe.touch_cost, recipe.touch_limit, target_prob)
         return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
 
-    def _learner(self, done: int) -> PPO:
-        """The learner, new or as it was after so many steps."""
+    def _learner(self) -> PPO:
+        """A new learner."""
+        from stable_baselines3.common.logger import Logger
+
         from activetouch.envs.sb3 import BankVecEnv
 
         recipe = self.recipe
@@ -129,7 +146,7 @@ class Training:
         )
         learner = kind(
             "MlpPolicy",
-            BankVecEnv(episodes, seed=[self.seed, done]),
+            BankVecEnv(episodes, seed=[self.seed, 0]),
             n_steps=recipe.rollout,
             batch_size=recipe.batch_size,
             n_epochs=recipe.epochs,
@@ -142,33 +159,37 @@ class Training:
             seed=self.seed,
             device="cpu",
         )
-        if done:
-            learner.set_parameters(str(self.folder / CHECKPOINT))
-            learner.num_timesteps = done
+        if learner.tensorboard_log is None:
+            learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's own makes a folder among temporary files
         return learner
 
-    def _read_progress(self) -> tuple[int, list[Score]]:
-        path = self.folder / PROGRESS
+    def _progress(self) -> tuple[int, list[Score]]:
+        """Steps done and learning curve, as the folder has them."""
+        path = self.folder / STATE
         if not path.is_file():
             return 0, []
         try:
-            progress = json.loads(path.read_text())
-            settings, curve = progress["settings"], [Score(*point) for point in progress["curve"]]
-            steps = int(progress["steps"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise CorruptFile(f"{path} is damaged ({error}); delete {self.folder} and start again") from error
-        if settings != self._settings():
-            raise OtherTraining(f"{self.folder} holds a training with other settings: {settings}; name another --out")
+            _, fields = read_tensors(path)
+            settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
+            steps = int(fields["progress"]["steps"])
+        except (CorruptFile, KeyError, TypeError) as error:
+            raise CorruptFile(f"{error}; delete {self.folder} and start again") from error
+        now = self._settings()
+        if settings != now:
+            other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]
+            raise OtherTraining(
+                f"{self.folder} holds a training with other settings ({', '.join(other)}): {settings}; name another "
+                "--out"
+            )
         return steps, curve
 
-    def _write_progress(self, steps: int, curve: list[Score]) -> None:
-        progress = {"settings": self._settings(), "steps": steps, "curve": curve}
-        write_text(self.folder / PROGRESS, json.dumps(progress, indent=1) + "\n")
-
     def _settings(self) -> dict[str, Any]:
-        """All that decides the policy, as JSON types."""
+        """All that decides policy and curve, as JSON types."""
         settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
-        return json.loads(json.dumps({**settings, "bank": dict(self.bank.source)}))
+        banks = {"bank": self.bank, "test bank": self.test_bank}
+        digests = {name: array_digest(bank.logits, bank.shapes) for name, bank in banks.items()}
+        model = hashlib.sha256(self.model.to_json().encode()).hexdigest()
+        return json.loads(json.dumps({**settings, **digests, "observation model": model}))
 
 
 def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int = 1) -> Score:

@@ -93,8 +93,9 @@ class TrainPPO:
         from experiments.ppo_training import POLICY  # loads gymnasium
 
         named_scene(self.scene)  # or say which there are
+        recipes = self._recipes()
         out = self.out if self.out is not None else Path(f"runs/ppo-{self.scene}")
-        trainings = self._trainings(out)
+        trainings = self._trainings(out, recipes)
         tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
         curves: dict[int, list[Score]] = {}
         for index, curve in run_tasks(tasks, self.jobs, "training policies"):
@@ -140,7 +141,14 @@ class TrainPPO:
             )
         write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")
 
-    def _trainings(self, out: Path) -> list[Training]:
+    def _recipes(self) -> dict[str, PPORecipe]:
+        """The changed recipes by name, or an error about an argument."""
+        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in self.recipes}
+        if not recipes or len({recipe.state for recipe in recipes.values()}) < len(self.recipes):
+            raise ImpossiblePPO("--recipes", "one recipe a state", " ".join(self.recipes))
+        return recipes
+
+    def _trainings(self, out: Path, recipes: Mapping[str, PPORecipe]) -> list[Training]:
         """All trainings, or an error before any is started."""
         from activetouch.envs.bank import TouchBank  # loads gymnasium
         from experiments.ppo_training import Training
@@ -152,10 +160,6 @@ class TrainPPO:
         for target in self.targets:
             if target not in bank.shape_labels:
                 raise UnknownName("target", target, list(bank.shape_labels))
-        recipes = {name: self.change.of(PPO_RECIPES[name]) for name in self.recipes}
-        states = [recipe.state for recipe in recipes.values()]
-        if self.seeds < 1 or self.jobs < 1 or not recipes or len(set(states)) < len(states):
-            raise ImpossiblePPO(f"need --seeds and --jobs ≥ 1 and one recipe a state, got {self}")
         return [
             Training(bank, test_bank, model, target, recipe, seed, out / f"{name}-{target}-{seed}")
             for name, recipe in recipes.items()

@@ -108,6 +108,13 @@ class BankEpisodes:
         """The poses, CONFIRM and REJECT."""
         return self.num_poses + 2
 
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """All that changes, by name: who writes into these arrays puts the episodes back to where they were."""
+        names = ("objects", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
+        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential")}
+        return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
+
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Begin new episodes in these rows."""
         target_probs = self._priors.draw(rng, len(rows))

@@ -34,6 +34,20 @@ class BankVecEnv(VecEnv):
         observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
         super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
 
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """All that changes but chance, by name: who writes into these arrays puts episodes back to where they were."""
+        return {**self._episodes.arrays, "returns": self._returns, "lengths": self._lengths}
+
+    @property
+    def chance(self) -> dict[str, Any]:
+        """State of the source of chance, as JSON types; may be set."""
+        return dict(self._rng.bit_generator.state)
+
+    @chance.setter
+    def chance(self, state: dict[str, Any]) -> None:
+        self._rng.bit_generator.state = state
+
     def reset(self) -> NDArray[np.float32]:
         """New episodes in all rows."""
         if self._seeds[0] is not None:

@@ -176,8 +176,8 @@ class ArrayModel(ABC):
             num_touches: n, ``(...)``.
 
         Returns:
-            Factors ``(...)``; or matrices ``(..., K, K)``, to be applied to sums of log-likelihoods less their mean over
-            shapes; None, as for any model that does not say otherwise, if a likelihood needs the touches themselves.
+            Factors ``(...)``; or matrices ``(..., K, K)``, to be applied to sums of log-likelihoods less their mean
+            over shapes; None, as for any model that does not say otherwise, if it takes the touches themselves.
         """
         return None
 

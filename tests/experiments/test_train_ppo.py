@@ -1,7 +1,8 @@
 """Training PPO on a bank: from nothing, after an interruption, and what comes of it."""
 
 import json
-from dataclasses import replace
+import tempfile
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -14,10 +15,14 @@ from activetouch.envs.touches import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
 from activetouch.errors import MissingPackage
 from belief.errors import CorruptFile, UnknownName
+from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
+from experiments import ppo_state
+from experiments.arguments import BadArgument
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo_reference import reference, thresholds
-from experiments.ppo_training import CHECKPOINT, POLICY, PROGRESS, OtherTraining, Training, evaluate, play, policy_of
+from experiments.ppo_state import write_state
+from experiments.ppo_training import LEARNER, POLICY, STATE, OtherTraining, Training, evaluate, play, policy_of
 from experiments.train_ppo import PPOChanges, TrainPPO
 from planners.ppo import Policy, load_policy
 
@@ -45,7 +50,7 @@ def training(bank, model, folder, recipe=TINY):
 
 def test_a_policy_for_numpy_does_what_sb3s_does(bank, sharp, tmp_path):
     some = training(bank, sharp, tmp_path)
-    learner = some._learner(0)
+    learner = some._learner()
     policy = policy_of(learner, some.card)
     states = np.random.default_rng(0).uniform(size=(50, 10)).astype(np.float32)
     with torch.no_grad():
@@ -69,38 +74,92 @@ def test_training_learns_and_leaves_a_policy_a_curve_and_a_checkpoint(bank, shar
     assert again.mean_return == curve[-1].mean_return
     from stable_baselines3 import PPO
 
-    assert PPO.load(tmp_path / CHECKPOINT).num_timesteps == 8192
+    assert PPO.load(tmp_path / LEARNER).num_timesteps == 8192
     assert some.run() == curve  # nothing is left to do
 
 
-def test_an_interrupted_training_goes_on_from_its_last_checkpoint(bank, sharp, tmp_path, monkeypatch):
-    some = training(bank, sharp, tmp_path)
-    steps = []
-    original = Training._write_progress
+def interrupted(some, monkeypatch, after):
+    """Train until the state was written so many times, and no further."""
+    written = []
 
-    def interrupt(self, done, curve):
-        original(self, done, curve)
-        steps.append(done)
-        if done == 256:
+    def write_and_stop(*arguments):
+        write_state(*arguments)
+        written.append(1)
+        if len(written) == after:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Training, "_write_progress", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        some.run()
-    assert not (tmp_path / POLICY).exists()
-    monkeypatch.undo()
-    curve = some.run()
-    assert [point.steps for point in curve] == [0, 128, 256, 384, 512]
-    assert (tmp_path / POLICY).exists()
+    with monkeypatch.context() as patched:
+        patched.setattr(ppo_state, "write_state", write_and_stop)
+        with pytest.raises(KeyboardInterrupt):
+            some.run()
+
+
+# One that sums evidence, one that keeps every touch, one with masks, and an optimiser's first and later steps.
+KINDS = {
+    "paper": TINY,
+    "posterior": replace(TINY, state="posterior", beta=0.0, target_prob=(0.1, 0.9)),
+    "masked": replace(TINY, state="posterior", masked=True, touch_limit=3),
+    "steps that do not divide": replace(TINY, steps=500, rollout=7, num_envs=13, batch_size=91),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("signature", [False, True])
+def test_a_training_killed_and_started_again_ends_as_one_left_alone(
+    name, signature, bank, sharp, tmp_path, monkeypatch
+):
+    model = SignatureModel(sharp, 0.4) if signature else sharp
+    whole, parts = (training(bank, model, tmp_path / folder, KINDS[name]) for folder in ("whole", "parts"))
+    curve = whole.run()
+    for after in (1, 1, 2):  # before the first update; then after one and three; each in what is left
+        np.random.seed(after)  # noqa: NPY002  another process has another past
+        torch.manual_seed(after)
+        interrupted(parts, monkeypatch, after)
+        assert not (tmp_path / "parts" / POLICY).exists()
+    assert parts.run() == curve
+    for file in (POLICY, STATE):
+        assert (tmp_path / "parts" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
+
+
+def test_a_training_leaves_global_chance_and_the_temporary_folder_alone(bank, sharp, tmp_path, monkeypatch):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    before = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
+    training(bank, sharp, tmp_path / "out").run()
+    np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
+    assert torch.equal(torch.get_rng_state(), before[1])
+    assert list(temporary.iterdir()) == []
 
 
 def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
     training(bank, sharp, tmp_path).run()
-    with pytest.raises(OtherTraining, match="other settings"):
+    with pytest.raises(OtherTraining, match=r"other settings \(recipe\)"):
         training(bank, sharp, tmp_path, PPORecipe(steps=1024, num_envs=16, rollout=8, batch_size=64)).run()
-    (tmp_path / PROGRESS).write_text("{")
-    with pytest.raises(CorruptFile, match="start again"):
-        training(bank, sharp, tmp_path).run()
+    with pytest.raises(OtherTraining, match=r"\(observation model\)"):
+        training(bank, SignatureModel(sharp, 0.4), tmp_path).run()
+    other = replace(bank, logits=bank.logits + np.float32(1.0))
+    with pytest.raises(OtherTraining, match=r"\(bank, test bank\)"):
+        training(other, sharp, tmp_path).run()
+
+
+def test_every_damage_to_a_state_is_noticed(bank, sharp, tmp_path):
+    some = training(bank, sharp, tmp_path)
+    some.run()
+    (tmp_path / POLICY).unlink()
+    whole = (tmp_path / STATE).read_bytes()
+    rng = np.random.default_rng(0)
+    places = [3, 20, len(whole) - 1, *rng.integers(len(whole), size=40).tolist()]
+    for place in places:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / STATE).write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="start again"):
+            some.run()
+    for cut in (0, 7, len(whole) // 2):
+        (tmp_path / STATE).write_bytes(whole[:cut])
+        with pytest.raises(CorruptFile, match="start again"):
+            some.run()
 
 
 def test_the_command_trains_every_target_and_keeps_the_best_seed(bank, sharp, tmp_path):
@@ -132,9 +191,15 @@ def test_the_command_trains_every_target_and_keeps_the_best_seed(bank, sharp, tm
     ("changes", "error", "match"),
     [
         ({"targets": ("cone",)}, UnknownName, "target 'cone'"),
-        ({"seeds": 0}, ImpossiblePPO, "--seeds"),
+        ({"seeds": 0}, BadArgument, "--seeds"),
         ({"recipes": ("posterior", "posterior_masked")}, ImpossiblePPO, "one recipe a state"),
         ({"scene": "gell"}, UnknownName, "scene 'gell'"),
+        ({"jobs": 0}, BadArgument, "--jobs"),
+        ({"recipes": ()}, ImpossiblePPO, "--recipes"),
+        ({"change": PPOChanges(steps=0)}, BadArgument, r"--change\.steps must .* got 0"),
+        ({"change": PPOChanges(learning_rate=np.inf)}, BadArgument, r"--change\.learning-rate must .* got inf"),
+        ({"change": PPOChanges(entropy=np.nan)}, BadArgument, r"--change\.entropy must .* got nan"),
+        ({"change": PPOChanges(touch_cost=np.nan)}, BadArgument, r"--change\.touch-cost must .* got nan"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_trained(changes, error, match, bank, sharp, tmp_path):
@@ -148,13 +213,34 @@ def test_what_makes_no_sense_is_refused_before_anything_is_trained(changes, erro
     assert not (tmp_path / "out").exists()
 
 
-def test_settings_out_of_range_are_refused():
-    for wrong in ({"steps": 0}, {"batch_size": 10_000}, {"hidden": ()}, {"discount": 1.1}, {"beta": -1.0}):
-        with pytest.raises(ImpossiblePPO):
-            PPORecipe(**wrong)
-    for prob in (0.0, 1.0, np.nan, (0.9, 0.1), (0.1, 1.0)):
-        with pytest.raises(ImpossiblePPO, match="target_prob"):
-            PPORecipe(target_prob=prob)
+COUNTS = ("steps", "num_envs", "rollout", "batch_size", "epochs", "touch_limit")
+NUMBERS = ("learning_rate", "entropy", "discount", "gae", "beta", "touch_cost", "target_prob")
+
+
+def test_every_setting_has_its_range():
+    assert {*COUNTS, *NUMBERS, "hidden", "state", "masked"} == {field.name for field in fields(PPORecipe)}
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *[(name, wrong) for name in COUNTS for wrong in (0, -1, 1.5, np.nan, "many", None)],
+        *[(name, wrong) for name in NUMBERS for wrong in (-1.0, np.nan, np.inf, -np.inf, "much", None)],
+        *[("hidden", wrong) for wrong in ((), (0,), (8, -1), (np.nan,), 3)],
+        *[(name, wrong) for name in ("discount", "gae") for wrong in (0.0, 1.1)],
+        *[("target_prob", wrong) for wrong in (0.0, 1.0, (0.9, 0.1), (0.1, 1.0), (0.1, 0.2, 0.3), (), (np.nan, 0.5))],
+        ("state", "image"),
+        ("learning_rate", 0.0),
+        ("batch_size", 1),
+        ("batch_size", 10_000),
+    ],
+)
+def test_a_setting_out_of_range_is_refused_by_name(name, wrong):
+    with pytest.raises(ImpossiblePPO, match=f"^{name} must be"):
+        PPORecipe(**{name: wrong})
+
+
+def test_changes_change_what_they_name():
     assert PPOChanges(steps=7, beta=0.5).of(PPO_RECIPES["paper"]).steps == 7
 
 
@@ -211,7 +297,7 @@ def test_maskable_ppo_trains_on_the_bank_and_never_probes_beyond_the_limit(bank,
     recipe = PPORecipe("posterior", True, 4096, num_envs=32, rollout=16, batch_size=128, touch_limit=2, hidden=(8, 8))
     some = training(bank, sharp, tmp_path, recipe)
     some.run()
-    envs = some._learner(4096).get_env()
+    envs = some._learner().get_env()
     envs.reset()
     for _ in range(2):
         envs.step(np.zeros(32, np.int64))
