@@ -1,5 +1,7 @@
 """The README's library example is executed as it stands, and its examples run."""
 
+import ast
+import builtins
 import re
 import runpy
 from pathlib import Path
@@ -35,6 +37,35 @@ def test_the_code_in_the_guide_to_calibration_prints_what_the_guide_says(capsys)
     [(code, printed)] = re.findall(r"```python\n(.*?)```.*?```text\n(.*?)```", text, flags=re.S)
     exec(compile(code, "docs/calibration.md", "exec"), {})
     assert capsys.readouterr().out == printed
+
+
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").rglob("*.md"))]
+BLOCKS = [
+    pytest.param(code, id=f"{page} {number}")
+    for page in PAGES
+    for number, code in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.S), start=1)
+]
+
+
+@pytest.mark.parametrize("code", BLOCKS)
+def test_every_name_in_a_block_of_code_is_defined_in_it(code):
+    nodes = list(ast.walk(ast.parse(code)))
+    names = {node.id for node in nodes if isinstance(node, ast.Name)}
+    bound = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    bound |= {node.arg for node in nodes if isinstance(node, ast.arg)}
+    bound |= {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    for node in nodes:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            bound |= {(one.asname or one.name).split(".")[0] for one in node.names}
+    assert not names - bound - set(dir(builtins))
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.parametrize("code", [block for block in BLOCKS if "docs/planners.md" in str(block.id)])
+def test_the_code_in_the_guide_to_deciders_runs(code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "docs/planners.md", "exec"), {})
 
 
 @pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")} - LONG))
