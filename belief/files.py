@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from belief.errors import ActiveTouchError, CannotWrite
 
 
 @contextmanager
@@ -18,19 +22,88 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
     Parent folders are made. The data is flushed to disk before the rename, so a crash or a full disk leaves
     the old file as it was.
+
+    Raises:
+        CannotWrite: the disk is full, the folder is read-only or no folder, or the like. Other errors of the block
+            pass as they are.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = None
     try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)  # mkstemp's 0600 would hide results from colleagues
-        temporary.replace(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+        except Exception as error:
+            if (cause := _cause(error, temporary)) is None:
+                raise
+            raise cannot_write(path, cause) from error
+        try:
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            temporary.chmod(0o644)  # mkstemp's 0600 would hide results from colleagues
+            temporary.replace(path)
+        except OSError as error:
+            raise cannot_write(path, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        if temporary is not None:
+            with suppress(OSError):  # of a disk that became read-only
+                temporary.unlink(missing_ok=True)
+
+
+def require_writable(folder: Path) -> None:
+    """Check that files can be written into a folder, before any work; nothing is left behind, and nothing made.
+
+    Raises:
+        CannotWrite: it is a file or lies in one, it is read-only, or the disk is full.
+    """
+    existing = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
+    try:
+        with tempfile.TemporaryFile(dir=existing) as file:
+            file.write(b"0")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+
+
+def cannot_write(path: Path, error: OSError) -> CannotWrite:
+    """What to raise where writing ``path`` failed: the cause, and what to do."""
+    if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
+        blocking = next((p for p in (path, *path.parents) if os.path.lexists(p) and not p.is_dir()), None)
+        cause = f"{blocking} is no folder, and none can be made there" if blocking else "it is a folder"
+        return CannotWrite(f"{path} cannot be written: {cause}; choose another --out")
+    cause = os.strerror(error.errno) if error.errno else str(error)
+    remedy = "make room" if error.errno in _NO_ROOM else "allow writing there or choose another --out"
+    return CannotWrite(
+        f"{path} cannot be written: {cause}. What was there is kept; {remedy}, and run the same command to go on"
+    )
+
+
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_OF_WRITING = {
+    *(*_NO_ROOM, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EIO),
+    *(errno.ENOENT, errno.ENAMETOOLONG, errno.ELOOP),
+}
+
+
+def _cause(error: Exception, temporary: Path) -> OSError | None:
+    """The disk's error behind one that came up while ``temporary`` was written; None if it is of another kind.
+
+    numpy and safetensors tell what the disk said in words only.
+    """
+    if isinstance(error, ActiveTouchError):
+        return None
+    if isinstance(error, OSError) and error.errno in _OF_WRITING:
+        return error if error.filename in (None, str(temporary), temporary) else None
+    if isinstance(error, OSError) and re.fullmatch(r"\d+ requested and \d+ written", str(error)):
+        return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    found = re.search(r"\(os error (\d+)\)", str(error))
+    return OSError(int(found[1]), os.strerror(int(found[1]))) if found else None
 
 
 def write_text(path: Path, text: str) -> None:

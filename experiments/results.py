@@ -216,6 +216,8 @@ class RunFolder:
     def _writing(self) -> Iterator[None]:
         try:
             yield
+        except CannotWrite:
+            raise
         except OSError as error:
             if not self.path.is_dir() and isinstance(error, FileExistsError | NotADirectoryError):
                 raise CannotWrite(

@@ -8,8 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.errors import ActiveTouchError
+from belief.files import atomic_path
 from belief.problem import Floats
 from planners.solve.plans import Plans
 from planners.solve.policy import SearchPolicy, TouchPolicy
@@ -57,15 +56,8 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
     arrays["prior"] = problem.prior
     for number, plans in enumerate(stages):
         arrays |= {f"alphas_{number}": plans.alphas, f"actions_{number}": plans.actions}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPolicy | SearchPolicy:

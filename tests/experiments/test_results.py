@@ -124,7 +124,7 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
     folder = a_run(tmp_path)
     other = ShardKey("threshold", "hex-nut", 4)
     monkeypatch.setattr("os.fsync", no_room)
-    with pytest.raises(CannotWrite, match=r"No space left on device\. What is in it is kept; make room"):
+    with pytest.raises(CannotWrite, match=r"No space left on device\. What was there is kept; make room"):
         folder.write(other, LINES, TIME)
     with pytest.raises(CannotWrite, match="No space left"):
         folder.write_episodes(LINES)

@@ -1,0 +1,176 @@
+"""Files are written whole or not at all, and a disk that cannot take them is one clear error."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from belief.errors import CannotWrite, CorruptFile
+from belief.files import atomic_path, require_writable, write_text
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
+STEPS = ("tempfile.mkstemp", "os.fsync", "pathlib.Path.replace", "pathlib.Path.mkdir")
+
+
+def failing(number):
+    def fail(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    return fail
+
+
+@pytest.fixture
+def old(tmp_path):
+    """A file from before."""
+    path = tmp_path / "folder" / "result.json"
+    path.parent.mkdir()
+    path.write_text("old")
+    return path
+
+
+@pytest.mark.parametrize("number", [*NO_ROOM, *NOT_ALLOWED], ids=os.strerror)
+@pytest.mark.parametrize("step", STEPS)
+def test_whichever_step_fails_the_error_names_path_cause_and_remedy_and_the_old_file_stays(
+    old, monkeypatch, step, number
+):
+    monkeypatch.setattr(step, failing(number))
+    with pytest.raises(CannotWrite) as caught:
+        write_text(old, "new")
+    monkeypatch.undo()
+    words = str(caught.value)
+    assert str(old) in words
+    assert os.strerror(number) in words
+    assert ("make room" if number in NO_ROOM else "--out") in words
+    assert old.read_text() == "old"
+    assert list(old.parent.iterdir()) == [old]
+
+
+def test_a_disk_full_in_the_middle_of_the_content_is_the_same_error(old):
+    with pytest.raises(CannotWrite, match="No space left on device"), atomic_path(old) as temporary:
+        temporary.write_text("half of the n")
+        failing(errno.ENOSPC)()
+    assert old.read_text() == "old"
+
+
+@pytest.mark.parametrize(
+    "error",
+    [OSError("10000 requested and 1008 written"), RuntimeError("I/O error: No space left on device (os error 28)")],
+    ids=["numpy", "safetensors"],
+)
+def test_libraries_that_tell_a_full_disk_in_words_are_understood(old, error):
+    with pytest.raises(CannotWrite, match="No space left on device"), atomic_path(old):
+        raise error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("a mistake"),
+        OSError("no such format"),
+        FileNotFoundError(errno.ENOENT, "No such file", "another"),
+        PermissionError(errno.EACCES, "Permission denied", "another"),
+        CorruptFile("another is damaged"),
+    ],
+    ids=repr,
+)
+def test_errors_of_another_kind_pass_as_they_are(old, error):
+    with pytest.raises(type(error)) as caught, atomic_path(old):
+        raise error
+    assert caught.value is error
+    assert list(old.parent.iterdir()) == [old]
+
+
+@pytest.mark.parametrize("place", ["file/below", "file/deep/below", "dangling/below", "folder"])
+def test_a_place_that_can_hold_no_file_is_named(tmp_path, place):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(CannotWrite, match="choose another --out") as caught:
+        write_text(tmp_path / place, "new")
+    assert str(tmp_path / place.split("/")[0]) in str(caught.value)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_error_that_cannot_be_tidied_up_after_is_still_told(old, monkeypatch):
+    monkeypatch.setattr("os.fsync", failing(errno.EROFS))
+    monkeypatch.setattr("pathlib.Path.unlink", failing(errno.EROFS))
+    with pytest.raises(CannotWrite, match="Read-only"):
+        write_text(old, "new")
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+
+import numpy as np
+from belief.files import atomic_path
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (8192, resource.RLIM_INFINITY))  # what lies beyond cannot be written
+numbers = np.random.default_rng(0).random((100, 100))
+
+
+def safetensors(path):
+    from safetensors.numpy import save_file
+
+    save_file({"numbers": numbers}, path)
+
+
+def picture(path):
+    from PIL import Image
+
+    Image.fromarray((255 * numbers).astype(np.uint8)).resize((300, 300)).save(path)
+
+
+writers = {
+    "text": lambda path: path.write_text("x" * 10_000),
+    "npy": lambda path: np.save(path, numbers),
+    "npz": lambda path: np.savez(path, numbers=numbers),
+    "safetensors": safetensors,
+    "png": picture,
+}
+path = Path(sys.argv[1], "file." + sys.argv[2])
+with atomic_path(path) as temporary:
+    writers[sys.argv[2]](temporary)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit on the size of files")
+@pytest.mark.parametrize("kind", ["text", "npy", "npz", "safetensors", "png"])
+def test_a_write_that_the_system_really_refuses_is_the_clear_error_in_every_library(tmp_path, kind):
+    found = subprocess.run([sys.executable, "-c", LIMITED, str(tmp_path), kind], capture_output=True, text=True)
+    assert found.stderr.splitlines()[-1].startswith("belief.errors.CannotWrite: "), found.stderr
+    assert "make room" in found.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("folder", ["there", "there/not/yet", "."])
+def test_asking_whether_a_folder_is_writable_leaves_nothing_behind(tmp_path, monkeypatch, folder):
+    (tmp_path / "there").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for asked in (tmp_path / folder, type(tmp_path)(folder)):
+        require_writable(asked)
+    assert list(tmp_path.rglob("*")) == [tmp_path / "there"]
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "dangling"])
+def test_a_folder_that_cannot_be_made_is_not_writable(tmp_path, place):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "dangling").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(CannotWrite, match=place.split("/")[0]):
+        require_writable(tmp_path / place)
+
+
+def test_a_full_disk_is_not_writable(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.fsync", failing(errno.ENOSPC))
+    with pytest.raises(CannotWrite, match="make room"):
+        require_writable(tmp_path)
+
+
+def test_numbers_written_through_a_temporary_path_read_back(tmp_path):
+    with atomic_path(tmp_path / "numbers.npy") as temporary:
+        np.save(temporary, np.arange(3))
+    assert np.load(tmp_path / "numbers.npy").tolist() == [0, 1, 2]
