@@ -6,7 +6,6 @@ import multiprocessing
 import resource
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
+from activetouch.workers import in_own_process
 
 _HEAVY = ("mujoco", "scipy", "trimesh", "matplotlib", "torch", "transformers")
 
@@ -41,8 +41,7 @@ class Cost:
 
 def measure(scene: Scene, num_presses: int) -> Cost:
     """Press objects of all shapes in a fresh process and see what it takes."""
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(_measure_here, scene, num_presses).result()
+    return in_own_process(multiprocessing.get_context("spawn"), _measure_here, scene, num_presses)
 
 
 def _measure_here(scene: Scene, num_presses: int) -> Cost:

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import sys
 
+from experiments.stopping import loading, running
+
 
 def commands() -> dict[str, type]:
     """Every command by name."""
@@ -69,16 +71,17 @@ def commands() -> dict[str, type]:
 
 def main() -> None:
     """Parse the arguments and run the chosen command."""
-    import tyro
+    with loading():
+        import tyro
 
-    from belief.errors import ActiveTouchError
+        from belief.errors import ActiveTouchError
+        from experiments.console import print_on_any_terminal
 
-    command = tyro.extras.subcommand_cli_from_dict(commands(), description=__doc__)
+        print_on_any_terminal()
+        command = tyro.extras.subcommand_cli_from_dict(commands(), description=__doc__)
     try:
-        command.run()
-    except KeyboardInterrupt:
-        print("\ninterrupted; what was finished is kept, run the same command to go on", file=sys.stderr)
-        sys.exit(130)
+        with running():
+            command.run()
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
 

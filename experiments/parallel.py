@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -9,7 +10,9 @@ from typing import Any, TypeVar
 import joblib
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from activetouch.workers import born_deaf, end_with_parent
 from belief.errors import ActiveTouchError
+from experiments.console import console
 
 T = TypeVar("T")
 
@@ -28,12 +31,13 @@ def default_jobs() -> int:
 def progress_bar() -> Progress:
     """The progress bar every command shows: what, how far, how long still."""
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
+        console=console(),
     )
 
 
@@ -50,7 +54,8 @@ def run_lazily(
     """Yield the result of every task, in order of completion; tasks are asked for shortly before they run.
 
     Several workers use one thread each for linear algebra, because together they already use all cores; one job runs
-    in this process. An interrupt stops them; whatever was yielded before is the caller's to keep.
+    in this process. An interrupt stops them, and they end when this process does, whatever ends it; whatever was yielded
+    before is the caller's to keep.
 
     Args:
         tasks: at most ``total`` of them.
@@ -65,7 +70,9 @@ def run_lazily(
     with _backend(scheduler), progress_bar() as progress:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         bar = progress.add_task(description, total=total)
-        for result in parallel(joblib.delayed(task)() for task in tasks):
+        with born_deaf():
+            results = parallel(joblib.delayed(task)() for task in tasks)
+        for result in results:
             progress.advance(bar)
             yield result
         progress.update(bar, completed=total)
@@ -74,7 +81,8 @@ def run_lazily(
 @contextmanager
 def _backend(scheduler: str | None) -> Iterator[Any]:
     if scheduler is None:
-        with joblib.parallel_config("loky", inner_max_num_threads=1) as config:
+        ending = {"initializer": end_with_parent, "initargs": (os.getpid(),)}
+        with joblib.parallel_config("loky", inner_max_num_threads=1, **ending) as config:
             yield config
         return
     try:

@@ -11,7 +11,6 @@ import multiprocessing
 import resource
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -20,9 +19,10 @@ import numpy as np
 from activetouch import TactileSensor, TouchWorld
 from activetouch.scene_description import scene_fields
 from activetouch.scenes import SCENES
+from activetouch.workers import in_own_process
 from activetouch.world import MODELS, POLICIES
 from belief import Touch
-from belief.files import write_text
+from belief.files import atomic_path, write_text
 from experiments.episodes import episode_seed, make_world
 from experiments.tradeoff_configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff_models import observation_model
@@ -187,8 +187,7 @@ def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
         if not path.exists():
             context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
             context.set_forkserver_preload(["activetouch.classifier", "activetouch.rig", __name__])
-            with ProcessPoolExecutor(1, mp_context=context) as pool:
-                write_text(path, json.dumps(pool.submit(measure, configuration).result()) + "\n")
+            write_text(path, json.dumps(in_own_process(context, measure, configuration)) + "\n")
         found |= json.loads(path.read_text())
     return TouchCost(**found)
 
@@ -239,5 +238,6 @@ def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
     out = folder / "sensors" / configuration.key
     fitted_to = scene_fields(SCENES[configuration.network.scene].scene)
     write_observation_model(out, observation_model(configuration, folder / "models"), fitted_to)
-    (out / CLASSIFIER_FILE).write_bytes(configuration.network.path.read_bytes())
+    with atomic_path(out / CLASSIFIER_FILE) as temporary:
+        temporary.write_bytes(configuration.network.path.read_bytes())
     return out

@@ -1,0 +1,72 @@
+"""Worker processes that end when the process ends that they work for."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.context import BaseContext
+from typing import TypeVar
+
+T = TypeVar("T")
+
+_EVERY = 0.5  # seconds
+
+
+def end_with_parent(parent: int | None = None) -> None:
+    """Make this process end soon after another: the initializer of a pool of workers.
+
+    A worker is left behind where its parent is killed, since it waits for its next task on a pipe that its fellows
+    hold open. So a thread looks whether the parent is still who it was. Linux's signal for the death of a parent will
+    not do: it is sent when the thread ends that started the worker. Ctrl-C is left to the parent, which ends its
+    workers.
+
+    Args:
+        parent: number of the process that starts the workers, so that one which is gone by now is noticed, too;
+            whoever the parent is now by default.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    watched = os.getppid() if parent is None else parent
+    threading.Thread(target=_watch, args=(watched,), name="end-with-parent", daemon=True).start()
+
+
+def _watch(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_EVERY)
+    os._exit(1)
+
+
+def end_workers() -> None:
+    """Kill the processes that this one started to share its work."""
+    for child in multiprocessing.active_children():
+        child.kill()
+
+
+@contextmanager
+def born_deaf() -> Iterator[None]:
+    """Have processes that are started in a block ignore Ctrl-C from their first moment, as this one does meanwhile."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def in_own_process(context: BaseContext, function: Callable[..., T], *arguments: object) -> T:
+    """What a function returns in a new process, which ends with this one or with an interrupt."""
+    with ProcessPoolExecutor(1, context, initializer=end_with_parent) as pool:
+        try:
+            with born_deaf():
+                result = pool.submit(function, *arguments)
+            return result.result()
+        except KeyboardInterrupt:
+            end_workers()
+            raise
