@@ -77,7 +77,7 @@ def join(traces: Iterable[Trace]) -> Trace:
 
 def write_csv(path: Path, cycles: Sequence[Trace]) -> None:
     """One row a step, cycle after cycle, with the columns :data:`COLUMNS`; time goes on across cycles. Atomic."""
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
         start = 0.0

@@ -22,20 +22,21 @@ def end_with_parent(parent: int | None = None) -> None:
     """Make this process end soon after another: the initializer of a pool of workers.
 
     A worker is left behind where its parent is killed, since it waits for its next task on a pipe that its fellows
-    hold open. So a thread looks whether the parent is still who it was. Linux's signal for the death of a parent will
-    not do: it is sent when the thread ends that started the worker. Ctrl-C is left to the parent, which ends its
-    workers.
+    hold open. So a thread looks for the parent. Linux's signal for the death of a parent will not do: it is sent when
+    the thread ends that started the worker. Ctrl-C is left to the parent, which ends its workers.
 
     Args:
-        parent: number of the process that starts the workers, so that one which is gone by now is noticed, too;
-            whoever the parent is now by default.
+        parent: number of the process that starts the workers; not needed where multiprocessing itself starts them.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    watched = os.getppid() if parent is None else parent
-    threading.Thread(target=_watch, args=(watched,), name="end-with-parent", daemon=True).start()
+    threading.Thread(target=_watch, args=(parent,), name="end-with-parent", daemon=True).start()
 
 
-def _watch(parent: int) -> None:
+def _watch(parent: int | None) -> None:
+    if parent is None:
+        origin = multiprocessing.parent_process()
+        assert origin is not None, "it is no process of multiprocessing"
+        origin.join()
     while os.getppid() == parent:
         time.sleep(_EVERY)
     os._exit(1)

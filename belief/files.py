@@ -71,6 +71,22 @@ def require_writable(folder: Path) -> None:
         raise cannot_write(folder, error) from error
 
 
+def require_writable_file(path: Path) -> None:
+    """Check that a file can be written, before any work; nothing is left behind, and nothing made.
+
+    Raises:
+        CannotWrite: its folder cannot take files, or it is a folder itself.
+    """
+    require_writable(path.parent)
+    if path.is_dir():
+        raise cannot_write(path, IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)))
+
+
+def is_of_writing(error: OSError) -> bool:
+    """Whether an error says that the disk is full, read-only or faulty, or that a place is not for this user."""
+    return error.errno in _OF_WRITING
+
+
 def cannot_write(path: Path, error: OSError) -> CannotWrite:
     """What to raise where writing ``path`` failed: the cause, and what to do."""
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.dataset import TouchSet, read_split
@@ -15,13 +14,14 @@ from activetouch.world import CLASSIFIER_FILE, write_observation_model
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
-from belief.files import write_text
+from belief.files import require_writable, write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
 from belief.selection import ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.arguments import Seed, check_arguments
 from experiments.baseline import depth_and_force_accuracy
+from experiments.console import plain_console
 from experiments.scene_choice import named_scene, repeats_folder, training_folder
 from experiments.scores import read_logits
 from experiments.sensors import open_collection, require_collection
@@ -64,6 +64,7 @@ class Calibrate:
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
+        require_writable(out)
         trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
         classifier = TouchClassifier.load(trained)
@@ -133,7 +134,7 @@ def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.ran
 
 
 def _show(evaluation: dict, choice: ModelChoice) -> None:
-    console = Console()
+    console = plain_console()
     low, high = evaluation["accuracy_interval"]
     fused_low, fused_high = evaluation["fused_accuracy_interval"]
     e, labels = evaluation, choice.model.shape_labels

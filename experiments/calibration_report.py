@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from rich.console import Console
 
 from activetouch.dataset import read_split
 from activetouch.manifest import Manifest
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.chance import keyed_rng
 from belief.errors import ActiveTouchError
-from belief.files import write_text
+from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel
 from belief.selection import OBSERVATION_MODELS
 from experiments.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.calibration_measurements import Measurements
 from experiments.calibration_models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
 from experiments.calibration_touches import CALIBRATION_FITS, score_touches
+from experiments.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.scores import read_logits
@@ -79,6 +79,7 @@ class CalibrationReport:
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
         folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
+        require_writable(folder)
         manifest = open_collection(data, self.scene, repeats=True)
         if manifest.plan.repeats < 2:
             raise NoRepeats(
@@ -89,11 +90,11 @@ class CalibrationReport:
         found = self.measure(manifest, *self._read(data, manifest))
         report = sections(found)
         write(folder, found, report)
-        console = Console()
+        console = plain_console()
         for section in report:
             console.rule(section.title)
             for sentence in section.sentences:
-                console.print(sentence, markup=False)
+                console.print(sentence)
             for grid in section.grids[: None if section is report[0] else 0]:
                 console.print(grid.rich())
         print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")

@@ -75,6 +75,7 @@ def main() -> None:
         import tyro
 
         from belief.errors import ActiveTouchError
+        from belief.files import is_of_writing
         from experiments.console import print_on_any_terminal
 
         print_on_any_terminal()
@@ -84,6 +85,10 @@ def main() -> None:
             command.run()
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
+    except OSError as error:  # of what libraries write on their own, such as logs and copies for workers
+        if not is_of_writing(error):
+            raise
+        sys.exit(f"activetouch: {error}. What was finished is kept; mend that, and run the same command to go on")
 
 
 if __name__ == "__main__":

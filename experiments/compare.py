@@ -20,6 +20,7 @@ from activetouch.rendering import RENDERERS
 from belief import SearchProblem
 from belief.errors import UnknownName
 from experiments.arguments import BadArgument
+from experiments.console import plain_console
 from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
 from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
@@ -99,7 +100,7 @@ class Compare:
 
     def run(self) -> None:
         """Play what is missing, then summarise everything."""
-        console = Console()
+        console = plain_console()
         worlds = self.worlds()
         found = {name: compare._run_one(console) for name, compare in worlds.items()}
         if len(worlds) > 1 and all(found.values()):
@@ -148,7 +149,7 @@ class Compare:
         comparison = self.play()
         console.print(render_table(comparison))
         for sentence in verdict(comparison):
-            console.print(textwrap.fill(sentence, 78), markup=False, highlight=False)
+            console.print(textwrap.fill(sentence, 78))
         report = write_report(self.folder, comparison, self.setting, self.seed)
         console.print(f"report: {report}", soft_wrap=True)
         return comparison

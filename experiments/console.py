@@ -14,12 +14,39 @@ from typing import IO
 
 from rich.console import Console
 
-_PLAIN = {"–": "-", "—": "-", "−": "-", "…": "...", "→": "->", "≤": "<=", "≥": ">=", "≠": "!=", "×": "x", "·": "."}
-_PLAIN |= {"λ": "lambda", "π": "pi", "σ": "sigma", "‘": "'", "’": "'", "“": '"', "”": '"', "•": "*", "█": "#"}
-_PLAIN |= {"─": "-", "━": "-", "│": "|", "╸": "-", "╺": "-", "╭": "+", "╮": "+", "╰": "+", "╯": "+"}
+_PLAIN = {
+    "–": "-",
+    "—": "-",
+    "−": "-",
+    "…": "...",
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "≠": "!=",
+    "×": "x",
+    "·": ".",
+    "µ": "u",
+    "μ": "u",
+    "λ": "lambda",
+    "π": "pi",
+    "σ": "sigma",
+    "ß": "ss",
+    "•": "*",
+    "█": "#",
+    "‘": "'",
+    "’": "'",
+    "“": '"',
+    "”": '"',
+    "─": "-",
+    "━": "-",
+    "╸": "-",
+    "╺": "-",
+    "│": "|",
+    **dict.fromkeys("╭╮╰╯", "+"),
+}
 
 
-def console(file: IO[str] | None = None, width: int | None = None, stderr: bool = False) -> Console:
+def plain_console(file: IO[str] | None = None, width: int | None = None, stderr: bool = False) -> Console:
     """A console that prints text as it is, with neither markup, nor names of emoji, nor colours of its own choice."""
     return Console(file=file, width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
 

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import tyro
 from rich import box
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
@@ -24,6 +23,7 @@ from activetouch.world import MODELS, load_observation_model
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.arguments import Count, check_arguments
+from experiments.console import plain_console
 from experiments.scene_choice import SceneChoice
 from planners.limits import touch_limits
 
@@ -48,7 +48,7 @@ class Explain:
     def run(self) -> None:
         """Print three tables; that of limits where the scene comes with a sensor."""
         check_arguments(self)
-        named, console = self.choice.named, Console()
+        named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
         sensor = MODELS / self.choice.scene
         if sensor.exists():

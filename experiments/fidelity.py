@@ -18,7 +18,6 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.contact import first_touch
@@ -32,9 +31,10 @@ from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from activetouch.stage import Stage
 from belief.chance import keyed_rng
-from belief.files import write_text
+from belief.files import require_writable_file, write_text
 from experiments.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.baseline import neighbour_accuracy
+from experiments.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice
 
@@ -113,7 +113,8 @@ class Fidelity:
     def run(self) -> None:
         """Press, compare, print and write."""
         check_arguments(self)
-        scene, console = self.choice.named.scene, Console()
+        require_writable_file(self.out)
+        scene, console = self.choice.named.scene, plain_console()
         plain = self._press(scene, Quasistatic(), self.presses, "quasistatic")
         stepped = self._press(scene, Dynamic(traced=True), self.presses, "dynamic")
         others = {"dynamic": stepped}

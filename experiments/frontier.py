@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import NDArray
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.dataset import read_split
-from belief.files import write_text
+from belief.files import require_writable, write_text
 from experiments.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
+from experiments.console import plain_console
 from experiments.parallel import progress_bar
 from experiments.scene_choice import collection_folder
 from experiments.scores import Scores, scores
@@ -93,6 +93,7 @@ class Frontier:
         from activetouch.classifier import TouchClassifier, TouchNetwork
         from experiments.classifier_figures import draw_frontier
 
+        require_writable(self.out)
         torch.set_num_threads(self.threads)
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)
@@ -138,7 +139,7 @@ class Frontier:
         ):
             write_text(self.out / name, text)
         draw_frontier(entries, self.scene, self.out / "frontier.svg")
-        Console().print(_table(entries, len(test.images)))
+        plain_console().print(_table(entries, len(test.images)))
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
     def _time(self, classifiers: list[TouchClassifier], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:

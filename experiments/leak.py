@@ -24,7 +24,6 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.contact import Contact, with_numbers_of
@@ -36,10 +35,11 @@ from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.chance import keyed_rng
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, require_writable, write_text
 from belief.statistics import cluster_bootstrap, paired_bootstrap
 from experiments.arguments import CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
 from experiments.baseline import averaged, share_by_object, shares_without_image
+from experiments.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, named_scene
 from experiments.sensors import check_sensor, tell_shift
@@ -127,6 +127,8 @@ class Leak:
         scene = self.choice.named.scene
         if self.train:
             require_input_size(self.input_size, scene.image_shape[0], "cnn")
+        out = self.out if self.out is not None else Path(f"runs/leak-{self.choice.scene}")
+        require_writable(out)
         classifier = self._classifier(scene)
         readings = {"image": partial(averaged, size=self.input_size)} if self.train else {}
         if classifier is not None:
@@ -157,7 +159,7 @@ class Leak:
             },
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},
         }
-        _write(result, self.out if self.out is not None else Path(f"runs/leak-{self.choice.scene}"))
+        _write(result, out)
 
     @property
     def _recipe(self) -> TrainingRecipe:
@@ -292,7 +294,7 @@ def _write(result: dict[str, Any], out: Path) -> None:
         f"{result['chance']:.3f}. Shown the geometry of another touch, the shape whose force and depth it has is right."
     )
     write_text(out / "leak.json", json.dumps(result, indent=1) + "\n")
-    with atomic_path(out / "leak.md") as temporary, temporary.open("w") as file:
-        for console in (Console(), Console(file=file, width=200)):
-            console.print(heading, measured, compared, highlight=False, soft_wrap=True)
+    with atomic_path(out / "leak.md") as temporary, temporary.open("w", encoding="utf-8") as file:
+        for console in (plain_console(), plain_console(file=file, width=200)):
+            console.print(heading, measured, compared, soft_wrap=True)
     print(f"wrote leak.json and leak.md into {out}")

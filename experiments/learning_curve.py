@@ -9,14 +9,14 @@ from typing import Annotated
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.dataset import SPLITS, TouchSet, read_split
 from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES
-from belief.files import write_text
+from belief.files import require_writable, write_text
 from experiments.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
+from experiments.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.scores import Scores, scores
@@ -85,6 +85,7 @@ class LearningCurve:
         from experiments.classifier_figures import draw_learning_curve
 
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
+        require_writable(out)
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)
         require_input_size(self._size, manifest.image_shape[0], self.backbone)
@@ -100,7 +101,7 @@ class LearningCurve:
             table.add_column(heading, justify="right")
         for p in points:
             table.add_row(str(p.images), str(p.epochs), str(p.scores), f"{p.scores.nll:.4f}")
-        Console().print(table)
+        plain_console().print(table)
         print(f"wrote {out}/learning_curve.json and .svg")
 
     @property

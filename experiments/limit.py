@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from rich.console import Console
 
 from activetouch.rendering import ForcePatchRenderer, PressureRenderer
 from activetouch.scene import Scene
+from belief.files import require_writable
 from experiments.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from experiments.console import plain_console
 from experiments.limit_bayes import SimulatedBayes
 from experiments.limit_close_up import CloseUp
 from experiments.limit_learned import LearnedView
@@ -74,9 +75,10 @@ class Limit:
         if self.touches < len(scene.shapes):
             raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
         folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
+        require_writable(folder)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         findings = self.estimator(scene).measure(Study(sensor, self.touches, self.seed, self.jobs, folder))
-        console = Console()
+        console = plain_console()
         for sentence in findings.sentences:
             console.print(sentence)
         for grid in findings.grids:

@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from belief import Confirm, Reject
@@ -18,6 +17,7 @@ from belief.errors import ActiveTouchError
 from belief.files import write_text
 from belief.statistics import wilson_interval
 from experiments.arguments import Within, check_arguments
+from experiments.console import plain_console
 from experiments.results import RunFolder, read_episode
 from planners import Episode, Step
 
@@ -137,7 +137,7 @@ class OverprobingCommand:
             shares = (one.went_on, one.doubted, one.first_wrong, one.wrong)
             cells = [f"{share:.3f} [{low:.3f}, {high:.3f}]" for share, low, high in shares]
             table.add_row(one.decider, str(one.objects), f"{one.late_touches:.2f}", *cells)
-        Console(width=140).print(table)
+        plain_console(width=140).print(table)
 
 
 def _shape_labels(run: RunFolder) -> Iterable[str]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +9,7 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from belief.files import write_text
+from experiments.csv_text import csv_text
 from experiments.study import Grid
 
 
@@ -43,7 +42,4 @@ def write_page(path: Path, title: str, parts: Sequence[Part]) -> None:
 
 def write_csv(path: Path, grid: Grid) -> None:
     """Write a table for other programs, atomically."""
-    text = io.StringIO(newline="")
-    writer = csv.writer(text)
-    writer.writerows([grid.headings, *grid.rows])
-    write_text(path, text.getvalue())
+    write_text(path, csv_text([grid.headings, *grid.rows]))

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from activetouch.workers import born_deaf, end_with_parent
 from belief.errors import ActiveTouchError
-from experiments.console import console
+from experiments.console import plain_console
 
 T = TypeVar("T")
 
@@ -37,7 +37,7 @@ def progress_bar() -> Progress:
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
-        console=console(),
+        console=plain_console(),
     )
 
 
@@ -54,8 +54,8 @@ def run_lazily(
     """Yield the result of every task, in order of completion; tasks are asked for shortly before they run.
 
     Several workers use one thread each for linear algebra, because together they already use all cores; one job runs
-    in this process. An interrupt stops them, and they end when this process does, whatever ends it; whatever was yielded
-    before is the caller's to keep.
+    in this process. An interrupt stops them, and they end when this process does, whatever ends it. Whatever was
+    yielded before is the caller's to keep.
 
     Args:
         tasks: at most ``total`` of them.

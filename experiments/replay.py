@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.chance import touch_rng
-from belief.files import atomic_path
+from belief.files import atomic_path, require_writable_file
 from belief.problem import Action
 from experiments.arguments import Ending, check_arguments
 from experiments.episodes import Setting, load_sensor, make_world
@@ -91,6 +91,7 @@ class Replay:
         check_arguments(self)
         from experiments.search_figures import animate_search, draw_search
 
+        require_writable_file(self.out)
         run = RunFolder(self.folder)
         setting = Setting.from_dict(run.read_run()["arguments"]["setting"])
         shard, place = divmod(self.number, EPISODES_PER_SHARD)

@@ -8,14 +8,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from rich.console import Console
 from rich.markdown import Markdown
 
 from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
 from belief.errors import UnknownName
-from belief.files import write_text
+from belief.files import require_writable, write_text
 from experiments.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
+from experiments.console import plain_console
 from experiments.from_nothing import Effort, sensor_from_nothing
 from experiments.parallel import default_jobs
 from experiments.scene_choice import named_scene
@@ -105,6 +105,7 @@ class Reproduce:
         from experiments.paper_figures import draw_figure2, draw_figure3
         from experiments.table2 import search_columns, to_markdown, to_numbers
 
+        require_writable(self.out)
         parts = self.parts if self.table is None else (f"table{self.table}",)
         self._check(parts)
         columns = None
@@ -193,5 +194,5 @@ class Reproduce:
         deviations = "**Where we deviate**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
         text = "\n\n".join([origin, *pieces, *figures, deviations]) + "\n"
         write_text(self.out / "reproduce.md", text)
-        Console().print(Markdown("\n\n".join([origin, *pieces])))
+        plain_console().print(Markdown("\n\n".join([origin, *pieces])))
         print(f"wrote {self.out}/reproduce.md, and tables and figures beside it")

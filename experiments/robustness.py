@@ -16,18 +16,18 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from activetouch.shapes import EXTENDED_SHAPES
 from belief.batch import TouchBatch
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.novelty import MahalanobisScore, auroc_interval, energy_score
 from belief.observation_model import ArrayModel
 from belief.selection import log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from experiments.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
+from experiments.console import plain_console
 from experiments.felt import AS_TRAINED, Felt, Series, choose, feel
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice
@@ -71,6 +71,8 @@ class Robustness:
         from experiments.robustness_report import draw_conditions, tabulate, to_markdown  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
+        out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
+        require_writable(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         series, left_out = choose(scene, self.objects, self.deformable)
         conditions, novel = list(series), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
@@ -92,13 +94,12 @@ class Robustness:
             "left_out": left_out,
             "shift": list(sensor.shift),
         }
-        out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
         tables = tabulate(numbers)
         for title, (headings, *rows) in tables.items():
             table = Table(*headings, title=title, box=box.SIMPLE_HEAD)
             for row in rows:
                 table.add_row(*row)
-            Console().print(table)
+            plain_console().print(table)
         write_text(out / "robustness.json", json.dumps(numbers, indent=1) + "\n")
         write_text(out / "robustness.md", to_markdown(tables))
         for ending in ("svg", "png"):

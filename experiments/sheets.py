@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import TypeAlias
 
+from experiments.csv_text import csv_text
 from experiments.summary import Comparison
 
 Value: TypeAlias = str | int | float | tuple[float, float] | None
@@ -49,16 +48,14 @@ class Sheet:
         """The rows for a machine: intervals in two columns, numbers to the last digit, empty where there is nothing."""
         pairs = [any(isinstance(row[column], tuple) for row in self.rows) for column in range(len(self.columns))]
         headings = [[f"{h} low", f"{h} high"] if pair else [h] for h, pair in zip(self.headings, pairs, strict=True)]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(chain.from_iterable(headings))
+        rows = [chain.from_iterable(headings)]
         for row in self.rows:
             values = [
                 (value if isinstance(value, tuple) else ("", "")) if pair else ("" if value is None else value,)
                 for value, pair in zip(row, pairs, strict=True)
             ]
-            writer.writerow(chain.from_iterable(values))
-        return text.getvalue()
+            rows.append(chain.from_iterable(values))
+        return csv_text(map(tuple, rows))
 
 
 def _show(value: Value, spec: str) -> str:

@@ -12,9 +12,9 @@ from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 
-from rich.console import Console
-
 from belief.errors import ActiveTouchError, UnknownName
+from belief.files import require_writable
+from experiments.console import plain_console
 from experiments.stress_cases import Case, Finding, Verdict, judge
 
 AREAS: Mapping[str, str] = MappingProxyType(
@@ -71,10 +71,11 @@ class Stress:
         """
         from rich.progress import track
 
+        require_writable(self.out)
         cases = {area: cases_of(area) for area in self.areas}
         pairs = [(area, case) for area, some in cases.items() for case in some]
         findings: dict[str, list[Finding]] = {area: [] for area in cases}
-        for area, case in track(pairs, "stressing", console=Console(stderr=True), transient=True):
+        for area, case in track(pairs, "stressing", console=plain_console(stderr=True), transient=True):
             with _silently():
                 findings[area].append(judge(case))
         report(self.out, findings)
@@ -121,7 +122,7 @@ def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
         parts.append(Part(area.capitalize(), [f"{AREAS[area].capitalize()}."], [Grid("", headings[1:], table)]))
     write_page(folder / "report.html", "Stress: what happens at the extremes", parts)
     write_csv(folder / "findings.csv", Grid("", headings, rows))
-    Console().print(summary.rich())
+    plain_console().print(summary.rich())
     print(verdict)
 
 

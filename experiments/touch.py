@@ -27,7 +27,7 @@ from activetouch.scene import Scene
 from activetouch.trace import write_csv
 from belief.chance import keyed_rng
 from belief.errors import UnknownName
-from belief.files import atomic_path
+from belief.files import atomic_path, require_writable, require_writable_file
 from experiments.arguments import Count, Picture, Seed, check_arguments
 from experiments.scene_choice import SceneChoice
 
@@ -75,6 +75,7 @@ class Touch:
         from activetouch.picture import GL_HINT, press_picture
         from experiments.touch_figures import draw_touch
 
+        require_writable_file(self.out)
         scene = traced(self.choice.named.scene)
         placement, contact = press_once(scene, self.shape, self.pose, self.seed)
         view, by_opengl = press_picture(scene.stage, placement, contact.depth)
@@ -118,6 +119,7 @@ class Gallery:
         check_arguments(self)
         from experiments.touch_figures import draw_gallery
 
+        require_writable_file(self.out)
         scene = traced(self.choice.named.scene)
         images = {}
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
@@ -157,6 +159,7 @@ class Record:
     def run(self) -> None:
         """Press and write."""
         check_arguments(self)
+        require_writable(self.out)
         scene = self.choice.named.scene
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
             rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)

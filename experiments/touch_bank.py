@@ -9,6 +9,7 @@ import numpy as np
 
 from activetouch.dataset import read_split
 from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.scores import readings
 from experiments.sensors import open_collection, require_collection
@@ -51,6 +52,7 @@ class MakeTouchBank:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
         out = self.out if self.out is not None else bank_folder(self.scene)
+        require_writable(out)
         manifest = open_collection(data, self.scene, repeats=True)
         classifier = TouchClassifier.load(sensor / CLASSIFIER_FILE)
         filed = self.scene if self.out is None else None

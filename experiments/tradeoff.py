@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from rich.console import Console
 
 from activetouch.scenes import SCENES
+from belief.files import require_writable
 from experiments.arguments import BadArgument, Count, Jobs, NotEmpty, Positive, Seed, Share, check_arguments
+from experiments.console import plain_console
 from experiments.parallel import run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
 
@@ -69,17 +70,18 @@ class Tradeoff:
         check_arguments(self)
         for scene in self.scenes:
             named_scene(scene)
+        require_writable(self.out)
         results = finished(self.out) if self.finished else self.measure()
         if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
         found = fronts([Point(*result) for result in results], np.random.default_rng(self.seed))
         answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
         write_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
-        console = Console()
+        console = plain_console()
         for front in found:
             console.print(terminal_grid(front).rich())
         for line in sentences(answers, self.out):
-            console.print(line, soft_wrap=True, markup=False, highlight=False)
+            console.print(line, soft_wrap=True)
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv and .svg")
 
     def measure(self) -> list[tuple[Result, TouchCost]]:

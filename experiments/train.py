@@ -12,6 +12,7 @@ from activetouch.errors import MissingWeights
 from activetouch.manifest import Manifest
 from activetouch.recipe import RECIPES, TrainingRecipe
 from activetouch.world import CLASSIFIER_FILE
+from belief.files import require_writable
 from experiments.arguments import BadArgument, Count, Jobs, NotNegative, Pixels, Positive, Seed, check_arguments
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
@@ -92,6 +93,7 @@ class Train:
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
+        require_writable(out)
         manifest = open_collection(data, self.scene, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone

@@ -13,7 +13,7 @@ import numpy as np
 
 from activetouch.world import MODELS, load_observation_model
 from belief.errors import UnknownName
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, require_writable, write_text
 from experiments.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
@@ -95,6 +95,7 @@ class TrainPPO:
         named_scene(self.scene)  # or say which there are
         recipes = self._recipes()
         out = self.out if self.out is not None else Path(f"runs/ppo-{self.scene}")
+        require_writable(out)
         trainings = self._trainings(out, recipes)
         tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
         curves: dict[int, list[Score]] = {}

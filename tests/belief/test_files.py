@@ -50,9 +50,13 @@ def test_whichever_step_fails_the_error_names_path_cause_and_remedy_and_the_old_
 
 
 def test_a_disk_full_in_the_middle_of_the_content_is_the_same_error(old):
-    with pytest.raises(CannotWrite, match="No space left on device"), atomic_path(old) as temporary:
-        temporary.write_text("half of the n")
-        failing(errno.ENOSPC)()
+    def write_until_full():
+        with atomic_path(old) as temporary:
+            temporary.write_text("half of the n")
+            failing(errno.ENOSPC)()
+
+    with pytest.raises(CannotWrite, match="No space left on device"):
+        write_until_full()
     assert old.read_text() == "old"
 
 
