@@ -14,36 +14,10 @@ from typing import IO
 
 from rich.console import Console
 
-_PLAIN = {
-    "–": "-",
-    "—": "-",
-    "−": "-",
-    "…": "...",
-    "→": "->",
-    "≤": "<=",
-    "≥": ">=",
-    "≠": "!=",
-    "×": "x",
-    "·": ".",
-    "µ": "u",
-    "μ": "u",
-    "λ": "lambda",
-    "π": "pi",
-    "σ": "sigma",
-    "ß": "ss",
-    "•": "*",
-    "█": "#",
-    "‘": "'",
-    "’": "'",
-    "“": '"',
-    "”": '"',
-    "─": "-",
-    "━": "-",
-    "╸": "-",
-    "╺": "-",
-    "│": "|",
-    **dict.fromkeys("╭╮╰╯", "+"),
-}
+_ALIKE = """
+–- —- −- …... →-> ≤<= ≥>= ≠!= ×x ·. •* █# ‘' ’' “" ”" µu μu λlambda πpi σsigma ßss ─- ━- ╸- ╺- │| ╭+ ╮+ ╰+ ╯+
+"""  # each character, and what it becomes
+_PLAIN = {word[0]: word[1:] for word in _ALIKE.split()}
 
 
 def plain_console(file: IO[str] | None = None, width: int | None = None, stderr: bool = False) -> Console:
