@@ -16,6 +16,7 @@ from experiments.console import plain_console
 from experiments.csv_text import csv_text
 from experiments.episodes import Setting
 from experiments.page import write_csv
+from experiments.plan_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sheets import Sheet
 from experiments.study import Grid
@@ -58,10 +59,8 @@ def test_a_comparison_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
 
 @pytest.mark.mujoco
 def test_a_collection_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
-    from activetouch.dataset import CollectionPlan
-
     out = tmp_path / "[/green]"
-    Collect(SceneChoice("coarse"), out=out, plan=CollectionPlan(train=1, calibration=0, test=0), jobs=1).run()
+    Collect(SceneChoice("coarse"), out=out, plan=PlanArguments(train=1, calibration=0, test=0), jobs=1).run()
     assert "[/green] is complete" in capsys.readouterr().out
 
 
