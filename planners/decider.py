@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from belief import Belief, Confirm, Probe, Reject, SceneBelief, SceneView, SearchProblem, Touch, TouchHistory
 from belief.errors import ActiveTouchError
+from belief.observation_model import OutcomeTable
 
 
 class BadState(ActiveTouchError, TypeError):
@@ -91,6 +92,19 @@ class Decision:
 
     action: Probe | Confirm | Reject
     scores: Mapping[str, float] = field(default_factory=dict)
+
+
+class TableMismatch(ActiveTouchError, ValueError):
+    """A decider's table is about other numbers of poses or shapes than the search."""
+
+
+def require_fit(table: OutcomeTable, problem: SearchProblem) -> None:
+    """Raise :class:`TableMismatch` unless a table has the problem's poses and shapes."""
+    if (table.num_poses, table.num_shapes) != (problem.num_poses, problem.num_shapes):
+        raise TableMismatch(
+            f"the decider's table is about {table.num_poses} poses and {table.num_shapes} shapes, the search has "
+            f"{problem.num_poses} and {problem.num_shapes}; make the decider from the outcome_table() of its model"
+        )
 
 
 class Decider(Protocol):

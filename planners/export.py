@@ -10,7 +10,7 @@ Many solvers want a discount below one. Ours may be one; such a problem exported
 >>> from planners.solve import TouchProblem
 >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
 >>> text = to_pomdp(TouchProblem(table, [0.5, 0.5], target=0, touch_cost=0.05), ("cube", "cone"), ("front",))
->>> print("\n".join(text.splitlines()[1:7]))
+>>> print("\n".join(text.splitlines()[2:8]))
 discount: 1.0
 values: reward
 states: cube cone end
@@ -21,17 +21,24 @@ start: 0.5 0.5 0.0
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from belief.errors import CorruptFile, InvalidArgument
 from belief.problem import Floats
 from planners.solve.problem import SearchTouchProblem, TouchProblem
 from planners.solve.stages import StagedProblem, staged
 
 _MAX_NUMBERS = 4_000_000
+_SEAL = "# sha256 of the lines below: "
+
+
+class BadPomdp(CorruptFile):
+    """A ``.pomdp`` file is damaged, was changed after it was written, or uses what is not read here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +77,7 @@ def as_pomdp(
         pose_labels: names of the P poses; ``pose_0`` and so on by default.
 
     Raises:
-        ValueError: another number of names, or tables too large to be of use as text.
+        InvalidArgument: another number of names, or tables too large to be of use as text.
 
     >>> from planners.solve import SearchTouchProblem
     >>> pomdp = as_pomdp(SearchTouchProblem(np.full((1, 2, 2), 0.5), 2, "distinct", target=0, touch_cost=0.1))
@@ -84,7 +91,7 @@ def as_pomdp(
     sizes = [len(stage.shapes) for stage in stages.stages]
     num_states, num_actions = sum(sizes) + 1, num_poses + 2
     if num_actions * num_states * (num_states + num_outcomes + 1) > _MAX_NUMBERS:
-        raise ValueError(
+        raise InvalidArgument(
             f"{num_states} states, {num_actions} actions and {num_outcomes} outcomes make a file of more than "
             f"{_MAX_NUMBERS} numbers; export fewer objects, or planners.solve it here"
         )
@@ -123,7 +130,8 @@ def to_pomdp(
 ) -> str:
     """The text of a ``.pomdp`` file; arguments and errors are those of :func:`as_pomdp`.
 
-    Numbers are written so that they read back to the last bit.
+    Numbers are written so that they read back to the last bit. The first line is a comment with a SHA-256 of the
+    others, which :func:`read_pomdp` checks where it is there.
 
     >>> from planners.solve import TouchProblem
     >>> text = to_pomdp(TouchProblem(np.full((1, 2, 2), 0.5), [0.5, 0.5], target=0, touch_cost=0.05))
@@ -147,7 +155,8 @@ def to_pomdp(
             f"R: {action} : {state} : * : * {reward!r}"
             for state, reward in zip(pomdp.states, pomdp.rewards[index].tolist(), strict=True)
         ]
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines) + "\n"
+    return f"{_SEAL}{_digest(text)}\n{text}"
 
 
 def read_pomdp(text: str) -> TabularPomdp:
@@ -156,21 +165,49 @@ def read_pomdp(text: str) -> TabularPomdp:
     That is: labels, not numbers of them, in the preamble; ``T`` and ``O`` of an action as a matrix or ``identity`` or
     ``uniform``; ``R: action : state : * : * value``, actions and states by label or ``*``.
 
+    A file that :func:`to_pomdp` wrote carries a digest, and must match it; to edit one, remove its first line.
+
     Raises:
-        ValueError: a line that is none of these, or tables that are no distributions; the message quotes it.
+        BadPomdp: a line that is none of these, which the message quotes; numbers that are not finite; tables that are
+            no distributions, or have more than four million entries; or a file that was changed after it was written.
     """
+    try:
+        return _read(text)
+    except BadPomdp:
+        raise
+    except (ValueError, IndexError, KeyError) as error:
+        raise BadPomdp(str(error)) from error
+
+
+def _read(text: str) -> TabularPomdp:
+    first, _, rest = text.partition("\n")
+    if first.startswith(_SEAL) and first.removeprefix(_SEAL).strip() != _digest(rest):
+        raise BadPomdp("it was changed after it was written: it does not match its SHA-256; to edit it, remove line 1")
     lines = [line.split("#")[0].strip() for line in text.splitlines()]
     preamble: dict[str, list[str]] = {}
     body = [line for line in lines if line]
     while body and body[0][:2] not in ("T:", "O:", "R:"):
         key, colon, rest = body.pop(0).partition(":")
+        if key.strip() in preamble:
+            raise BadPomdp(f"the preamble says {key.strip()!r} twice")
         if not colon or key.strip() not in ("discount", "values", "states", "actions", "observations", "start"):
-            raise ValueError(f"not a preamble of a .pomdp file: {key + colon + rest!r}")
+            raise BadPomdp(f"not a preamble of a .pomdp file: {key + colon + rest!r}")
         preamble[key.strip()] = rest.split()
     missing = {"discount", "values", "states", "actions", "observations", "start"} - preamble.keys()
     if missing or preamble["values"] != ["reward"]:
-        raise ValueError(f"the preamble needs {sorted(missing)} and 'values: reward', got {preamble.get('values')}")
+        raise BadPomdp(f"the preamble needs {sorted(missing)} and 'values: reward', got {preamble.get('values')}")
     states, actions, observations = (tuple(preamble[key]) for key in ("states", "actions", "observations"))
+    for key, labels in (("states", states), ("actions", actions), ("observations", observations)):
+        if not labels or len(set(labels)) < len(labels):
+            raise BadPomdp(f"{key} must be labels that differ from each other, got {' '.join(labels[:10])!r}")
+    size = len(actions) * len(states) * (len(states) + len(observations) + 1)
+    if size > _MAX_NUMBERS:
+        raise BadPomdp(
+            f"{len(states)} states, {len(actions)} actions and {len(observations)} observations have tables of {size} "
+            f"numbers, more than {_MAX_NUMBERS}"
+        )
+    if len(preamble["discount"]) != 1 or not 0.0 < float(preamble["discount"][0]) <= 1.0:
+        raise BadPomdp(f"discount must be one number in (0, 1], got {' '.join(preamble['discount'])!r}")
     transitions = np.zeros((len(actions), len(states), len(states)))
     observed = np.zeros((len(actions), len(states), len(observations)))
     rewards = np.zeros((len(actions), len(states)))
@@ -179,17 +216,21 @@ def read_pomdp(text: str) -> TabularPomdp:
         if kind == "R" and len(fields) == 4:
             target, value = fields[3].split()
             if (fields[2], target) != ("*", "*"):
-                raise ValueError(f"rewards may not depend on what follows here, got R: {' : '.join(fields)}")
+                raise BadPomdp(f"rewards may not depend on what follows here, got R: {' : '.join(fields)}")
+            if not np.isfinite(float(value)):
+                raise BadPomdp(f"rewards must be finite, got R: {' : '.join(fields)}")
             rewards[np.ix_(_chosen(fields[0], actions), _chosen(fields[1], states))] = float(value)
         elif kind in ("T", "O") and len(fields) == 1:
             table = transitions if kind == "T" else observed
             table[_chosen(fields[0], actions)] = _matrix(body, len(states), table.shape[2])
         else:
-            raise ValueError(f"not understood: {kind} : {' : '.join(fields)}")
+            raise BadPomdp(f"not understood: {kind} : {' : '.join(fields)}")
     start = np.array(preamble["start"], np.float64)
+    if start.shape != (len(states),):
+        raise BadPomdp(f"start must give {len(states)} probabilities, one a state, got {len(start)}")
     for name, probs in (("start", start), ("T", transitions), ("O", observed)):
         if not ((probs >= 0.0).all() and np.allclose(probs.sum(axis=-1), 1.0, atol=1e-6)):
-            raise ValueError(f"{name} has rows that are no distributions")
+            raise BadPomdp(f"{name} has rows that are no distributions")
     return TabularPomdp(
         float(preamble["discount"][0]), states, actions, observations, start, transitions, observed, rewards
     )
@@ -223,8 +264,12 @@ def _state_names(stages: StagedProblem, shapes: Sequence[str]) -> list[str]:
 def _names(labels: Sequence[str] | None, size: int, kind: str) -> Sequence[str]:
     names = labels if labels is not None else [f"{kind}_{index}" for index in range(size)]
     if len(names) != size:
-        raise ValueError(f"there are {size} {kind}s, names are {list(names)}")
+        raise InvalidArgument(f"there are {size} {kind}s, names are {list(names)}")
     return names
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _row(values: Floats) -> str:
@@ -235,7 +280,7 @@ def _chosen(label: str, labels: Sequence[str]) -> list[int]:
     if label == "*":
         return list(range(len(labels)))
     if label not in labels:
-        raise ValueError(f"{label!r} is none of {', '.join(labels)}")
+        raise BadPomdp(f"{label!r} is none of {', '.join(labels)}")
     return [labels.index(label)]
 
 
@@ -249,5 +294,5 @@ def _matrix(body: list[str], num_rows: int, num_columns: int) -> Floats:
         return np.full((num_rows, num_columns), 1.0 / num_columns)
     rows = [body.pop(0).split() for _ in range(min(num_rows, len(body)))]
     if len(rows) < num_rows or any(len(row) != num_columns for row in rows):
-        raise ValueError(f"a matrix of {num_rows} rows of {num_columns} is needed, got {[len(row) for row in rows]}")
+        raise BadPomdp(f"a matrix of {num_rows} rows of {num_columns} is needed, got {[len(row) for row in rows]}")
     return np.array(rows, np.float64)

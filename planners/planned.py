@@ -23,7 +23,7 @@ from belief import Composition, Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.by_target import belief_by_target, stages_by_target
-from planners.decider import Decision, InformationState
+from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchTouchProblem
 from planners.solve.files import table_sha256
@@ -71,7 +71,12 @@ class PointBased:
     rounds: Sequence[int] = ROUNDS
 
     def planned(self, problem: SearchProblem, target: int) -> Planned:
-        """The plans for a search, which follow from this decider and the search alone; made once a process."""
+        """The plans for a search, which follow from this decider and the search alone; made once a process.
+
+        Raises:
+            TableMismatch: the table is about other poses or shapes than the search.
+        """
+        require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _MADE:
             search, exact = self._stages(problem, target)

@@ -12,7 +12,8 @@ rollout looks at the state and does what is right for it. That is far too optimi
 go on; CONFIRM is valued as it is.
 
 Only this module needs pomdp-py, whose wheels exist for Linux and Python 3.11 and 3.12; elsewhere it is the extra
-``pomdp``. It draws from Python's global generator, which is seeded for the time of a plan and put back afterwards.
+``pomdp``. It draws from Python's global generator, which is seeded for the time of a plan and put back after; plans of
+several threads take turns, so that each is a function of the information state and ``rng`` alone.
 
 >>> from belief import Belief
 >>> table = OutcomeTable(np.array([[[0.9, 0.1], [0.1, 0.9]]]))
@@ -25,6 +26,7 @@ Probe(pose=0)
 from __future__ import annotations
 
 import random
+import threading
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -37,8 +39,10 @@ from pomdp_py.utils.templates import SimpleAction, SimpleObservation, SimpleStat
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
-from planners.decider import Decision, InformationState
+from planners.decider import Decision, InformationState, require_fit
 from planners.rest import prob_missed, target_chances
+
+_ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is the process's
 
 END = SimpleState("end")
 NOTHING = SimpleObservation("nothing")
@@ -61,6 +65,7 @@ class Rules:
     """
 
     def __init__(self, problem: SearchProblem, target: int, table: OutcomeTable) -> None:
+        require_fit(table, problem)
         self.problem, self.target, self.outcome_probs = problem, target, table.probs
         self.actions: dict[SimpleAction, Action] = {CONFIRM: Confirm(), REJECT: Reject()}
         self.actions |= {SimpleAction(f"probe_{pose}"): Probe(pose) for pose in range(table.num_poses)}
@@ -325,12 +330,13 @@ def _plan(
 
 @contextmanager
 def _seeded_global_random(seed: int) -> Iterator[None]:
-    before = random.getstate()
-    random.seed(seed)
-    try:
-        yield
-    finally:
-        random.setstate(before)
+    with _ONE_PLAN_AT_A_TIME:
+        before = random.getstate()
+        random.seed(seed)
+        try:
+            yield
+        finally:
+            random.setstate(before)
 
 
 def _require_enough(simulations: int, table: OutcomeTable) -> None:

@@ -10,7 +10,7 @@ from belief import Probe
 from belief.bayes import expected_information_gain, target_information_gain
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.decider import Decision, InformationState
+from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 
@@ -50,6 +50,7 @@ class TargetInformationGain:
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
+        require_fit(self.table, info.problem)
         return _best(info, target_information_gain(info.belief.probs, self.table.probs, info.target), self.repeats)
 
 
@@ -65,6 +66,7 @@ class ShapeInformationGain:
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
+        require_fit(self.table, info.problem)
         return _best(info, expected_information_gain(info.belief.probs, self.table.probs), self.repeats)
 
 

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
+
+import numpy as np
 
 from belief import Confirm, Reject
 from belief.calibration import TemperatureScaling
+from belief.errors import InvalidArgument
 from planners.decider import Decision, InformationState
 
 _SOFTMAX = TemperatureScaling()  # at temperature 1, for logits of any size
+_LEAST_LOGIT = -float(
+    np.finfo(np.float64).max
+)  # in place of -inf, which a perfect table gives: probability zero as well
 
 
 @dataclass(frozen=True)
@@ -32,16 +39,18 @@ class ConsecutiveFrames:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.low <= self.high <= 1.0:
-            raise ValueError(f"need 0 ≤ low ≤ high ≤ 1, got {self.low} and {self.high}")
-        if min(self.num_consecutive, self.max_touches) < 1:
-            raise ValueError(f"num_consecutive and max_touches must be at least 1, got {self}")
+            raise InvalidArgument(f"need 0 ≤ low ≤ high ≤ 1, got {self.low} and {self.high}")
+        require_count("num_consecutive", self.num_consecutive)
+        require_count("max_touches", self.max_touches)
 
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
         if not info.history:
             return None
         recent = info.history[-self.num_consecutive :]
-        frames = [float(_SOFTMAX.predict_proba(touch.logits)[info.target]) for touch in recent]
+        frames = [
+            float(_SOFTMAX.predict_proba(np.maximum(touch.logits, _LEAST_LOGIT))[info.target]) for touch in recent
+        ]
         scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
         if len(frames) == self.num_consecutive and min(frames) > self.high:
             return Decision(Confirm(), scores)
@@ -69,7 +78,8 @@ class PosteriorThresholds:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.reject < self.confirm <= 1.0:
-            raise ValueError(f"need 0 ≤ reject < confirm ≤ 1, got {self.reject} and {self.confirm}")
+            raise InvalidArgument(f"need 0 ≤ reject < confirm ≤ 1, got {self.reject} and {self.confirm}")
+        require_count("max_touches", self.max_touches)
 
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
@@ -106,7 +116,7 @@ class SequentialTest:
         max_touches: touches of one object after which the likelier decision is taken, and the promise is off.
 
     Raises:
-        ValueError: rates out of range.
+        InvalidArgument: rates out of range, or a number of touches that is none.
 
     >>> [round(float(prob), 4) for prob in SequentialTest(0.01, 0.05).thresholds(0.25)]
     [0.0166, 0.9694]
@@ -119,19 +129,35 @@ class SequentialTest:
     def __post_init__(self) -> None:
         alpha, beta = self.false_confirm, self.false_reject
         if not (0.0 < alpha < 1.0 and 0.0 < beta < 1.0 and alpha + beta < 1.0):
-            raise ValueError(f"need false_confirm and false_reject in (0, 1) with a sum below 1, got {alpha}, {beta}")
+            raise InvalidArgument(
+                f"need false_confirm and false_reject in (0, 1) with a sum below 1, got {alpha}, {beta}"
+            )
+        require_count("max_touches", self.max_touches)
 
     def thresholds(self, prior_prob: float) -> tuple[float, float]:
-        """Posteriors of the target at or below which to reject, and at or above which to confirm."""
+        """Posteriors of the target at or below which to reject, and at or above which to confirm.
+
+        Args:
+            prior_prob: of the target before any touch, in [0, 1]; where it is 0 or 1 there is nothing to test.
+
+        Raises:
+            InvalidArgument: it is no probability.
+        """
+        if not 0.0 <= prior_prob <= 1.0:
+            raise InvalidArgument(f"prior_prob must be a probability, in [0, 1], got {prior_prob!r}")
+        if prior_prob in (0.0, 1.0):
+            return 0.0, 1.0
         alpha, beta, other_prob = self.false_confirm, self.false_reject, 1.0 - prior_prob
         rejected, confirmed = prior_prob * beta, prior_prob * (1.0 - beta)
         return rejected / (rejected + other_prob * (1.0 - alpha)), confirmed / (confirmed + other_prob * alpha)
 
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
-        prior_prob = float(info.problem.prior_probs[info.target])
-        if prior_prob in (0.0, 1.0):
-            reject, confirm = 0.0, 1.0
-        else:
-            reject, confirm = self.thresholds(prior_prob)
+        reject, confirm = self.thresholds(float(info.problem.prior_probs[info.target]))
         return PosteriorThresholds(confirm, reject, self.max_touches).stop(info)
+
+
+def require_count(name: str, value: object) -> None:
+    """Raise :class:`belief.errors.InvalidArgument` unless an argument is an integer, at least 1."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise InvalidArgument(f"{name} must be an integer, at least 1, got {value!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
@@ -35,6 +36,10 @@ class Knowledge:
     model: ObservationModel | None = None
     policies: Path | None = None
     simulations: int = 1000
+
+
+class WrongType(ActiveTouchError, TypeError):
+    """A decider was to be made from something else than it takes."""
 
 
 class MissingPackage(ActiveTouchError, ImportError):
@@ -107,7 +112,25 @@ def make_decider(
     Raises:
         UnknownName: there is none of that name; the message suggests the nearest.
         MissingPackage: it needs a package that is not installed.
+        WrongType: an argument is something else than it should be, such as a model in place of its table.
     """
+    for argument, value, kind, works in (
+        ("name", name, str, f"one of {', '.join(DECIDERS)}"),
+        ("table", table, OutcomeTable, "an observation model's: model.outcome_table()"),
+        ("policies", policies, Path | None, "a pathlib.Path"),
+        ("simulations", simulations, Integral, "an integer"),
+    ):
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise WrongType(f"{argument} must be {works}; got {_what(value)}")
+    if model is not None and not callable(getattr(model, "log_likelihood", None)):
+        raise WrongType(
+            f"model must be an observation model, such as TactileSensor.shipped('gel').model; got {_what(model)}"
+        )
     if name not in DECIDERS:
         raise UnknownName("decider", name, list(DECIDERS))
     return DECIDERS[name](Knowledge(table, model, policies, simulations))
+
+
+def _what(value: object) -> str:
+    """A value that was given, in few words."""
+    return f"{value!r}" if isinstance(value, str | int | float | None) else f"an object of class {type(value).__name__}"

@@ -23,11 +23,13 @@ from typing import TypeAlias
 import numpy as np
 
 from belief import Confirm, Probe, Reject, SearchProblem
+from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.decider import Decision, InformationState
+from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 from planners.rest import RestValues
+from planners.stopping import require_count
 
 _TIE = 1e-12  # differences that rounding can make
 
@@ -46,7 +48,7 @@ class ValueOfInformation:
             cut off, not even where touches cost nothing.
 
     Raises:
-        ValueError: another depth.
+        InvalidArgument: another depth, or a number of touches that is none.
 
     Two poses, each of which tells one of the two bits by which four shapes differ: one alone cannot find the target
     often enough to be worth anything, so looking one touch ahead gives up at once.
@@ -67,10 +69,13 @@ class ValueOfInformation:
 
     def __post_init__(self) -> None:
         if self.depth not in (1, 2):
-            raise ValueError(f"depth must be 1 or 2, got {self.depth}")
+            raise InvalidArgument(f"depth must be 1 or 2, got {self.depth!r}")
+        if self.max_touches is not None:
+            require_count("max_touches", self.max_touches)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`; of equally good actions stopping comes first, then the lowest pose."""
+        require_fit(self.table, info.problem)
         payoffs = self.payoffs(info)
         confirm, reject = (payoffs @ info.belief.probs).tolist()
         probes = self.probe_values(info, payoffs)

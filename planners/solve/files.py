@@ -7,29 +7,30 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from belief.errors import ActiveTouchError
-from belief.files import atomic_path
+from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import atomic_path, sealed_json, unsealed_json
 from belief.problem import Floats
 from planners.solve.plans import Plans
 from planners.solve.policy import SearchPolicy, TouchPolicy
 from planners.solve.problem import SearchTouchProblem, TouchProblem
 
-_FORMAT = "activetouch policy 1"
+_FORMAT = "activetouch policy 2"
+_MOST_BYTES = 1 << 30  # that a file may unpack to
 
 
 class PolicyMismatch(ActiveTouchError, ValueError):
     """A policy was solved for another observation model than the one at hand."""
 
 
-class CorruptPolicy(ActiveTouchError, ValueError):
+class CorruptPolicy(CorruptFile):
     """A file is no policy, or a damaged one."""
 
 
@@ -39,6 +40,9 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
     Args:
         path: the file; conventionally ends in ``.npz``.
         policy: what to write.
+
+    Raises:
+        CannotWrite: the disk is full, or the folder cannot be written to.
     """
     problem = policy.problem
     header: dict[str, Any] = {
@@ -51,13 +55,15 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
     if isinstance(problem, SearchTouchProblem):
         header |= {"num_objects": problem.num_objects, "composition": str(problem.composition)}
     stages = policy.stages if isinstance(policy, SearchPolicy) else (policy.plans,)
-    arrays: dict[str, Any] = {"header": np.array(json.dumps(header)), "outcome_probs": problem.outcome_probs}
+    arrays: dict[str, Any] = {"outcome_probs": problem.outcome_probs}
     assert problem.prior is not None, "filled in at construction"
     arrays["prior"] = problem.prior
     for number, plans in enumerate(stages):
         arrays |= {f"alphas_{number}": plans.alphas, f"actions_{number}": plans.actions}
+    header["arrays_sha256"] = _arrays_sha256(arrays)
+    content = {"header": np.array(sealed_json(header, indent=None)), **arrays}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, allow_pickle=False, **content)
 
 
 def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPolicy | SearchPolicy:
@@ -71,15 +77,12 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
         CorruptPolicy: the file is no policy, or damaged.
         PolicyMismatch: it was solved for another observation model.
     """
-    content = io.BytesIO(path.read_bytes())
+    content = path.read_bytes()
     try:
-        with np.load(content, allow_pickle=False) as arrays:
-            header = json.loads(str(arrays["header"]))
-            if header["format"] != _FORMAT:
-                raise ValueError(f"its format is {header['format']!r}, this reads {_FORMAT!r}")
-            policy = _policy(header, {name: arrays[name] for name in arrays.files})
-    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
-        raise CorruptPolicy(f"{path} is no policy that can be read: {error}") from error
+        header, arrays = _unpacked(content)
+        policy = _policy(header, arrays)
+    except Exception as error:  # what numpy and zipfile raise on damaged bytes is no closed list
+        raise CorruptPolicy(f"{path} is no policy that can be read: {error}; solve again and save it") from error
     solved_for = table_sha256(policy.problem.outcome_probs)
     if solved_for != header["model_sha256"]:
         raise CorruptPolicy(f"{path} holds another observation model than its header says: the file was changed")
@@ -89,6 +92,31 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
             f"{table_sha256(outcome_probs)[:12]}; solve again for this one"
         )
     return policy
+
+
+def _unpacked(content: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Header and arrays, once their digests are checked."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > _MOST_BYTES:
+        raise ValueError(f"it would unpack to {size} bytes, more than {_MOST_BYTES}")
+    with np.load(io.BytesIO(content), allow_pickle=False) as found:
+        arrays = {name: found[name] for name in found.files}
+    header = unsealed_json(str(arrays.pop("header")))
+    if header["format"] != _FORMAT:
+        raise ValueError(f"its format is {header['format']!r}, this reads {_FORMAT!r}")
+    if header["arrays_sha256"] != _arrays_sha256(arrays):
+        raise ValueError("it was changed after it was written: its arrays do not match their SHA-256")
+    return header, arrays
+
+
+def _arrays_sha256(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Of all arrays with their names, types and shapes."""
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape} ".encode() + array.tobytes())
+    return digest.hexdigest()
 
 
 def table_sha256(outcome_probs: ArrayLike) -> str:
@@ -114,6 +142,8 @@ def _policy(header: dict[str, Any], arrays: dict[str, Any]) -> TouchPolicy | Sea
 
 def _plans(arrays: dict[str, Any], number: int) -> Plans:
     alphas, actions = arrays[f"alphas_{number}"], arrays[f"actions_{number}"]
+    if alphas.dtype.kind != "f" or actions.dtype.kind != "i" or not len(alphas):
+        raise ValueError(f"plans of object {number} are no numbers")
     if alphas.ndim != 2 or actions.shape != alphas.shape[:1] or not np.isfinite(alphas).all():
         raise ValueError(f"plans of object {number} are damaged")
     return Plans(np.asarray(alphas, np.float64), np.asarray(actions, np.int64))

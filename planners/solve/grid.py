@@ -8,16 +8,21 @@ is one at every step. Any grid gives a bound; it is fine only where it matters, 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
+from belief.errors import InvalidArgument
 from belief.problem import Floats
 from planners.solve.simplex import SimplexGrid, num_points
 from planners.solve.terms import TouchTerms
 
 _COARSE_POINTS = {2: 1500, 3: 4000}  # by number of shapes, where no finer grid is needed
 _MANY_POINTS = 5500
+_MOST_REFINED = 16  # shapes; a finer grid of more has more points than memory holds
 _MAX_SWEEPS = 1000
 _TOLERANCE = 3e-6
+_MOST_NUMBERS = 120_000_000
+"""In all matrices at most, some 1.5 GB; beyond that a grid is coarser."""
+_BLOCK = 4_000_000  # numbers in the largest array that a matrix is made from
 
 
 class BeliefGrid:
@@ -35,9 +40,21 @@ class BeliefGrid:
         num_shapes = likelihoods.shape[1]
         limit = _COARSE_POINTS.get(num_shapes, _MANY_POINTS)
         coarse = next(n for n in range(limit, 0, -1) if num_points(n, num_shapes) <= limit)
-        levels = [coarse] if num_shapes in _COARSE_POINTS else [coarse, 2 * coarse, 4 * coarse]
+        levels = (
+            [coarse] if num_shapes in _COARSE_POINTS or num_shapes > _MOST_REFINED else [coarse, 2 * coarse, 4 * coarse]
+        )
         self._grid = SimplexGrid(num_shapes, levels, around)
+        numbers = likelihoods.size  # by which a point makes the matrices larger
+        while len(self._grid.points) * numbers > _MOST_NUMBERS and len(around):
+            around = around[1::2]  # any grid gives a bound; this one is coarser
+            self._grid = SimplexGrid(num_shapes, levels, around)
         self.points = self._grid.points
+        if len(self.points) * numbers > _MOST_NUMBERS:
+            raise InvalidArgument(
+                f"a bound for {likelihoods.shape[0]} poses, {num_shapes} shapes and {likelihoods.shape[2]} outcomes "
+                f"needs {len(self.points) * numbers} numbers even on the coarsest grid, more than {_MOST_NUMBERS}; "
+                "ask for fewer outcomes, or for fewer shapes"
+            )
         self._successors = [self._lead(table) for table in likelihoods]
 
     def bound(self, stop: Floats, start: Floats, terms: TouchTerms) -> Floats:
@@ -74,10 +91,16 @@ class BeliefGrid:
 
     def _lead(self, table: Floats) -> csr_array:
         """Matrix that turns values at the points into their expectation after a probe, ``(G, G)``."""
-        joint = np.moveaxis(self.points[:, :, None] * table, 2, 1)  # (G, M, K)
+        size = max(1, _BLOCK // table.size)
+        parts = [self._lead_from(self.points[i : i + size], table) for i in range(0, len(self.points), size)]
+        return csr_array(vstack(parts, format="csr"))
+
+    def _lead_from(self, points: Floats, table: Floats) -> csr_array:
+        """The rows of some of the points."""
+        joint = np.moveaxis(points[:, :, None] * table, 2, 1)  # (B, M, K)
         chance = joint.sum(axis=2)
         row, outcome = np.nonzero(chance > 0.0)
         columns, weights = self._grid.look_up(joint[row, outcome] / chance[row, outcome][:, None])
         weights *= chance[row, outcome][:, None]
         rows = np.repeat(row, table.shape[0])
-        return csr_array((weights.ravel(), (rows, columns.ravel())), shape=(len(self.points),) * 2)
+        return csr_array((weights.ravel(), (rows, columns.ravel())), shape=(len(points), len(self.points)))

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.errors import InvalidArgument
 from belief.problem import Floats
+from belief.rows import SUM_TOLERANCE, as_real
 from planners.solve.bounds import touch_bound
 from planners.solve.plans import Plans
 from planners.solve.point_based import point_based
@@ -39,9 +42,9 @@ class TouchPolicy:
         """What following the policy is worth at beliefs ``(..., K)``, at least; ``(...)``.
 
         Raises:
-            ValueError: a belief is none.
+            InvalidArgument: a belief is none.
         """
-        return np.asarray((self._checked(belief) @ self._transposed).max(axis=-1))
+        return np.asarray((checked_beliefs(belief, self.problem.num_shapes) @ self._transposed).max(axis=-1))
 
     def action(self, belief: ArrayLike) -> NDArray[np.int64]:
         """What to do at beliefs ``(..., K)``; ``(...)``.
@@ -49,15 +52,12 @@ class TouchPolicy:
         Of plans worth the same to seven digits, a batch may be given another than a belief alone.
 
         Raises:
-            ValueError: a belief is none; one alone is only looked through for NaN, to save time.
+            InvalidArgument: a belief is none.
         """
-        beliefs = np.asarray(belief, np.float64)
+        beliefs = checked_beliefs(belief, self.problem.num_shapes)
         if beliefs.ndim == 1:
-            worth = beliefs @ self._transposed
-            if np.isnan(worth[0]):
-                raise ValueError(f"a belief holds NaN: {belief!r}")
-            return self.plans.actions[worth.argmax()]
-        rows = self._checked(beliefs).reshape(-1, self.problem.num_shapes).astype(np.float32)
+            return self.plans.actions[(beliefs @ self._transposed).argmax()]
+        rows = beliefs.reshape(-1, self.problem.num_shapes).astype(np.float32)
         best = np.empty(len(rows), np.int64)
         for i in range(0, len(rows), _BLOCK):
             (rows[i : i + _BLOCK] @ self._single).argmax(axis=1, out=best[i : i + _BLOCK])
@@ -67,23 +67,14 @@ class TouchPolicy:
         """What each action is worth at beliefs ``(..., K)`` if the policy is followed after it, ``(..., P + 2)``.
 
         Raises:
-            ValueError: a belief is none.
+            InvalidArgument: a belief is none.
         """
-        b = self._checked(belief)
+        b = checked_beliefs(belief, self.problem.num_shapes)
         confirm = 2.0 * b[..., self.problem.target] - b.sum(axis=-1)
         joint = b[..., None, :, None] * self.problem.outcome_probs  # (..., P, K, M)
         after = (np.moveaxis(joint, -2, -1) @ self._transposed).max(axis=-1).sum(axis=-1)
         probes = self.problem.discount * after - self.problem.touch_cost
         return np.concatenate([probes, confirm[..., None], -confirm[..., None]], axis=-1)
-
-    def _checked(self, belief: ArrayLike) -> Floats:
-        beliefs = np.asarray(belief, np.float64)
-        good = (beliefs >= 0.0).all(axis=-1) & (np.abs(beliefs.sum(axis=-1) - 1.0) <= 2e-3)
-        if beliefs.shape[-1:] != (self.problem.num_shapes,) or not good.all():
-            raise ValueError(
-                f"a belief must be {self.problem.num_shapes} probabilities that sum to one, got {belief!r}"
-            )
-        return beliefs
 
     @cached_property
     def _transposed(self) -> Floats:
@@ -141,14 +132,29 @@ class SearchPolicy:
         """What no policy exceeds at the start; computed when first asked for, in some seconds."""
         return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
-    def action(self, object_index: int, belief: Floats) -> int:
-        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.solve.stages.stage_belief`."""
-        plans = self.stages[object_index]
-        return int(plans.actions[plans.best(belief[None])[0]])
+    def action(self, object_index: int, belief: ArrayLike) -> int:
+        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.solve.stages.stage_belief`.
 
-    def value(self, object_index: int, belief: Floats) -> float:
-        """What the rest of the search is worth at a belief ``(n,)``, at least."""
-        return float(self.stages[object_index].value(belief[None])[0])
+        Raises:
+            InvalidArgument: there is no such object, or the belief is none.
+        """
+        plans, beliefs = self._stage(object_index, belief)
+        return int(plans.actions[plans.best(beliefs)[0]])
+
+    def value(self, object_index: int, belief: ArrayLike) -> float:
+        """What the rest of the search is worth at a belief ``(n,)``, at least; errors as of :meth:`action`."""
+        plans, beliefs = self._stage(object_index, belief)
+        return float(plans.value(beliefs)[0])
+
+    def _stage(self, object_index: int, belief: ArrayLike) -> tuple[Plans, Floats]:
+        """The plans for an object, and a belief about its state as one row."""
+        if not isinstance(object_index, Integral) or not 0 <= object_index < len(self.stages):
+            raise InvalidArgument(f"object_index must be in [0, {len(self.stages)}), got {object_index!r}")
+        plans = self.stages[object_index]
+        checked = checked_beliefs(belief, plans.alphas.shape[1])
+        if checked.ndim != 1:
+            raise InvalidArgument(f"one belief ({plans.alphas.shape[1]},) is needed, got {checked.shape}")
+        return plans, checked[None]
 
     @cached_property
     def _initial(self) -> Floats:
@@ -157,6 +163,32 @@ class SearchPolicy:
     def __str__(self) -> str:
         number = sum(len(plans.alphas) for plans in self.stages)
         return _told(f"policy for {self.problem.num_objects} objects", number, self.lower_bound, self.upper_bound)
+
+
+def checked_beliefs(belief: ArrayLike, num_states: int) -> Floats:
+    """Beliefs ``(..., n)`` as float64.
+
+    Raises:
+        InvalidArgument: another number of states, text, negative numbers, NaN, infinity, or a sum that is not one
+            within float16's rounding.
+
+    >>> checked_beliefs([0.7, 0.7], 2)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: a belief must be 2 probabilities that sum to one, got [0.7, 0.7]
+    """
+    try:
+        beliefs = np.asarray(as_real(belief, "a belief"), np.float64)
+    except ValueError as error:
+        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
+    if beliefs.shape[-1:] == (num_states,):
+        if beliefs.ndim == 1:  # one decision must not wait for a check of many
+            good = beliefs.min() >= 0.0 and abs(beliefs.sum() - 1.0) <= SUM_TOLERANCE  # NaN fails
+        else:
+            good = bool((beliefs >= 0.0).all() and (np.abs(beliefs.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all())
+        if good:
+            return beliefs
+    raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief!r}")
 
 
 def solve_touch(problem: TouchProblem, rng: np.random.Generator, rounds: Sequence[int]) -> TouchPolicy:

@@ -7,13 +7,16 @@ that all there is to plan is which observations to buy, and when to stop.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from belief import Composition
+from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from belief.rows import SUM_TOLERANCE, as_real
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class TouchProblem:
         discount: γ, what the rest is worth after a probe, in (0, 1].
 
     Raises:
-        ValueError: an argument is out of its range; the message names it.
+        InvalidArgument: an argument is out of its range; the message names it.
 
     Example:
         >>> problem = TouchProblem(np.array([[[0.9, 0.1], [0.1, 0.9]]]), prior=[0.5, 0.5], target=0, touch_cost=0.05)
@@ -78,7 +81,7 @@ class SearchTouchProblem:
         discount: γ, what the rest is worth after a probe or a REJECT, in (0, 1].
 
     Raises:
-        ValueError: an argument is out of its range; the message names it.
+        InvalidArgument: an argument is out of its range; the message names it.
     """
 
     outcome_probs: Floats
@@ -93,14 +96,20 @@ class SearchTouchProblem:
         table = checked_table(self.outcome_probs, self.target, self.touch_cost, self.discount)
         num_shapes = table.shape[1]
         object.__setattr__(self, "outcome_probs", table)
-        object.__setattr__(self, "composition", Composition(self.composition))
-        if self.num_objects < 1:
-            raise ValueError(f"num_objects must be at least 1, got {self.num_objects}")
+        try:
+            object.__setattr__(self, "composition", Composition(self.composition))
+        except ValueError:
+            raise InvalidArgument(
+                f"composition must be 'distinct' or 'independent', got {self.composition!r}; the decider "
+                "planners.planned.PointBased also plans for bags of known content"
+            ) from None
+        if not isinstance(self.num_objects, Integral) or self.num_objects < 1:
+            raise InvalidArgument(f"num_objects must be an integer, at least 1, got {self.num_objects!r}")
         if self.composition is Composition.DISTINCT:
             if self.prior is not None:
-                raise ValueError("a distinct composition fixes the prior; leave it out or use 'independent'")
+                raise InvalidArgument("a distinct composition fixes the prior; leave it out or use 'independent'")
             if self.num_objects > num_shapes:
-                raise ValueError(
+                raise InvalidArgument(
                     f"{self.num_objects} objects cannot all differ in shape, of which there are {num_shapes}"
                 )
         prior = np.full(num_shapes, 1.0 / num_shapes) if self.prior is None else self.prior
@@ -119,23 +128,29 @@ class SearchTouchProblem:
 
 def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:
     """The table as float64, once everything is found to be in range."""
-    table = OutcomeTable(np.asarray(outcome_probs, np.float64)).probs
-    if not 0 <= target < table.shape[1]:
-        raise ValueError(f"target must be in [0, {table.shape[1]}), got {target}")
-    if not (np.isfinite(touch_cost) and touch_cost >= 0.0):
-        raise ValueError(f"touch_cost must be finite and ≥ 0, got {touch_cost}")
-    if not 0.0 < discount <= 1.0:
-        raise ValueError(f"discount must be in (0, 1], got {discount}")
+    table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
+    if not isinstance(target, Integral) or not 0 <= target < table.shape[1]:
+        raise InvalidArgument(f"target must be an integer in [0, {table.shape[1]}), got {target!r}")
+    if not (isinstance(touch_cost, Real) and np.isfinite(float(touch_cost)) and touch_cost >= 0.0):
+        raise InvalidArgument(f"touch_cost must be finite and ≥ 0, got {touch_cost!r}")
+    if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
+        raise InvalidArgument(f"discount must be in (0, 1], got {discount!r}")
     return table
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
-    """A probability vector ``(size,)``, normalised to the last bit.
+    """A probability vector ``(size,)``, normalised to the last bit, that cannot be written to.
 
     Raises:
-        ValueError: another size, NaN or negative numbers, or a sum that is not one within float16's rounding.
+        InvalidArgument: another size, text, NaN or negative numbers, or a sum that is not one within float16's
+            rounding.
     """
-    values = np.asarray(probs, np.float64)
-    if values.shape != (size,) or not (values >= 0.0).all() or not abs(values.sum() - 1.0) <= 2e-3:
-        raise ValueError(f"{name} must be {size} probabilities that sum to one, got {values.tolist()}")
-    return np.asarray(values / values.sum())
+    try:
+        values = np.asarray(as_real(probs, name), np.float64)
+    except ValueError as error:
+        raise InvalidArgument(f"{name} must be {size} probabilities that sum to one: {error}") from error
+    if values.shape != (size,) or not (values >= 0.0).all() or not abs(values.sum() - 1.0) <= SUM_TOLERANCE:
+        raise InvalidArgument(f"{name} must be {size} probabilities that sum to one, got {values.tolist()}")
+    found = np.asarray(values / values.sum())
+    found.flags.writeable = False
+    return found

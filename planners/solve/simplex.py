@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import chain, combinations
 from math import comb
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from belief.problem import Floats
 
 _NEGLIGIBLE = 1e-13
+_BLOCK = 4_000_000  # numbers in the largest array
 
 
 class SimplexGrid:
@@ -42,13 +44,19 @@ class SimplexGrid:
         self._num_parts, self._levels, self._finest = num_parts, tuple(levels), levels[-1]
         counts = [_compositions(levels[0], num_parts) * (self._finest // levels[0])]
         for n in self._levels[1:]:
-            corners, weights = _corners(around, n)
-            counts.append(corners[weights > 0.0] * (self._finest // n))
+            for some in _blocks(around):
+                corners, weights = _corners(some, n)
+                counts.append(np.unique(corners[weights > 0.0], axis=0) * (self._finest // n))
         self._codes, index = np.unique(self._code(np.concatenate(counts)), return_index=True)
         self.points = np.concatenate(counts)[index] / self._finest
 
     def look_up(self, distributions: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Indices of the points around each of ``(B, K)``, and the weights of which it is the mean, both ``(B, K)``."""
+        found = [self._look_up(some) for some in _blocks(distributions)]
+        columns, weights = zip(*found, strict=True)
+        return np.concatenate(columns), np.concatenate(weights)
+
+    def _look_up(self, distributions: Floats) -> tuple[NDArray[np.int64], Floats]:
         columns = np.zeros((len(distributions), self._num_parts), np.int64)
         weights = np.zeros((len(distributions), self._num_parts))
         left = np.arange(len(distributions))
@@ -62,9 +70,18 @@ class SimplexGrid:
             left = left[~there]
         return columns, weights
 
-    def _code(self, counts: NDArray[np.int64]) -> NDArray[np.int64]:
-        """One number for each point; the last count follows from the others."""
-        return np.asarray(counts[..., :-1] @ (self._finest + 1) ** np.arange(self._num_parts - 1))
+    def _code(self, counts: NDArray[np.int64]) -> NDArray[Any]:
+        """A number for each point, or a word where numbers would overflow; the last count follows from the others."""
+        if (self._finest + 1) ** (self._num_parts - 1) <= np.iinfo(np.int64).max:
+            return np.asarray(counts[..., :-1] @ (self._finest + 1) ** np.arange(self._num_parts - 1))
+        letters = np.ascontiguousarray(counts[..., :-1], ">u2")
+        return letters.view(f"S{letters.shape[-1] * 2}")[..., 0]
+
+
+def _blocks(distributions: Floats) -> list[Floats]:
+    """The rows ``(B, K)`` in parts of which all corners fit in memory; one part, if there are none."""
+    size = max(1, _BLOCK // distributions.shape[1] ** 2)
+    return [distributions[first : first + size] for first in range(0, max(len(distributions), 1), size)]
 
 
 def num_points(n: int, num_parts: int) -> int:

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from belief.errors import InvalidArgument
+
 
 @dataclass(frozen=True)
 class TouchTerms:
@@ -26,8 +30,12 @@ class TouchTerms:
 
     def __post_init__(self) -> None:
         falling = all(a >= b for a, b in zip(self.weights, self.weights[1:], strict=False))
+        if not (np.isfinite(self.cost) and self.cost >= 0.0 and 0.0 < self.discount <= 1.0):
+            raise InvalidArgument(f"need a finite cost ≥ 0 and a discount in (0, 1], got {self.cost}, {self.discount}")
         if not (self.weights and falling and self.weights[0] <= 1.0 and self.weights[-1] >= 0.0):
-            raise ValueError(f"weights must be one or more numbers in [0, 1] that do not increase, got {self.weights}")
+            raise InvalidArgument(
+                f"weights must be one or more numbers in [0, 1] that do not increase, got {self.weights}"
+            )
 
     @property
     def lasting(self) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def told_shapes(
     confirm = np.where(np.arange(num_shapes) == target, 1.0, -1.0)
     distinct = problem.composition is Composition.DISTINCT
 
-    @cache
+    @lru_cache(maxsize=1)  # grids are large, and the one for other shapes is not asked for again
     def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
         return ObjectBound(problem.outcome_probs, np.array(shapes), terms, rng)
 

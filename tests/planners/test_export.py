@@ -1,11 +1,12 @@
 """Files of touch problems read back as they were, and say what the solver's stages say."""
 
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
 
-from planners.export import as_pomdp, legal_labels, read_pomdp, to_pomdp
+from planners.export import BadPomdp, as_pomdp, legal_labels, read_pomdp, to_pomdp
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value
 
 TABLE = np.random.default_rng(0).dirichlet(np.ones(3), size=(2, 3))
@@ -112,14 +113,14 @@ R: take : a : * : * 10
     ],
 )
 def test_what_is_no_such_file_is_refused_with_the_line(change, message):
-    text = to_pomdp(PROBLEMS[0])
+    text = unsealed(to_pomdp(PROBLEMS[0]))
     assert change[0] in text
     with pytest.raises(ValueError, match=re.escape(message)):
         read_pomdp(text.replace(*change))
 
 
 def test_a_file_cut_short_is_refused():
-    text = to_pomdp(PROBLEMS[0])
+    text = unsealed(to_pomdp(PROBLEMS[0]))
     with pytest.raises(ValueError, match="a matrix of 4 rows"):
         read_pomdp(text[: text.index("T: reject") + 12])
 
@@ -134,3 +135,73 @@ def test_names_must_fit_and_large_searches_are_refused():
 
 def test_labels_stay_different():
     assert legal_labels(["a b", "a.b", "a_b", "a_b_2"]) == ("a_b", "a_b_2", "a_b_3", "a_b_2_2")
+
+
+@every_problem
+@pytest.mark.parametrize("seed", range(3))
+def test_a_changed_character_is_noticed(problem, seed):
+    text, rng = to_pomdp(problem), np.random.default_rng(seed)
+    body = text.index("\n") + 1
+    for place in rng.integers(body, len(text), 60).tolist():
+        other = "7" if text[place] != "7" else "8"
+        with pytest.raises(BadPomdp, match="changed after it was written"):
+            read_pomdp(text[:place] + other + text[place + 1 :])
+
+
+def unsealed(text):
+    return text.split("\n", 1)[1]
+
+
+def test_a_file_without_our_digest_is_read_as_others_write_them():
+    for pomdp in (read_pomdp(unsealed(to_pomdp(PROBLEMS[0]))), read_pomdp(to_pomdp(PROBLEMS[0]))):
+        assert pomdp.rewards.tolist() == as_pomdp(PROBLEMS[0]).rewards.tolist()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "replacement", "message"),
+    [
+        (r"discount: \S+", "discount: nan", "discount"),
+        (r"discount: \S+", "discount: -1", "discount"),
+        (r"discount: \S+", "discount: 0.9 0.8", "discount"),
+        (r"discount: \S+", "discount:", "discount"),
+        (r"discount: \S+", "discount: high", "high"),
+        (r"\* (-?1\.0)\n", "* nan\n", "finite"),
+        (r"\* (-?1\.0)\n", "* inf\n", "finite"),
+        (r"\* (-?1\.0)\n", "*\n", "."),
+        (r"start: .*", "start: nan nan nan nan", "distributions"),
+        (r"start: .*", "start: 1.0", "start must give 4"),
+        (r"states: \S+", "states: end", "differ"),
+        (r"states: .*", "states:", "differ"),
+        (r"values: reward", "values: reward\nvalues: reward", "twice"),
+        (r"T: probe_pose_0\n\S+", "T: probe_pose_0\nnan", "distributions"),
+    ],
+)
+def test_numbers_and_labels_that_are_none_are_refused(pattern, replacement, message):
+    text, times = re.subn(pattern, replacement, unsealed(to_pomdp(PROBLEMS[0])), count=1)
+    assert times == 1
+    with pytest.raises(BadPomdp, match=message):
+        read_pomdp(text)
+
+
+def test_forty_thousand_declared_states_are_refused_before_their_tables_are_made():
+    states = " ".join(f"s{number}" for number in range(40_000))
+    text = f"discount: 0.9\nvalues: reward\nstates: {states}\nactions: look take\nobservations: x\nstart: uniform\n"
+    tracemalloc.start()
+    try:
+        with pytest.raises(BadPomdp, match=r"40000 states.*more than 4000000"):
+            read_pomdp(text)
+        assert tracemalloc.get_traced_memory()[1] < 50e6  # bytes; the tables would be 26 GB
+    finally:
+        tracemalloc.stop()
+
+
+def test_any_damage_is_answered_with_one_error():
+    text, rng = unsealed(to_pomdp(PROBLEMS[2])), np.random.default_rng(0)
+    refused = 0
+    for place in rng.integers(len(text), size=150).tolist():
+        for damaged in (text[:place], text[:place] + chr(rng.integers(32, 127)) + text[place + 1 :]):
+            try:
+                read_pomdp(damaged)
+            except BadPomdp:
+                refused += 1
+    assert refused > 150

@@ -2,10 +2,12 @@
 
 import io
 import pickle
+import zipfile
 
 import numpy as np
 import pytest
 
+from belief.errors import CorruptFile
 from planners.solve import SearchTouchProblem, TouchProblem, load_policy, save_policy, solve
 from planners.solve.files import CorruptPolicy, PolicyMismatch
 
@@ -58,6 +60,60 @@ def test_a_tampered_table_is_noticed(policy, tmp_path):
     changed["outcome_probs"] = TABLE[:, ::-1]
     np.savez(file, **changed)
     with pytest.raises(CorruptPolicy, match="changed"):
+        load_policy(file)
+
+
+@pytest.mark.parametrize("name", ["prior", "alphas_0", "actions_0"])
+def test_any_array_that_was_changed_is_noticed(policy, name, tmp_path):
+    file = tmp_path / "policy.npz"
+    save_policy(file, policy)
+    with np.load(file) as arrays:
+        changed = dict(arrays)
+    changed[name] = changed[name] + np.eye(1, changed[name].size, dtype=changed[name].dtype).reshape(
+        changed[name].shape
+    )
+    np.savez(file, **changed)
+    with pytest.raises(CorruptPolicy, match="changed"):
+        load_policy(file)
+
+
+def test_a_digit_of_the_header_that_was_changed_is_noticed(policy, tmp_path):
+    file = tmp_path / "policy.npz"
+    save_policy(file, policy)
+    with np.load(file) as arrays:
+        changed = dict(arrays)
+    changed["header"] = np.array(str(changed["header"]).replace('"touch_cost": 0.05', '"touch_cost": 0.06'))
+    np.savez(file, **changed)
+    with pytest.raises(CorruptPolicy, match="changed"):
+        load_policy(file)
+
+
+def test_any_damage_is_answered_with_one_error_or_does_no_harm(policy, tmp_path):
+    file = tmp_path / "policy.npz"
+    save_policy(file, policy)
+    whole, rng = file.read_bytes(), np.random.default_rng(0)
+    refused, told = 0, set()
+    for place in rng.integers(len(whole), size=150).tolist():
+        flipped = bytes([whole[place] ^ (1 << rng.integers(8))])
+        for damaged in (whole[:place], whole[place:], whole[:place] + flipped + whole[place + 1 :]):
+            file.write_bytes(damaged)
+            try:
+                assert load_policy(file).lower_bound == policy.lower_bound  # a bit that is never read, of a time stamp
+            except CorruptPolicy as error:
+                told.add(str(error).split(" is no policy")[0])
+                refused += 1
+    assert refused > 0.85 * 450
+    assert told == {str(file)}
+    assert issubclass(CorruptPolicy, CorruptFile)
+
+
+def test_a_file_that_would_unpack_to_more_than_a_gigabyte_is_refused(tmp_path):
+    file = tmp_path / "policy.npz"
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("header.npy", "w") as member:
+        for _ in range(1100):
+            member.write(bytes(1_000_000))
+    assert file.stat().st_size < 2_000_000
+    with pytest.raises(CorruptPolicy, match="unpack to"):
         load_policy(file)
 
 

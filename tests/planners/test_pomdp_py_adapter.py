@@ -1,6 +1,8 @@
 """pomdp-py's planners: models that agree with themselves and with the search, and what a rollout makes of them."""
 
 import random
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -142,3 +144,21 @@ def test_a_pose_used_before_gives_way_to_one_that_is_not():
     for used in (0, 1):
         info = InformationState(problem, 0, Belief.from_probs("abc", [0.5, 0.3, 0.2]), (Touch(used, np.zeros(3)),))
         assert adapter.Pouct(same, 200).decide(info, np.random.default_rng(0)).action == Probe(1 - used)
+
+
+@pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
+def test_several_threads_decide_as_each_would_alone(kind):
+    decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()
+    infos = [InformationState(problem, 0, Belief.from_probs("abc", [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)]
+
+    def decide(number):
+        return decider.decide(infos[number % 4], np.random.default_rng(number))
+
+    alone = [decide(number) for number in range(24)]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # threads are interrupted in the middle of a plan
+    try:
+        with ThreadPoolExecutor(8) as threads:
+            assert list(threads.map(decide, range(24))) == alone
+    finally:
+        sys.setswitchinterval(interval)

@@ -1,6 +1,7 @@
 """Solved touch problems against hand-derived values, brute force, and their own certified bounds."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import softmax
 
+from belief.errors import InvalidArgument
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.solve.bounds import ObjectBound, touch_bound
 from planners.solve.grid import BeliefGrid
 from planners.solve.search_bounds import search_bound
+from planners.solve.simplex import SimplexGrid
 from planners.solve.stages import stage_belief, staged
 from planners.solve.terms import TouchTerms
 
@@ -399,3 +402,45 @@ def test_interpolation_returns_the_belief_itself(num_shapes, seed):
         assert grid.interpolate(grid.points[:, shape], beliefs) == pytest.approx(beliefs[:, shape], abs=1e-9)
     convex = (grid.points**2).sum(axis=1)
     assert (grid.interpolate(convex, beliefs) >= (beliefs**2).sum(axis=1) - 1e-9).all()
+
+
+def test_a_bound_for_forty_shapes_is_a_bound_in_little_memory():
+    # A perfect pose: touch once, then stop; by hand 1 - λ, as REJECT at once is worth 1 - 2/40 = .95.
+    num_shapes = 40
+    table = np.stack([np.eye(num_shapes), np.full((num_shapes, num_shapes), 1 / num_shapes)])
+    problem = TouchProblem(table, np.full(num_shapes, 1 / num_shapes), 0, 0.02)
+    tracemalloc.start()
+    try:
+        bound = touch_bound(problem, np.random.default_rng(0))
+        assert tracemalloc.get_traced_memory()[1] < 4e8  # bytes; 5 GB before it was made in blocks
+    finally:
+        tracemalloc.stop()
+    assert 0.98 - 1e-9 <= bound <= 1.0
+
+
+@pytest.mark.parametrize("num_parts", [3, 17, 45])
+def test_points_of_a_grid_of_many_parts_are_told_apart(num_parts):
+    # Numbers for points of more than some forty parts do not fit 64 bits.
+    grid, rng = SimplexGrid(num_parts, [2], np.empty((0, num_parts))), np.random.default_rng(0)
+    assert len(grid.points) == num_parts * (num_parts + 1) // 2
+    columns, weights = grid.look_up(grid.points)
+    assert (np.take_along_axis(columns, weights.argmax(axis=1)[:, None], axis=1)[:, 0] == np.arange(len(columns))).all()
+    some = rng.dirichlet(np.full(num_parts, 0.3), size=20)
+    columns, weights = grid.look_up(some)
+    np.testing.assert_allclose((weights[:, :, None] * grid.points[columns]).sum(axis=1), some, atol=1e-12)
+
+
+def test_a_table_too_large_for_any_grid_is_refused_by_a_stated_limit(monkeypatch):
+    monkeypatch.setattr("planners.solve.grid._MOST_NUMBERS", 1000)
+    with pytest.raises(InvalidArgument, match=r"1 poses, 2 shapes and 2 outcomes needs .* more than 1000"):
+        touch_bound(TouchProblem([[[0.9, 0.1], [0.1, 0.9]]], [0.5, 0.5], 0, 0.05), np.random.default_rng(0))
+
+
+def test_a_grid_beyond_the_limit_is_coarser_and_still_bounds(monkeypatch):
+    table = np.random.default_rng(0).dirichlet(np.full(3, 0.5), size=(2, 4))
+    problem = TouchProblem(table, np.full(4, 0.25), 0, 0.05)
+    fine = touch_bound(problem, np.random.default_rng(0))
+    monkeypatch.setattr("planners.solve.grid._MOST_NUMBERS", 6000 * table.size)
+    coarse = touch_bound(problem, np.random.default_rng(0))
+    assert solve(problem, rounds=(50, 50)).lower_bound <= coarse
+    assert fine <= coarse + 1e-6 <= fine + 0.01

@@ -1,0 +1,203 @@
+"""Wrong arguments of plans, rules and deciders are refused with what was given, and none gives a number."""
+
+import numpy as np
+import pytest
+
+from belief import Belief, SearchProblem, Touch
+from belief.errors import ActiveTouchError, InvalidArgument
+from belief.observation_model import OutcomeTable
+from belief.synthetic import SyntheticWorld
+from planners import DECIDERS, InformationState, make_decider, search
+from planners.decider import TableMismatch
+from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
+from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
+from planners.table import TRAINED, WrongType
+from planners.value_of_information import ValueOfInformation
+
+TABLE = np.array([[[0.9, 0.1], [0.1, 0.9]]])
+NAN, INF = float("nan"), float("inf")
+BAD_BELIEFS = {
+    "negative": [1.5, -0.5],
+    "infinite": [INF, 0.0],
+    "both infinities": [INF, -INF],
+    "all zero": [0.0, 0.0],
+    "unnormalised": [0.7, 0.7],
+    "half of one": [0.25, 0.25],
+    "NaN": [NAN, 0.5],
+    "text": ["0.5", "0.5"],
+    "one text": "0.5, 0.5",
+    "nothing": None,
+    "too long": [0.5, 0.25, 0.25],
+    "a number": 1.0,
+    "ragged": [[0.5, 0.5], [1.0]],
+    "complex": [0.5 + 1j, 0.5 - 1j],
+}
+
+
+@pytest.fixture(scope="module")
+def single():
+    return solve(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), rounds=(20,))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return solve(SearchTouchProblem(TABLE, 2, "independent", 0, 0.05), rounds=(20,))
+
+
+@pytest.mark.parametrize("what", BAD_BELIEFS)
+@pytest.mark.parametrize("asked", ["action", "value", "q_values"])
+def test_what_is_no_belief_gets_no_answer_of_a_policy(single, what, asked):
+    belief = BAD_BELIEFS[what]
+    for given in (belief, [belief, [0.5, 0.5]]):
+        with pytest.raises(InvalidArgument, match="a belief must be 2 probabilities"):
+            getattr(single, asked)(given)
+
+
+@pytest.mark.parametrize("what", BAD_BELIEFS)
+@pytest.mark.parametrize("asked", ["action", "value"])
+def test_nor_of_a_policy_for_a_search(whole, what, asked):
+    with pytest.raises(InvalidArgument, match="a belief must be 4 probabilities"):
+        getattr(whole, asked)(0, BAD_BELIEFS[what])
+
+
+@pytest.mark.parametrize("index", [-1, 2, 0.0, None, "first"])
+def test_an_object_that_is_none_gets_no_answer(whole, index):
+    with pytest.raises(InvalidArgument, match=r"object_index must be in \[0, 2\)"):
+        whole.action(index, [0.5, 0.5, 0.0, 0.0])
+
+
+def test_beliefs_of_any_real_type_are_answered_alike(single):
+    for belief in ([0.75, 0.25], (0.75, 0.25), np.float32([0.75, 0.25]), np.float16([0.75, 0.25])):
+        assert single.action(belief) == single.action(np.array([0.75, 0.25]))
+        assert single.value([belief]).tolist() == [single.value(np.array([0.75, 0.25]))]
+
+
+@pytest.mark.parametrize("touches", [-1, NAN, INF, 1.5, "2", None, True])
+def test_a_horizon_that_is_no_number_of_touches_is_refused(touches):
+    with pytest.raises(InvalidArgument, match="max_touches must be an integer"):
+        finite_horizon_value(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), touches)
+
+
+def test_a_horizon_of_a_billion_touches_is_refused_at_once():
+    with pytest.raises(InvalidArgument, match="more than 3000000 histories"):
+        finite_horizon_value(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), 10**9)
+
+
+@pytest.mark.parametrize("rules", [{"max_touches": n} for n in (0, -1, NAN, INF, 1.5, "12", True)])
+@pytest.mark.parametrize("kind", [ConsecutiveFrames, PosteriorThresholds, SequentialTest, "value of information"])
+def test_a_number_of_touches_that_is_none_is_refused(kind, rules):
+    with pytest.raises(InvalidArgument, match="max_touches must be an integer, at least 1"):
+        ValueOfInformation(OutcomeTable(TABLE), **rules) if isinstance(kind, str) else kind(**rules)
+
+
+@pytest.mark.parametrize("prior", [NAN, -1.0, 2.0, INF])
+def test_thresholds_of_a_prior_that_is_no_probability_are_refused(prior):
+    with pytest.raises(InvalidArgument, match="prior_prob must be a probability"):
+        SequentialTest().thresholds(prior)
+
+
+@pytest.mark.parametrize("prior", [0.0, 1.0])
+def test_where_nothing_is_to_be_tested_only_certainty_stops(prior):
+    assert SequentialTest().thresholds(prior) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"touch_cost": NAN}, "touch_cost"),
+        ({"touch_cost": INF}, "touch_cost"),
+        ({"touch_cost": "free"}, "touch_cost"),
+        ({"touch_cost": -0.1}, "touch_cost"),
+        ({"discount": NAN}, "discount"),
+        ({"discount": 0.0}, "discount"),
+        ({"discount": 1.1}, "discount"),
+        ({"discount": None}, "discount"),
+        ({"target": -1}, "target"),
+        ({"target": 2}, "target"),
+        ({"target": 0.5}, "target"),
+        ({"target": NAN}, "target"),
+    ],
+)
+def test_a_problem_out_of_range_is_refused(arguments, message):
+    rules = {"target": 0, "touch_cost": 0.05} | arguments
+    for make in (
+        lambda: TouchProblem(TABLE, [0.5, 0.5], **rules),
+        lambda: SearchTouchProblem(TABLE, 2, "distinct", **rules),
+    ):
+        with pytest.raises(InvalidArgument, match=f"{message} must be"):
+            make()
+
+
+@pytest.mark.parametrize("number", [0, -1, NAN, 1.5, "2"])
+def test_a_search_among_no_number_of_objects_is_refused(number):
+    with pytest.raises(InvalidArgument, match="num_objects must be an integer"):
+        SearchTouchProblem(TABLE, number, "distinct", 0, 0.05)
+
+
+@pytest.mark.parametrize("prior", [["0.5", "0.5"], [NAN, 1.0], [1.5, -0.5], [0.0, 0.0], [1.0]])
+def test_a_prior_that_is_none_is_refused(prior):
+    with pytest.raises(InvalidArgument, match="prior must be 2 probabilities"):
+        TouchProblem(TABLE, prior, 0, 0.05)
+
+
+def test_a_problem_cannot_be_written_to():
+    problem = TouchProblem(TABLE, [0.5, 0.5], 0, 0.05)
+    for array in (problem.prior, problem.outcome_probs):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 1.0
+
+
+@pytest.mark.parametrize("name", [name for name in DECIDERS if name not in TRAINED])
+def test_a_model_in_place_of_its_table_is_told_what_works(name, model):
+    with pytest.raises(WrongType, match=r"model\.outcome_table\(\)") as caught:
+        make_decider(name, model)
+    assert isinstance(caught.value, ActiveTouchError)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"table": TABLE}, "table"),
+        ({"table": None}, "table"),
+        ({"model": OutcomeTable(TABLE)}, "model"),
+        ({"model": "coarse"}, "model"),
+        ({"policies": "runs/ppo"}, "policies"),
+        ({"simulations": 10.5}, "simulations"),
+        ({"simulations": "many"}, "simulations"),
+        ({"name": None}, "name"),
+        ({"name": DECIDERS["threshold"]}, "name"),
+    ],
+)
+def test_a_decider_made_from_something_else_is_an_error_that_names_it(arguments, named):
+    with pytest.raises(WrongType, match=f"^{named} must be"):
+        make_decider(**({"name": "point_based", "table": OutcomeTable(TABLE)} | arguments))
+
+
+PLANNERS = [
+    name for name in DECIDERS if name not in (*TRAINED, "random_confirm", "threshold", "random_poses", "fixed_poses")
+]
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+@pytest.mark.parametrize("shape", [(2, 4, 3), (4, 4, 3), (3, 3, 3), (3, 5, 3)])
+def test_a_table_of_other_poses_or_shapes_than_the_search_is_refused(name, shape, model):
+    table = OutcomeTable(np.random.default_rng(0).dirichlet(np.ones(shape[2]), size=shape[:2]))
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4)
+    with pytest.raises(TableMismatch, match=f"{shape[0]} poses and {shape[1]} shapes"):
+        search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table, simulations=20), problem, 0, model, (0,))
+
+
+def test_the_papers_rule_reads_the_logits_of_a_perfect_table():
+    with np.errstate(divide="ignore"):
+        frames = [Touch(0, np.log(np.array(probs))) for probs in ([1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0])]
+    problem, rule = SearchProblem(tuple("abc"), ("p",), 3), ConsecutiveFrames()
+
+    def stop(*touches):
+        decision = rule.stop(InformationState(problem, 0, Belief.uniform("abc"), touches))
+        return None if decision is None else (type(decision.action).__name__, decision.scores["frame_prob"])
+
+    certain, even, other = frames
+    assert stop(certain) is None
+    assert stop(certain, certain) == ("Confirm", 1.0)
+    assert stop(certain, even) is None
+    assert stop(other) == ("Reject", 0.0)
