@@ -67,7 +67,7 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
         started = time.perf_counter()
         contact = scene.contact(placement, rng)
         pressed = time.perf_counter()
-        read_out(scene.renderer(contact), scene.faults, rng)
+        read_out(scene.image(contact), scene.faults, rng)
         presses.append(pressed - started)
         images.append(time.perf_counter() - pressed)
     return Cost(

@@ -25,13 +25,14 @@ from numpy.typing import NDArray
 from activetouch.contact import Contact
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.dynamic import Dynamic
-from activetouch.errors import UnstablePress
+from activetouch.errors import BadMesh, UnstablePress
 from activetouch.pad import Pad
 from activetouch.placement import Placement
 from activetouch.poses import POSES, Quaternion
 from activetouch.presentation import Presentation, Tumbled
 from activetouch.press import Press, Quasistatic
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
+from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.robot import ROBOTS, Robot
 from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.stage import Stage
@@ -97,12 +98,12 @@ class Scene:
     """Everything that decides what touches look like.
 
     Attributes:
-        shapes: the shapes an object may have, by label; their order is the shape index. A path stands for the solid
-            in that mesh file.
+        shapes: the shapes an object may have, by label; their order is the shape index. A path, or its text, stands
+            for the solid in that mesh file.
         poses: the exploration poses, by label; their order is the pose index.
         pad: the tactile pad.
         press_model: how a press comes to its force (:mod:`activetouch.press`).
-        renderer: from contact to ideal image.
+        renderer: from contact to ideal image, by the rule of :class:`activetouch.rendering.TactileRenderer`.
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.
         presentation: how objects lie before a pose turns them.
@@ -112,7 +113,7 @@ class Scene:
         robot: that stands behind the pad, by name or in detail; none by default.
     """
 
-    shapes: Mapping[str, Shape | Path] = field(default_factory=lambda: SHAPES)
+    shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
     poses: Mapping[str, Quaternion] = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
@@ -129,8 +130,15 @@ class Scene:
         if not self.shapes or not self.poses:
             raise ValueError("a scene needs at least one shape and one pose")
         object.__setattr__(self, "poses", dict(self.poses))  # plain, so that a scene can be sent to another process
-        solids = {k: Mesh.from_file(v) if isinstance(v, Path) else v for k, v in self.shapes.items()}
+        solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
+        for label, solid in solids.items():
+            if not all(hasattr(solid, member) for member in ("bounding_radius", "geom", "entry_distance")):
+                raise BadMesh(
+                    f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
+                    "file (STL, OBJ, PLY, OFF) in metres; Mesh.from_file(path, scale=0.001) reads one in millimetres"
+                )
         object.__setattr__(self, "shapes", solids)
+        require_renderer(self.renderer)
         if isinstance(self.robot, str):
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))
@@ -156,7 +164,15 @@ class Scene:
     def image_shape(self) -> tuple[int, ...]:
         """Of one image, ``(H, W)`` or ``(H, W, 3)``: that of an object which misses the pad."""
         nothing = np.zeros((self.pad.num_taxels, self.pad.num_taxels))
-        return self.renderer(Contact(self.pad, np.full_like(nothing, np.inf), 0.0, nothing, nothing)).shape
+        return self.image(Contact(self.pad, np.full_like(nothing, np.inf), 0.0, nothing, nothing)).shape
+
+    def image(self, contact: Contact) -> NDArray[np.floating]:
+        """The ideal image of a contact.
+
+        Raises:
+            WrongRenderer: the renderer gave something that is no image.
+        """
+        return require_image(self.renderer(contact), self.renderer)
 
     @property
     def symmetry(self) -> Symmetry:
@@ -222,4 +238,4 @@ class Scene:
             UnstablePress: the simulation diverged.
         """
         contact = self.contact(self.place(thing, pose, rng), rng)
-        return contact, read_out(self.renderer(contact), self.faults, rng)
+        return contact, read_out(self.image(contact), self.faults, rng)

@@ -264,7 +264,7 @@ class TouchWorld:
         scene = self._sensor.scene
         _, contact, again = scene.settled_contact(self._objects[self._current], pose, rng)
         self._sensor.time.pressed_again += again
-        return read_out(scene.renderer(contact), scene.faults, rng)
+        return read_out(scene.image(contact), scene.faults, rng)
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """Press the current object and read the image."""

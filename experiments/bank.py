@@ -148,7 +148,7 @@ def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator)
         scene.settled_contact(scene.sample_object(shape, rng), number % len(scene.poses), rng)
         for number in range(count)
     )
-    return np.stack([scene.renderer(contact) for _, contact, _ in presses])
+    return np.stack([scene.image(contact) for _, contact, _ in presses])
 
 
 def log_evidence_of_slice(

@@ -24,6 +24,7 @@ from experiments.console import plain_console
 from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
 from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
+from experiments.sensors import tell_shift
 from experiments.shards import ShardTask, identity
 from experiments.summary import Comparison, compare_episodes
 from experiments.terminal import render_table
@@ -229,11 +230,7 @@ class Compare:
             problem = self.setting.problem
         except ValueError as error:
             raise BadArgument(str(error)) from error
-        if not self.setting.sensor_folder.is_dir():
-            raise BadArgument(
-                f"{self.setting.sensor_folder} holds no sensor; make one for this scene with activetouch collect, "
-                "train and calibrate, and name its folder with --sensor"
-            )
+        tell_shift(self.setting.shift)
         if self.episodes < 1 or self.jobs < 1 or not self.deciders:
             raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
         require_seed(self.seed)

@@ -67,7 +67,7 @@ def fresh_touch(scene: Scene, seed: int, stream: Stream, number: int) -> FreshTo
     rng = keyed_rng([seed, stream, number], is_fixed_length=True)
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
     placement, contact, _ = scene.settled_contact(scene.sample_object(shape, rng), pose, rng)
-    clean = scene.renderer(contact)
+    clean = scene.image(contact)
     before, after = split_at_noise(scene.faults)
     for fault in before:
         clean = fault(clean, rng)

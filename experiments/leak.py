@@ -239,7 +239,7 @@ def _touch_some(scene: Scene, key: Key, touches: Integers, lenders: Integers) ->
         (contact, stiffness), (other, _) = _press(scene, key, touch), _press(scene, key, lender)
         numbers.append((contact.force, contact.depth))
         for images, shown in ((plain, contact), (lent, with_numbers_of(other, contact, stiffness))):
-            images.append(read_out(scene.renderer(shown), scene.faults, keyed_rng([*key, _KEY, touch, 1])))
+            images.append(read_out(scene.image(shown), scene.faults, keyed_rng([*key, _KEY, touch, 1])))
     return int(touches[0]), np.array(numbers), np.stack(plain), np.stack(lent)
 
 

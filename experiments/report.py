@@ -20,6 +20,7 @@ from experiments.episodes import Setting
 from experiments.figures import Picture, pictures
 from experiments.replay import Frame, action_words, replay
 from experiments.results import RunFolder
+from experiments.sensors import shift_sentences
 from experiments.sheets import Sheet, sheets
 from experiments.summary import Comparison
 from experiments.verdict import verdict
@@ -62,7 +63,7 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         .render(
             comparison=comparison,
             composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-            verdict=verdict(comparison),
+            verdict=[*shift_sentences(setting.shift), *verdict(comparison)],
             sections=[_section(title, *names, drawn, tables) for title, names in _SECTIONS.items()],
             stories=stories,
             left_out=left_out,

@@ -99,15 +99,15 @@ def load_quietly(folder: Path, scene: Any, anyway: bool) -> TactileSensor:
         return TactileSensor.load(folder, scene, anyway)
 
 
-def shift_sentence(shift: tuple[str, ...]) -> str:
-    """What to tell people about a shift."""
-    return f"The sensor is used outside the scene it was made for: {in_words(shift)}."
+def shift_sentences(shift: tuple[str, ...]) -> list[str]:
+    """What to tell people about a shift; nothing where there is none."""
+    return [f"The sensor is used outside the scene it was made for: {in_words(shift)}."] if shift else []
 
 
 def tell_shift(shift: tuple[str, ...]) -> None:
     """Warn of a shift, if there is one."""
-    if shift:
-        print(f"warning: {shift_sentence(shift)}", file=sys.stderr)
+    for sentence in shift_sentences(shift):
+        print(f"warning: {sentence}", file=sys.stderr)
 
 
 def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:

@@ -20,6 +20,7 @@ from experiments.explain import Explain
 from experiments.replay import Replay
 from experiments.results import RunFolder, RunMismatch, ShardKey
 from experiments.scene_choice import DuplicateShape, SceneChoice
+from experiments.sensors import NoSensor
 from experiments.sliding_windows import WindowPlan
 from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses
 from experiments.touch import Touch
@@ -116,7 +117,7 @@ CASES: tuple[Case, ...] = (
         "compare",
         "a sensor that is not there",
         _played(setting=replace(_COARSE, sensor=Path("nowhere"))),
-        BadArgument,
+        NoSensor,
         "holds no sensor",
     ),
     refuses(

@@ -137,11 +137,17 @@ class Mesh:
         if _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
             return None
         guesses = [
-            f"scale={scale} if it is in {unit}"
+            f"{scale} if it is in {unit}"
             for unit, scale in _UNITS.items()
             if _TYPICAL_RADIUS <= self.bounding_radius * scale <= _MAX_RADIUS
         ]
-        hint = f". Try Mesh.from_file(path, scale=...): {', or '.join(guesses)}" if guesses else ""
+        example = next(iter(guesses), "").partition(" ")[0]
+        hint = (
+            f". Give its scale: {', or '.join(guesses)}; that is --mesh-scale {example} on the command line, "
+            f"Mesh.from_file(path, scale={example}) in Python"
+            if guesses
+            else ""
+        )
         return (
             f"its farthest point is {self.bounding_radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to "
             f"{_MAX_RADIUS} m. Lengths are in metres{hint}"
