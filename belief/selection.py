@@ -22,6 +22,9 @@ Fit = Callable[..., ArrayModel]
 _EDGES = (0.6, 0.9, 0.99)
 
 
+NUM_FOLDS = 5
+"""Of whole objects, in which models are compared unless told otherwise."""
+
 OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
     {
         "confusion": ConfusionModel.fit,
@@ -130,7 +133,7 @@ def cross_validated_nll(
     touches: Sequence[Touch],
     shapes: ArrayLike,
     object_ids: ArrayLike,
-    num_folds: int = 5,
+    num_folds: int = NUM_FOLDS,
 ) -> float:
     """:func:`sequence_nll` of objects that the model was not fitted to, on average over folds of whole objects.
 
@@ -172,7 +175,7 @@ def choose_observation_model(
     shape_labels: Sequence[str],
     num_poses: int,
     candidates: Mapping[str, Fit] = OBSERVATION_MODELS,
-    num_folds: int = 5,
+    num_folds: int = NUM_FOLDS,
 ) -> ModelChoice:
     """The candidate that predicts unseen objects best, fitted to all touches.
 

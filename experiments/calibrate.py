@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
 from activetouch.dataset import TouchSet, read_split
+from activetouch.manifest import CollectionPlan, Manifest
 from activetouch.world import CLASSIFIER_FILE, write_observation_model
 from belief import Touch
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
+from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
-from belief.selection import ModelChoice, choose_observation_model, log_posteriors
+from belief.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.arguments import Seed, check_arguments
 from experiments.baseline import depth_and_force_accuracy
@@ -70,6 +73,7 @@ class Calibrate:
         classifier = TouchClassifier.load(trained)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        _require_enough(manifest, data)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         logits = read_logits(classifier, calibration.images, "reading calibration touches")
         test_logits = read_logits(classifier, test.images, "reading test touches")
@@ -95,9 +99,33 @@ class Calibrate:
         if manifest.plan.repeats == 1:
             print(
                 "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
-                "measure it: activetouch collect --plan.train 0 --plan.repeats 6 with the same scene and another --out"
+                f"measure it, record several rounds{again(manifest, data)}"
             )
         print(f"wrote {out}")
+
+
+class TooFewObjects(ActiveTouchError, ValueError):
+    """A collection has too few objects to choose a model by cross-validation."""
+
+
+def _require_enough(manifest: Manifest, data: Path) -> None:
+    """Refuse a collection with which no model can be chosen, before any image is read."""
+    plan, num_shapes = manifest.plan, len(manifest.shape_labels)
+    least = max(2, math.ceil(NUM_FOLDS / num_shapes))
+    if plan.calibration < least or plan.test < 1:
+        raise TooFewObjects(
+            f"{data} has {plan.calibration} calibration objects and {plan.test} test objects of every shape; choosing "
+            f"the observation model takes at least {least} and 1, and a few hundred make it a good one. Record "
+            f"more{again(manifest, data)}"
+        )
+
+
+def again(manifest: Manifest, data: Path) -> str:
+    """How to record a collection of the same scene that will do, as the end of a sentence."""
+    if manifest.choice is None:
+        return ", with the program that recorded these"
+    out = data.with_name(f"{data.name}-repeats")
+    return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
 
 
 def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.random.Generator) -> dict[str, object]:

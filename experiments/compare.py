@@ -24,7 +24,7 @@ from experiments.console import plain_console
 from experiments.episodes import Setting
 from experiments.parallel import default_jobs, run_lazily
 from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
-from experiments.sensors import tell_shift
+from experiments.sensors import require_policies, tell_shift
 from experiments.shards import ShardTask, identity
 from experiments.summary import Comparison, compare_episodes
 from experiments.terminal import render_table
@@ -245,6 +245,9 @@ class Compare:
         for target in self.targets:
             if target not in problem.shape_labels:
                 raise UnknownName("target", target, list(problem.shape_labels))
+        for name in self.deciders:
+            wanted = self.targets or problem.shape_labels
+            require_policies(name, wanted, self.setting.choice.scene, self.setting.sensor_folder)
         return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
 
     def _arguments(self) -> dict[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,18 @@ from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.manifest import Manifest, NoCollection, read_manifest
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from activetouch.scenes import SCENES
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, TactileSensor, sensor_shift
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TactileSensor, sensor_shift
 from belief.errors import ActiveTouchError
-from experiments.scene_choice import SceneChoice, collection_folder, named_scene, repeats_folder, training_folder
+from experiments.scene_choice import (
+    SceneChoice,
+    bank_folder,
+    collection_folder,
+    named_scene,
+    repeats_folder,
+    training_folder,
+)
+from planners.ppo import BadPolicy, MissingPolicy, load_policy
+from planners.table import TRAINED
 
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
 T = TypeVar("T")
@@ -63,6 +72,33 @@ def sensor_commands(choice: SceneChoice) -> str:
             f"Then name its folder with --sensor {sensor}.",
         )
     )
+
+
+def policy_commands(scene: str, sensor: Path) -> str:
+    """The commands that train policies for a sensor and put them where deciders look, one a line."""
+    repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
+    return "\n".join(
+        (
+            command("collect", "--scene", scene, *REPEATS, out=repeats),
+            command("touch-bank", scene=scene, data=repeats, sensor=sensor, out=bank),
+            command("train-ppo", scene=scene, bank=bank, sensor=sensor, out=out),
+            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
+        )
+    )
+
+
+def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
+    """Check that a decider that was trained has its policies.
+
+    Raises:
+        MissingPolicy: it has none for a target; the message names the commands that train them.
+        BadPolicy: a policy is damaged, or another's.
+    """
+    try:
+        for target in targets if decider in TRAINED else ():
+            load_policy(sensor / POLICIES, "posterior" if decider == "ppo_posterior" else "paper", target)
+    except (MissingPolicy, BadPolicy) as error:
+        raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
 
 
 def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False) -> tuple[str, ...]:
@@ -117,16 +153,20 @@ def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
     try:
         return read()
     except (LabelMismatch, WrongScene) as error:
-        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(error)}") from error
+        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(folder, choice)}") from error
 
 
-def _anyway(error: Exception) -> str:
-    can_read = isinstance(error, WrongScene) and "reads images" not in str(error) and "input_size" not in str(error)
-    return "\nTo use it all the same, add --anyway." if can_read else ""
+def _anyway(folder: Path, choice: SceneChoice) -> str:
+    """The flag that uses a sensor all the same, where its network can read the images."""
+    try:
+        sensor_shift(folder, choice.named.scene, anyway=True)
+    except ActiveTouchError:
+        return ""
+    return "\nTo use it all the same, add --anyway."
 
 
 def _remedy(choice: SceneChoice) -> str:
-    if choice == SceneChoice(choice.scene):
+    if choice == SceneChoice(choice.scene) and (MODELS / choice.scene).is_dir():
         return f"Leave out --sensor: a sensor comes with the scene {choice.scene}."
     return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
 

@@ -14,6 +14,7 @@ from belief.statistics import wilson_interval
 from experiments.compare import Compare
 from experiments.episodes import Setting
 from experiments.scene_choice import SceneChoice
+from experiments.sensors import policy_commands
 from planners.ppo import load_policy
 from planners.table import TRAINED
 
@@ -109,7 +110,8 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
         for target in targets:
             load_policy(setting.sensor_folder / POLICIES, _STATES[decider], target)
     except ActiveTouchError as error:
-        return f"{error} --scene {setting.choice.scene}, and put its policies into {setting.sensor_folder / POLICIES}"
+        commands = policy_commands(setting.choice.scene, setting.sensor_folder)
+        return f"{error}. To train policies for this sensor: {' && '.join(commands.splitlines())}"
     return ""
 
 

@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
-from activetouch.world import MODELS, load_observation_model
-from belief.errors import UnknownName
+from activetouch.errors import WrongScene
+from activetouch.scene_description import require_scene
+from activetouch.world import MODELS, observation_model_and_scene
+from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_writable, write_text
 from experiments.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo_recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.scene_choice import bank_folder, named_scene
+from experiments.sensors import command, tell_shift
 from experiments.touch_bank import TEST, TRAINING
 from planners.ppo import policy_file
 
@@ -86,6 +89,8 @@ class TrainPPO:
     """Trainings of each."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Processes."""
+    anyway: bool = False
+    """Use banks of another scene than the sensor's."""
 
     def run(self) -> None:
         """Train what is missing, choose, and write policies and learning curves."""
@@ -156,8 +161,18 @@ class TrainPPO:
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
-        model = load_observation_model(sensor)
-        bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
+        model, fitted_to = observation_model_and_scene(sensor)
+        remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
+        try:
+            bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
+        except CorruptFile as error:
+            raise CorruptFile(f"{error}. {remedy}") from error
+        for one in (bank, test_bank):
+            if one.scene != fitted_to:
+                try:
+                    tell_shift(require_scene(f"the model in {sensor}", fitted_to, one.scene or {}, self.anyway))
+                except WrongScene as error:
+                    raise WrongScene(f"{folder} is no bank for it: {error}. {remedy}") from error
         for target in self.targets:
             if target not in bank.shape_labels:
                 raise UnknownName("target", target, list(bank.shape_labels))

@@ -31,7 +31,6 @@ from belief.problem import Floats
 from planners.decider import Decision, InformationState
 
 _FORMAT = "activetouch-policy-1"
-_HOW = "train one with: activetouch train-ppo"
 
 
 class MissingPolicy(ActiveTouchError, FileNotFoundError):
@@ -169,19 +168,18 @@ def load_policy(folder: Path | None, state: str, target: str) -> Policy:
     >>> load_policy(Path("nowhere"), "paper", "cone")
     Traceback (most recent call last):
     ...
-    planners.ppo.MissingPolicy: no policy for the target 'cone' and the state 'paper' in nowhere; \
-train one with: activetouch train-ppo
+    planners.ppo.MissingPolicy: no policy for the target 'cone' and the state 'paper' in nowhere
     """
     path = None if folder is None else folder / policy_file(state, target)
     if path is None or not path.is_file():
         where = "given: a folder of policies is needed" if folder is None else f"in {folder}"
-        raise MissingPolicy(f"no policy for the target {target!r} and the state {state!r} {where}; {_HOW}")
+        raise MissingPolicy(f"no policy for the target {target!r} and the state {state!r} {where}")
     try:
         policy = Policy.from_bytes(path.read_bytes())
     except BadPolicy as error:
-        raise BadPolicy(f"{path}: {error}; {_HOW}") from error
+        raise BadPolicy(f"{path}: {error}") from error
     if (policy.card.state, policy.card.target) != (state, target):
-        raise BadPolicy(f"{path} is for the target {policy.card.target!r} and the state {policy.card.state!r}; {_HOW}")
+        raise BadPolicy(f"{path} is for the target {policy.card.target!r} and the state {policy.card.state!r}")
     return policy
 
 
@@ -227,7 +225,7 @@ class PPODecider:
             raise BadPolicy(
                 f"the policies in {self.policies} know the shapes {list(card.shape_labels)} and the poses "
                 f"{list(card.pose_labels)}, the search has {list(problem.shape_labels)} and "
-                f"{list(problem.pose_labels)}; {_HOW} for this scene"
+                f"{list(problem.pose_labels)}; this scene needs policies of its own"
             )
         return policy
 
