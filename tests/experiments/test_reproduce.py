@@ -65,7 +65,7 @@ def test_a_decider_without_its_policies_is_left_out_and_named(tmp_path):
     columns = search_columns({"coarse": empty}, ["random_confirm", "ppo"], 5, 0, tmp_path / "runs", 1)
     assert [column.decider for column in columns] == ["random_confirm", "ppo"]
     assert sum(columns[0].successes.values()) > 0
-    assert "activetouch train-ppo --scene coarse" in columns[1].missing
+    assert "train-ppo --scene coarse" in columns[1].missing
 
 
 def finished(folder: Path) -> dict[Path, int]:

@@ -92,7 +92,7 @@ def test_layers_that_do_not_fit_are_refused():
 
 
 def test_a_missing_policy_says_what_to_run(tmp_path, model, problem):
-    with pytest.raises(MissingPolicy, match="folder of policies is needed; train one"):
+    with pytest.raises(MissingPolicy, match="folder of policies is needed"):
         load_policy(None, "paper", "shape_0")
     with pytest.raises(MissingPolicy, match="'shape_2' and the state 'posterior' in"):
         load_policy(tmp_path, "posterior", "shape_2")
