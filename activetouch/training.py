@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.augmentation import augment
@@ -20,8 +18,8 @@ from activetouch.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.recipe import TrainingRecipe
 from activetouch.scene import Symmetry
+from activetouch.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CorruptFile
-from belief.files import atomic_path
 
 
 @dataclass(frozen=True)
@@ -184,17 +182,15 @@ class Trainer:
     def _save(self) -> None:
         tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
         tensors |= {f"best.{name}": value for name, value in self._best.items()} | self._moments()
-        header = {"task": self._task, "reports": json.dumps([asdict(report) for report in self.reports])}
-        with atomic_path(self.state) as temporary:
-            save_file({name: value.contiguous() for name, value in tensors.items()}, temporary, metadata=header)
+        fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
+        write_tensors(self.state, {name: value.numpy() for name, value in tensors.items()}, fields)
 
     def _resume(self) -> None:
         try:
-            with safe_open(self.state, framework="pt") as file:
-                header = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except (SafetensorError, OSError) as error:
-            raise CorruptFile(f"{self.state} is damaged ({error}); delete it to start anew") from error
+            arrays, header = read_tensors(self.state)
+        except CorruptFile as error:
+            raise CorruptFile(f"{error}; delete it to start anew") from error
+        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
         if header.get("task") != self._task:
             raise LabelMismatch(
                 f"{self.state} belongs to another training (recipe, network, start or data): {header.get('task')}, not "
@@ -203,7 +199,7 @@ class Trainer:
         network = self.classifier.network
         network.load_state_dict(_with_prefix(tensors, "model."))
         self._best = _with_prefix(tensors, "best.")
-        self.reports = [EpochReport(**report) for report in json.loads(header["reports"])]
+        self.reports = [EpochReport(**report) for report in header["reports"]]
         steps = torch.tensor(float(self.epochs_done * self.steps_per_epoch))
         for name, parameter in network.named_parameters():
             self.optimizer.state[parameter] = {

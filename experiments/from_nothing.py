@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from activetouch.envs.bank import MANIFEST
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE, POLICIES
 from experiments.arguments import Count
 from experiments.calibrate import Calibrate
@@ -55,7 +56,7 @@ def sensor_from_nothing(scene: str, effort: Effort, folder: Path, jobs: int) -> 
             sensor / OBSERVATION_FILE,
             lambda: _calibrate(choice, effort, repeats, trained / CLASSIFIER_FILE, sensor, jobs),
         ),
-        (bank / TEST, MakeTouchBank(scene, repeats, sensor, bank).run),
+        (bank / TEST / MANIFEST, MakeTouchBank(scene, repeats, sensor, bank).run),
         (policies, lambda: _train_policies(scene, effort, bank, sensor, folder / "ppo", jobs)),
     ]
     for done, make in stages:

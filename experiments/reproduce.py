@@ -12,8 +12,8 @@ from rich.markdown import Markdown
 
 from activetouch.recipe import RECIPES
 from activetouch.scenes import SCENES
-from belief.errors import UnknownName
-from belief.files import require_writable, write_text
+from belief.errors import CorruptFile, UnknownName
+from belief.files import require_writable, sealed_json, unsealed_json, write_text
 from experiments.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.console import plain_console
 from experiments.from_nothing import Effort, sensor_from_nothing
@@ -160,8 +160,9 @@ class Reproduce:
         training = Training(scene, self.backbone, self.input_size, recipe, self.weights, self.out / "table1")
         results = both_splits(training, images, fresh, self.seed)
         labels = scene.shape_labels
+        arguments = json.loads(json.dumps(asdict(self), default=str))
         numbers = {
-            "arguments": json.loads(json.dumps(asdict(self), default=str)),
+            "arguments": {name: value for name, value in arguments.items() if name != "out"},  # no number depends on it
             "recipe": asdict(recipe),
             "num_images": len(images.images),
             "paper": {label: asdict(score) for label, score in PAPER.items()},
@@ -170,12 +171,23 @@ class Reproduce:
         }
         write_text(self.out / "table1.md", to_markdown(results, labels))
         draw_confusions(results, labels, self.out / "table1.svg")
-        write_text(self.out / "table1.json", json.dumps(numbers, indent=1) + "\n")
+        write_text(self.out / "table1.json", sealed_json(numbers) + "\n")
 
     def _confusion(self) -> list[list[int]] | None:
         """Of the classifier that was split by image, on what it held out; None as long as Table 1 is not made."""
         file = self.out / "table1.json"
-        return json.loads(file.read_text())["splits"]["by image"]["held out"]["confusion"] if file.exists() else None
+        if not file.exists():
+            return None
+        try:
+            confusion: list[list[int]] = unsealed_json(file.read_text(encoding="utf-8"))["splits"]["by image"][
+                "held out"
+            ]["confusion"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise CorruptFile(
+                f"{file} is damaged ({error}); delete it and make it again with: activetouch reproduce --table 1 "
+                f"--out {self.out}"
+            ) from error
+        return confusion
 
     def _write(self) -> None:
         """Write reproduce.md of all that the folder holds, and print its tables."""

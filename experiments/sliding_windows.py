@@ -7,6 +7,8 @@ copies among the images of its own press, and how a data set is split decides wh
 from __future__ import annotations
 
 import hashlib
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,6 +22,7 @@ from activetouch.presentation import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
 from belief.chance import keyed_rng
+from belief.errors import CorruptFile
 from belief.files import atomic_path
 from experiments.arguments import Count, Seed, check_arguments
 from experiments.parallel import run_tasks
@@ -69,8 +72,12 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
         touches = record_windows(scene, plan, stream, jobs)
         with atomic_path(path) as temporary:
             np.savez_compressed(temporary, **vars(touches))
-    with np.load(path, allow_pickle=False) as found:
-        return TouchSet(**found)
+    try:
+        # Every array in such a file carries a checksum.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
+            return TouchSet(**found)
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise CorruptFile(f"{path} is damaged ({error}); delete it to press its objects again") from error
 
 
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from activetouch.envs.object_test import ObjectTestEnv
 
 _FORMAT = "activetouch-touch-bank-2"
-_MANIFEST = "manifest.json"
+MANIFEST = "manifest.json"
+"""Of a bank, which is whole when this file is there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ class TouchBank:
 
     def save(self, folder: Path) -> None:
         """Write the bank; a bank that is there already is replaced."""
-        (folder / _MANIFEST).unlink(missing_ok=True)
+        (folder / MANIFEST).unlink(missing_ok=True)
         arrays = {"logits": self.logits, "shapes": self.shapes}
         if self.features is not None:
             arrays["features"] = self.features.astype(np.float16)
@@ -122,7 +123,7 @@ class TouchBank:
             "scene": None if self.scene is None else dict(self.scene),
             "arrays": digests,
         }
-        write_text(folder / _MANIFEST, sealed_json(manifest) + "\n")
+        write_text(folder / MANIFEST, sealed_json(manifest) + "\n")
 
     @classmethod
     def open(cls, folder: Path) -> TouchBank:
@@ -132,7 +133,7 @@ class TouchBank:
             CorruptFile: there is none, or its files are not what was written.
         """
         try:
-            manifest = unsealed_json((folder / _MANIFEST).read_text(encoding="utf-8"))
+            manifest = unsealed_json((folder / MANIFEST).read_text(encoding="utf-8"))
             if manifest["format"] != _FORMAT:
                 raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}")
             for name, digest in manifest["arrays"].items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import gymnasium
@@ -13,15 +14,19 @@ from numpy.typing import NDArray
 from activetouch.envs.touches import LiveTouches, Objects, Press, Touches
 from activetouch.world import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, Touch
-from belief.chance import arrangement_rng, touch_rng
+from belief.chance import arrangement_rng, checked_key, touch_rng
 from belief.encoding import NO_ACTION, Situation, frame_probs, paper_state
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 
 State = NDArray[np.float32]
 
 
 class BadAction(ActiveTouchError, ValueError):
     """An action that the environment does not have."""
+
+
+class BadOption(ActiveTouchError, ValueError):
+    """An option of ``reset()`` that there is not, or a value that it cannot have."""
 
 
 class TouchEnv(gymnasium.Env[State, int]):
@@ -114,10 +119,13 @@ class TouchEnv(gymnasium.Env[State, int]):
         """A new episode; ``options={"seed": (0, 3, 17)}`` makes the very episode of that key, objects, touches and all.
 
         Searches of ``activetouch compare`` have the keys (seed, target index, number).
+
+        Raises:
+            BadOption: an option that there is not, or a seed that is no key.
         """
+        key = key_of(options)
         super().reset(seed=seed)
-        key = (options or {}).get("seed")
-        self._key = tuple(key) if key is not None else (int(self.np_random.integers(2**32)),)
+        self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
         rng = arrangement_rng(self._key)
         self._arrangement = self._sample_arrangement(rng)
         self._objects: Objects = self.touches.objects(self._arrangement, rng)
@@ -176,3 +184,29 @@ class TouchEnv(gymnasium.Env[State, int]):
 def live_or_given(touches: Touches | None, scene: str) -> Touches:
     """The touches given, or live ones of the sensor that comes with a scene."""
     return touches if touches is not None else LiveTouches(TactileSensor.shipped(scene))
+
+
+def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
+    """The key of an episode among the options of ``reset()``, if there is one.
+
+    Raises:
+        BadOption: an option that there is not, or a seed that is no key.
+
+    >>> key_of({"seed": [0, 3, 17]}), key_of(None)
+    ((0, 3, 17), None)
+    """
+    known, given = ("seed",), options if options is not None else {}
+    if not isinstance(given, Mapping):
+        raise BadOption(f"options must be a dictionary with the key 'seed' or none, got {options!r}")
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise BadOption(f"reset() has no option {unknown[0]!r}; known: {', '.join(known)}")
+    key = given.get("seed")
+    if key is None:
+        return None
+    if not isinstance(key, Sequence | np.ndarray) or isinstance(key, str | bytes) or not len(key):
+        raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17), got {key!r}")
+    try:
+        return checked_key(key)
+    except InvalidArgument as error:
+        raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17): {error}") from error

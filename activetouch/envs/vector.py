@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from activetouch.envs.base import BadOption
 from activetouch.envs.episodes import BankEpisodes
 
 
@@ -43,7 +44,13 @@ class BankVectorEnv(VectorEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """New episodes in all rows."""
+        """New episodes in all rows.
+
+        Raises:
+            BadOption: any option, as there is none.
+        """
+        if options:
+            raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
         super().reset(seed=seed)
         self._episodes.reset(np.arange(self.num_envs), self.np_random)
         return self._episodes.observe(), {}

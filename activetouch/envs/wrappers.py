@@ -2,7 +2,8 @@
 
     env = PosteriorState(gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone"))
 
-Observations are wrappers, not flags: what is learned from differs, what happens does not.
+Observations are wrappers, not flags: what is learned from differs, what happens does not. One of them takes the place
+of the environment's own observation; a reward may be shaped inside or outside of it.
 """
 
 from __future__ import annotations
@@ -26,6 +27,28 @@ class NoImage(ActiveTouchError, TypeError):
     """Images were asked for where touches have none."""
 
 
+class WrappedTwice(ActiveTouchError, TypeError):
+    """An observation was to be replaced that is replaced already."""
+
+
+def _untouched(env: gymnasium.Env, wrapper: type) -> TouchEnv:
+    """The environment within, if its own observation comes through.
+
+    Raises:
+        WrappedTwice: it does not.
+    """
+    own, inner = _touch_env(env), env
+    while isinstance(inner, gymnasium.Wrapper):
+        if isinstance(inner, gymnasium.ObservationWrapper) or inner.observation_space != inner.env.observation_space:
+            raise WrappedTwice(
+                f"{wrapper.__name__} takes the place of the environment's own observation, which "
+                f"{type(inner).__name__} has taken already: use one of them. Wrappers of observations in general, such "
+                f"as FlattenObservation, go outside: FlattenObservation({wrapper.__name__}(env))"
+            )
+        inner = inner.env
+    return own
+
+
 def _touch_env(env: gymnasium.Env) -> TouchEnv:
     if not isinstance(env.unwrapped, TouchEnv):
         raise TypeError(f"this wrapper is for the environments of activetouch.envs, got {env.unwrapped}")
@@ -42,7 +65,7 @@ class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
     def __init__(self, env: gymnasium.Env) -> None:
         RecordConstructorArgs.__init__(self)
         gymnasium.ObservationWrapper.__init__(self, env)
-        _touch_env(env)
+        _untouched(env, type(self))
         size = cast(spaces.Box, env.observation_space).shape[0] - 1  # P poses and the log-odds for P + 2 actions
         self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
@@ -63,7 +86,7 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
     def __init__(self, env: gymnasium.Env) -> None:
         RecordConstructorArgs.__init__(self)
         gymnasium.ObservationWrapper.__init__(self, env)
-        touches = _touch_env(env).touches
+        touches = _untouched(env, type(self)).touches
         sensor = getattr(touches, "sensor", None)
         if sensor is None:
             raise NoImage(f"only live touches have images, these are {type(touches).__name__}")

@@ -7,6 +7,7 @@ from scipy.special import log_softmax
 
 from activetouch import TactileSensor
 from activetouch.envs.bank import TouchBank
+from activetouch.envs.base import BadOption
 from activetouch.envs.episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touches import LiveTouches, SampledTouches
@@ -185,6 +186,8 @@ def test_the_gymnasium_vector_env_resets_in_the_same_step_and_hands_out_last_sta
     again, _ = envs.reset(seed=1)
     np.testing.assert_array_equal(first, again)
     assert first in envs.observation_space
+    with pytest.raises(BadOption, match="sed"):
+        envs.reset(options={"sed": 3})
     envs.step(np.zeros(32, np.int64))
     actions = np.where(np.arange(32) < 10, 3, 1)
     observations, rewards, terminated, truncated, infos = envs.step(actions)

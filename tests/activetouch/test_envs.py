@@ -8,15 +8,16 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import FlattenObservation, FrameStackObservation
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.envs import IDS
-from activetouch.envs.base import BadAction
+from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touches import LiveTouches, SampledTouches
-from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage
+from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage, WrappedTwice
 from belief import Confirm, Probe, Reject
 from belief.chance import arrangement_rng
 from belief.errors import UnknownName
@@ -42,6 +43,57 @@ def coarse():
 @pytest.fixture
 def sampled(model):
     return SampledTouches(model, ("p0", "p1", "p2"))
+
+
+def shaped(env):
+    return BeliefShaping(env, beta=0.1, discount=0.99)
+
+
+WRAPPERS |= {
+    "posterior inside": lambda env: shaped(PosteriorState(env)),
+    "posterior outside": lambda env: PosteriorState(shaped(env)),
+    "image inside": lambda env: shaped(RawImage(env)),
+    "image outside": lambda env: RawImage(shaped(env)),
+}
+
+
+INNER = {
+    "PosteriorState": PosteriorState,
+    "RawImage": RawImage,
+    "FlattenObservation": lambda env: FlattenObservation(RawImage(env)),
+    "FrameStackObservation": lambda env: FrameStackObservation(env, 2),
+}
+
+
+@pytest.mark.parametrize("inner", INNER)
+@pytest.mark.parametrize("outer", [PosteriorState, RawImage])
+def test_an_observation_that_is_replaced_already_is_refused_at_construction(inner, outer, coarse):
+    env = ObjectTestEnv(touches=coarse)
+    with pytest.raises(WrappedTwice, match=f"{outer.__name__} takes the place .* {inner} has taken"):
+        outer(shaped(INNER[inner](env)))
+    wrapped = outer(gymnasium.wrappers.RecordEpisodeStatistics(env))
+    assert wrapped.reset(seed=0)[0] in wrapped.observation_space
+
+
+@every_id
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"sed": 3}, "no option 'sed'; known: seed"),
+        ({"seed": (1,), "target": 2}, "no option 'target'; known: seed"),
+        ({"seed": 3}, "got 3"),
+        ({"seed": "abc"}, "got 'abc'"),
+        ({"seed": ()}, r"got \(\)"),
+        ({"seed": (0, -1)}, "-1"),
+        ({"seed": (0, 1.5)}, "1.5"),
+        ({"seed": (0, None)}, "None"),
+        (["seed"], "must be a dictionary"),
+    ],
+)
+def test_options_that_there_are_not_are_refused(name, options, named, sampled):
+    env = gymnasium.make(name, touches=sampled, target="shape_1").unwrapped
+    with pytest.raises(BadOption, match=named):
+        env.reset(options=options)
 
 
 @every_id

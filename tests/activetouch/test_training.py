@@ -126,6 +126,18 @@ def test_a_damaged_training_state_is_a_clear_error(tmp_path):
         trainer(tmp_path / "state.safetensors")
 
 
+def test_a_flipped_bit_of_a_training_state_is_noticed(tmp_path):
+    state = tmp_path / "state.safetensors"
+    trainer(state).run_epoch()
+    whole, rng = state.read_bytes(), np.random.default_rng(0)
+    for place in [len(whole) - 1, *rng.integers(len(whole), size=20).tolist()]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        state.write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="delete it to start anew"):
+            trainer(state)
+
+
 def test_the_paper_recipe_is_the_papers():
     paper = RECIPES["paper"]
     assert paper == TrainingRecipe()

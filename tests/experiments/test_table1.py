@@ -7,10 +7,12 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from activetouch.scenes import SCENES
+from activetouch.training import Trainer
+from belief.errors import CorruptFile
 from belief.metrics import shape_scores
 from experiments.arguments import BadArgument
 from experiments.reproduce import Reproduce
-from experiments.sliding_windows import WindowPlan, record_windows, split_by_image, split_by_object
+from experiments.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
 from experiments.table1 import PAPER, Result, to_markdown
 from experiments.train import Changes
 
@@ -108,3 +110,46 @@ def test_the_command_goes_on_where_it_stopped_and_writes_its_files(tmp_path):
     assert by_image["held out"]["nearest"] > by_image["fresh objects"]["nearest"] + 0.1
     assert (tmp_path / "table1.md").read_text().startswith("| | paper | by image, held out |")
     assert (tmp_path / "table1.svg").read_text().count("<svg") == 1
+
+
+@pytest.mark.slow
+def test_killed_between_epochs_and_in_another_folder_it_ends_with_the_same_file(tmp_path, monkeypatch):
+    def reproduce(folder):
+        plan, few = WindowPlan(objects=3, presses=1, images=2), Changes(epochs=2)
+        settings = {"backbone": "cnn", "input_size": 16, "images": plan, "change": few, "jobs": 1}
+        Reproduce(parts=("table1",), **settings, out=tmp_path / folder).run()
+        return (tmp_path / folder / "table1.json").read_bytes()
+
+    whole, run_epoch = reproduce("whole"), Trainer.run_epoch
+
+    def run_epoch_and_stop(self, *arguments):
+        run_epoch(self, *arguments)
+        raise KeyboardInterrupt
+
+    for _ in range(3):  # of two trainings of two epochs each
+        with monkeypatch.context() as patched:
+            patched.setattr(Trainer, "run_epoch", run_epoch_and_stop)
+            with pytest.raises(KeyboardInterrupt):
+                reproduce("parts")
+    assert reproduce("parts") == whole
+    confusion = Reproduce(out=tmp_path / "parts")._confusion()
+    assert np.shape(confusion) == (4, 4)
+    (tmp_path / "parts" / "table1.json").write_bytes(whole.replace(b'"support": ', b'"support": 1'))
+    with pytest.raises(CorruptFile, match="reproduce --table 1"):
+        Reproduce(out=tmp_path / "parts")._confusion()
+
+
+def test_damaged_windows_are_refused(tmp_path):
+    scene, plan = SCENES["paper"].scene, WindowPlan(objects=1, presses=1, images=2)
+    kept_windows(scene, plan, 0, 1, tmp_path)
+    [file] = tmp_path.iterdir()
+    whole = file.read_bytes()
+    for place in (0, len(whole) // 3, len(whole) // 2):
+        damaged = bytearray(whole)
+        damaged[place] ^= 4
+        file.write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="delete it to press"):
+            kept_windows(scene, plan, 0, 1, tmp_path)
+    file.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(CorruptFile, match="delete it to press"):
+        kept_windows(scene, plan, 0, 1, tmp_path)
