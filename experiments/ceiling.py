@@ -1,4 +1,4 @@
-"""What no decider can exceed: the ceiling of a comparison in success, and a bound on what it can expect in return.
+"""Frames of a comparison: its ceiling in success, and an upper bound on the return for the discretised sensor model.
 
 The ceiling is what could be known if touches were free and objects could be gone back to. Every object is touched once
 in every pose, everything is fused, and the object most probably the target is confirmed (none, if its absence is
@@ -7,7 +7,8 @@ No decider that touches each pose at most once can expect to do better with the 
 
 The bound counts what touches cost: :mod:`planners.solve` certifies what no policy's expected return exceeds if a touch
 is a draw from the outcome table, and a pose's second and third touch are worth what the observation model says of
-repeats, for policies that use no pose again before the others. Live touches hold a little more than their outcome does.
+repeats, for policies that use no pose again before the others. Live touches hold more than their outcome does, and are
+not independent given the shape, so live returns can exceed the bound.
 """
 
 from __future__ import annotations
@@ -55,7 +56,10 @@ def solved_by_full_information(setting: Setting, target: int, seed: int, numbers
 
 
 def best_expected_return(setting: Setting, target: int) -> float | None:
-    """What no policy expects to exceed in a search for this target; None where that cannot be solved."""
+    """Upper bound on the expected return of a search for a target, for the discretised sensor model.
+
+    In it touches are independent given the shape; live touches are not. None where it cannot be solved.
+    """
     problem, model = setting.problem, load_sensor(setting).model
     if not isinstance(problem.composition, Composition) or problem.touch_cost == 0.0:
         return None

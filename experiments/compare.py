@@ -83,7 +83,8 @@ class Compare:
     out: Path | None = None
     """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
     bound: bool = False
-    """Also find what return no planner can expect to exceed, in searches among few objects: some minutes a target."""
+    """Also find an upper bound on the expected return for the discretised sensor model, in which touches are
+    independent given the shape; live touches are neither, so live returns can exceed it. Some minutes a target."""
     jobs: int = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"

@@ -1,6 +1,6 @@
 """What a test of one object can return at best: references for a learned policy.
 
-What no policy exceeds is certified for the table of outcomes, repeats at the price that the observation model gives
+The upper bound is certified for the discretised sensor model, repeats at the price that the observation model gives
 them; it loses what the table merges. Thresholds on the posterior, the best pair of them, with the least used pose next,
 are what is certainly there. All touches for nothing, poses in turn, say how much there is to be known.
 """

@@ -4,7 +4,7 @@ run.json            what decides an episode (seed, setting, sensor, versions), t
 shards/*.jsonl      one line an episode, 25 of them, written whole or not at all
 shards/*.time.json  seconds the shard took, by part (kept apart: episodes are reproducible, seconds are not)
 shards/ceiling-*    whether full information solves the episodes; shards like all others
-shards/bound-*      what return no planner can expect to exceed, a single line
+shards/bound-*      the upper bound on the return for the discretised sensor model, a single line
 episodes.jsonl      the episodes last asked for, in a fixed order, once all are there
 
 Shards are keyed by what they hold, and what they hold follows from the run's identity. So it does not matter who writes

@@ -146,8 +146,10 @@ def returns(comparison: Comparison) -> Sheet:
         f"Return: +1 for success, −1 else, less {comparison.problem.touch_cost:g} a touch. P(best): share of bootstrap "
         "resamples of the episodes in which the mean return is the highest. Regret: to the return of a reader that "
         f"touches every object in every pose for nothing before it answers, on the {comparison.ceiling[1]} episodes "
-        "where that was tried; nobody can reach 0. To bound: to the certified upper bound of planning, if every touch "
-        "were a fresh draw from the outcome table; for searches small enough to solve.",
+        "where that was tried; nobody can reach 0. To bound: to an upper bound on the expected return for the "
+        "discretised sensor model, in which touches are independent given the shape and repeats have the observation "
+        "model's price; live touches are neither, so live returns can exceed it, and the number is then negative. For "
+        "searches small enough to solve.",
     )
 
 

@@ -97,7 +97,7 @@ def gap(
     problem: SearchProblem,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
-    """How far a decider's mean return stays below what no planner expects to exceed: mean and 95 % interval.
+    """How far a decider's mean return stays below the discretised model's upper bound: mean and 95 % interval.
 
     Args:
         episodes: of one decider, by target.

@@ -84,7 +84,7 @@ class Comparison:
         positions: success by where the target lay, by decider.
         claims: at the stop, by decider; None for one that never confirmed.
         regret: to the best reader of all touches, by decider: mean and 95 % interval.
-        gap: of the mean return to what no planner expects to exceed, by decider, likewise; None where not known.
+        gap: of the mean return to the discretised model's upper bound, by decider, likewise; None where not known.
         prob_best: probability of the highest mean return, by decider.
         solved: whether full information solves the first episodes, by target (:mod:`experiments.ceiling`).
         reference: the decider the others are compared with.
@@ -152,7 +152,7 @@ def compare_episodes(
         solved: whether full information solves the first episodes, by target.
         reference: the decider the others are compared with.
         rng: source of the bootstraps.
-        bounds: what no planner's return is expected to exceed, by target, where that is known.
+        bounds: upper bounds on the expected return for the discretised sensor model, by target, where known.
     """
     cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
     by_decider: dict[str, dict[str, Sequence[Episode]]] = {}

@@ -50,7 +50,7 @@ def _frame(comparison: Comparison) -> str:
 
 
 def _bound(comparison: Comparison) -> str:
-    """How far the best decider stays below what planning could achieve."""
+    """How far the best decider stays below the bound of the discretised sensor model."""
     name = max(comparison.deciders, key=lambda name: comparison.cells[name, ALL].reward)
     gap = comparison.gap[name]
     if gap is None:
@@ -58,8 +58,9 @@ def _bound(comparison: Comparison) -> str:
     mean, low, high = gap
     bound = comparison.cells[name, ALL].reward + mean
     return (
-        f" No planner can expect a return above {bound:.3f} if touches come as the outcome table has them; {name} "
-        f"is {abs(mean):.3f} {'below' if mean >= 0.0 else 'above, by chance'} [{low:+.3f}, {high:+.3f}]."
+        f" An upper bound on the expected return is {bound:.3f} for the discretised sensor model, in which touches are "
+        f"independent given the shape; live touches are neither, so live returns can exceed it. {name} is "
+        f"{abs(mean):.3f} {'below' if mean >= 0.0 else 'above'} [{low:+.3f}, {high:+.3f}]."
     )
 
 

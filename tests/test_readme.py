@@ -81,3 +81,28 @@ def test_every_file_a_page_links_to_exists(page):
     for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", (ROOT / page).read_text()):
         if not target.startswith("http"):
             assert (ROOT / page).parent.joinpath(target).exists(), target
+
+
+BOUND_IS_TOLD_IN = (
+    "README.md",
+    "docs/planners.md",
+    "docs/ppo.md",
+    "experiments/compare.py",
+    "experiments/sheets.py",
+    "experiments/verdict.py",
+)
+
+
+@pytest.mark.parametrize("page", BOUND_IS_TOLD_IN)
+def test_the_bound_is_called_what_it_is_one_of_a_discretised_sensor(page):
+    text = " ".join((ROOT / page).read_text().replace('"', " ").split())
+    assert "discretised sensor model" in text
+    assert page == "README.md" or "can exceed it" in text
+    for overstated in (
+        "o planner can expect",
+        "no decider can exceed",
+        "certified possible",
+        "**optimum**",
+        "| optimum |",
+    ):
+        assert overstated not in text
