@@ -35,7 +35,13 @@ from belief.metrics import (
     smooth_calibration_error,
 )
 from belief.novelty import auroc, energy_score
-from belief.observation_model import ConfusionModel, OutcomeTable, information_of_touch, read_observation_model
+from belief.observation_model import (
+    ConfusionModel,
+    OutcomeTable,
+    information_of_touch,
+    read_observation_model,
+    read_origin,
+)
 from belief.selection import OBSERVATION_MODELS, choose_observation_model
 from belief.statistics import (
     clopper_pearson_interval,
@@ -306,6 +312,7 @@ def _observation_models() -> list[Case]:
             ValueError,
             "not an observation model",
         ),
+        refuses("read_origin", "a text without a digest", lambda: read_origin("{}"), ValueError, "SHA-256"),
         refuses(
             "read_observation_model",
             "a model of an unknown kind",

@@ -241,6 +241,7 @@ CALLS = {
     )(TouchBatch(np.zeros((1, 4), int), np.eye(4, 3)[None], a[None])),
     "information_of_touch": lambda a: observation_model.information_of_touch(world(a), rng(), num_samples=9),
     "read_observation_model": lambda a: observation_model.read_observation_model(str(a.tolist())),
+    "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
     # rows, selection, synthetic, tabular
     "as_real": lambda a: rows.as_real(a, "a").dtype.itemsize,
     "require": lambda a: rows.require(a >= 0.0, a, "a", "what is below zero"),
