@@ -312,7 +312,7 @@ def test_a_manifest_in_which_one_digit_flipped_is_refused(folder):
 
 def test_an_unfinished_collection_is_not_used_in_silence(folder):
     shard_path(folder, "train", 1).unlink()
-    with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*activetouch collect --plan.train 13"):
+    with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*with the program that began it"):
         read_split(folder, "train")
 
 
