@@ -183,7 +183,8 @@ def checked_beliefs(belief: ArrayLike, num_states: int) -> Floats:
         raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
     if beliefs.shape[-1:] == (num_states,):
         if beliefs.ndim == 1:  # one decision must not wait for a check of many
-            good = beliefs.min() >= 0.0 and abs(beliefs.sum() - 1.0) <= SUM_TOLERANCE  # NaN fails
+            row = beliefs.tolist()
+            good = abs(sum(row) - 1.0) <= SUM_TOLERANCE and min(row) >= 0.0  # NaN fails
         else:
             good = bool((beliefs >= 0.0).all() and (np.abs(beliefs.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all())
         if good:
