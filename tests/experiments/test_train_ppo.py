@@ -279,6 +279,7 @@ def test_masks_need_a_package_and_say_which(bank, sharp, tmp_path, monkeypatch):
 def test_common_learners_train_on_the_environment(name, sharp):
     import sb3_contrib
     import stable_baselines3
+    from stable_baselines3.common.logger import Logger
 
     kind = getattr(stable_baselines3, name, None) or getattr(sb3_contrib, name)
     policy = "MlpLstmPolicy" if name == "RecurrentPPO" else "MlpPolicy"
@@ -286,6 +287,7 @@ def test_common_learners_train_on_the_environment(name, sharp):
         env = wrapper(ObjectTestEnv(touches=SampledTouches(sharp, POSES), target="shape_0"))
         settings = {"learning_starts": 100} if name == "DQN" else {"n_steps": 256, "n_epochs": 2}
         learner = kind(policy, env, seed=0, device="cpu", **settings)
+        learner.set_logger(Logger(folder=None, output_formats=[]))  # its own makes a folder among temporary files
         learner.learn(2048)
         assert learner.num_timesteps >= 2048
         action, _ = learner.predict(env.reset(seed=0)[0], deterministic=True)
