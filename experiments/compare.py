@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 import sys
 import textwrap
@@ -17,21 +16,20 @@ import tyro
 from rich.console import Console
 
 from activetouch.rendering import RENDERERS
-from belief import SearchProblem
-from belief.errors import UnknownName
+from belief import Composition, SearchProblem
+from belief.errors import ActiveTouchError, UnknownName
 from experiments.arguments import BadArgument
 from experiments.console import plain_console
 from experiments.episodes import Setting
+from experiments.holdings import CEILING_EPISODES, Holdings, Selection
 from experiments.parallel import default_jobs, run_lazily
-from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, read_episode
+from experiments.results import BOUND, CEILING, EPISODES_PER_SHARD, MadeBy, RunFolder, ShardKey
 from experiments.sensors import require_policies, tell_shift
-from experiments.shards import ShardTask, identity
-from experiments.summary import Comparison, compare_episodes
+from experiments.shards import ShardTask, identity, made_by, portrait
+from experiments.summary import Comparison
 from experiments.terminal import render_table
 from experiments.verdict import verdict
 from planners import DECIDERS
-
-_CEILING_EPISODES = 50  # per target; each costs one touch for every object and pose
 
 
 def require_seed(seed: int) -> None:
@@ -149,15 +147,20 @@ class Compare:
             console.print(f"{self.folder} has its part; unite the parts with: activetouch merge A B --out C")
             return None
         comparison = self.play()
-        console.print(render_table(comparison))
+        console.print(render_table(comparison, console.width))
         for sentence in verdict(comparison):
             console.print(textwrap.fill(sentence, 78))
-        report = write_report(self.folder, comparison, self.setting, self.seed)
+        held, told = self.held()
+        report = write_report(self.folder, held, self.setting, self.seed, told)
+        for sentence in told:
+            console.print(textwrap.fill(sentence, 78))
         console.print(f"report: {report}", soft_wrap=True)
         return comparison
 
     def play(self) -> Comparison:
-        """Play what is missing and read everything back.
+        """Play what is missing and read back what was asked for.
+
+        ``episodes.jsonl`` tells everything that the folder holds of those who play now.
 
         Raises:
             BadArgument: there is nothing to play, or no such search.
@@ -168,55 +171,124 @@ class Compare:
             WorkerMismatch: a worker of the cluster has other versions.
         """
         problem, targets = self.fill()
-        labels = tuple(problem.shape_labels)
-        folder, shards = RunFolder(self.folder), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
-        lines: dict[tuple[str, str], list[str]] = {}
-        seconds: dict[tuple[str, str], Seconds] = {}
-        for decider in dict.fromkeys(self.deciders):
-            for target in targets:
-                keys, cell = [ShardKey(decider, target, number) for number in shards], (decider, target)
-                lines[cell] = [line for key in keys for line in folder.lines(key)][: self.episodes]
-                seconds[cell] = sum(map(folder.seconds, keys), Seconds())
-        folder.write_episodes(line for some in lines.values() for line in some)
-        episodes = {cell: [read_episode(line, labels) for line in some] for cell, some in lines.items()}
-        solved = {
-            target: [json.loads(line)["solved"] for key in keys for line in folder.lines(key)][: self._num_ceiling]
-            for target in targets
-            if (keys := [key for key in self._ceiling_keys(targets) if key.target == target])
-        }
-        bounds = {t: json.loads(folder.lines(_bound_key(t))[0])["bound"] for t in targets if self.bound}
-        rng, reference = np.random.default_rng(self.seed), self.reference or self.deciders[0]
-        return compare_episodes(problem, episodes, seconds, solved, reference, rng, bounds)
+        holdings = self._holdings()
+        RunFolder(self.folder).write_episodes(holdings.episodes())
+        return holdings.compare(problem, self._selection(targets), self._reference, self.seed, self.bound)
+
+    def held(self) -> tuple[Comparison, list[str]]:
+        """The largest comparison that the folder holds, and in words what else it holds; nothing is played."""
+        problem, targets = self._check()
+        holdings, asked = self._holdings(), self._selection(targets)
+        chosen, told = holdings.largest(asked), []
+        if chosen != asked:
+            told.append(
+                f"The report tells more than was asked for: {chosen}."
+                if asked in chosen
+                else f"The report keeps the larger comparison in this folder: {chosen}."
+            )
+        beyond = holdings.beyond(chosen)
+        if beyond:
+            words = ", ".join(f"{num} of {name}" for name, num in beyond.items())
+            told.append(
+                f"Not in the report, as not all of its deciders have played the same, are searches: {words}. They are "
+                f"in {self.folder / 'episodes.jsonl'}."
+            )
+        reference = self._reference if self._reference in chosen.deciders else chosen.deciders[0]
+        bounds = all((BOUND, target) in holdings.shards for target in chosen.targets)
+        return holdings.compare(problem, chosen, reference, self.seed, bounds), told
 
     def fill(self) -> tuple[SearchProblem, list[str]]:
         """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
         problem, targets = self._check()
         first, parts = self._part()
-        setting = self.setting.resolved()
-        folder, shards = RunFolder(self.folder), range(math.ceil(self.episodes / EPISODES_PER_SHARD))
-        warning = folder.open(dict(identity(setting, self.seed)), self._arguments())
-        if warning:
-            print(warning, file=sys.stderr)
-        keys = [ShardKey(d, t, n) for d in dict.fromkeys(self.deciders) for t in targets for n in shards]
-        keys += self._ceiling_keys(targets) + [_bound_key(target) for target in targets if self.bound]
-        keys = [key for key in keys[first::parts] if not folder.has(key)]
+        setting, folder = self.setting.resolved(), RunFolder(self.folder)
+        run = dict(identity(setting, self.seed))
+        folder.require(run)
+        wanted = {(d, t): portrait(setting, self.seed, d, t) for d in self._players for t in targets}
+        players = {d: {t: str(json.loads(wanted[d, t])["decider"]) for t in targets} for d in self._players}
+        sizes = self._sizes(targets)
+        self._tell_stale(folder, sizes, players)
+
+        def done(key: ShardKey) -> bool:
+            return folder.has(key, players[key.decider][key.target], sizes[key])
+
+        keys = [key for key in list(sizes)[first::parts] if not done(key)]
         # Whoever else fills this folder now should not be one step behind all the time, doing everything again.
-        np.random.default_rng().shuffle(keys)
+        np.random.default_rng().shuffle(keys)  # type: ignore[arg-type]
 
         def missing() -> Iterator[ShardTask]:
-            return (ShardTask.of(key, setting, self.seed) for key in keys if not folder.has(key))
+            return (
+                ShardTask(key, sizes[key], setting, self.seed, wanted[key.decider, key.target])
+                for key in keys
+                if not done(key)
+            )
 
-        for played in run_lazily(missing(), len(keys), self.jobs, "searching", self.scheduler):
-            folder.write(*played)
+        def begin() -> None:
+            warning = folder.open(run, self._arguments(), players)
+            if warning:
+                print(warning, file=sys.stderr)
+
+        opened = False
+        for key, shard in run_lazily(missing(), len(keys), self.jobs, "searching", self.scheduler):
+            if not opened:  # a folder is claimed by what was played, not by what was tried
+                begin()
+                opened = True
+            if not done(key):
+                folder.write(key, shard)
+        if not opened:
+            begin()
         return problem, targets
 
     @property
-    def _num_ceiling(self) -> int:
-        return min(self.episodes, _CEILING_EPISODES)
+    def _players(self) -> list[str]:
+        return [*dict.fromkeys(self.deciders), CEILING, *([BOUND] if self.bound else [])]
 
-    def _ceiling_keys(self, targets: list[str]) -> list[ShardKey]:
-        shards = range(math.ceil(self._num_ceiling / EPISODES_PER_SHARD))
-        return [ShardKey(CEILING, target, number) for target in targets for number in shards]
+    @property
+    def _reference(self) -> str:
+        return self.reference or self.deciders[0]
+
+    def _selection(self, targets: list[str]) -> Selection:
+        return Selection(tuple(dict.fromkeys(self.deciders)), tuple(targets), self.episodes)
+
+    def _sizes(self, targets: list[str]) -> dict[ShardKey, int]:
+        """All shards, and how many episodes each must have: the last may be partly filled."""
+        sizes = {}
+        for decider in self._players:
+            num = {CEILING: min(self.episodes, CEILING_EPISODES), BOUND: 1}.get(decider, self.episodes)
+            for target in targets:
+                for number in range(-(-num // EPISODES_PER_SHARD)):
+                    left = num - number * EPISODES_PER_SHARD
+                    sizes[ShardKey(decider, target, number)] = min(left, EPISODES_PER_SHARD)
+        return sizes
+
+    def _tell_stale(self, folder: RunFolder, sizes: dict[ShardKey, int], players: MadeBy) -> None:
+        """Say which shards are played anew as what played them has changed."""
+        stale = [
+            key.decider
+            for key in sizes
+            if (shard := folder.read(key)) is not None and shard.made_by != players[key.decider][key.target]
+        ]
+        if stale:
+            who = ", ".join(f"{stale.count(name)} of {name}" for name in dict.fromkeys(stale))
+            print(
+                f"{self.folder} has shards that another version played, by code, settings or policies: {who}; they are "
+                "played anew",
+                file=sys.stderr,
+            )
+
+    def _holdings(self) -> Holdings:
+        """What the folder holds of those who play now, asked for or not."""
+        setting, folder = self.setting.resolved(), RunFolder(self.folder)
+        current: dict[str, dict[str, str]] = {}
+        for decider, by_target in folder.read_run()["made_by"].items():
+            for target, digest in by_target.items():
+                try:
+                    now = made_by(setting, decider, target)
+                except (ActiveTouchError, ValueError):
+                    continue  # it is no more
+                if now == digest:
+                    current.setdefault(decider, {})[target] = digest
+        return Holdings.of(folder, current)
 
     def _part(self) -> tuple[int, int]:
         """Number of this part, from 0, and of all."""
@@ -227,13 +299,23 @@ class Compare:
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
         """The search and the targets, or an error before anything is started or written."""
+        named, num_objects = self.setting.choice.named, self.setting.num_objects
+        composition, shapes = self.setting.composition or named.composition, named.scene.shape_labels
+        if num_objects is not None and num_objects > len(shapes) and composition == Composition.DISTINCT:
+            raise BadArgument(
+                f"--num-objects {num_objects}: there are only {len(shapes)} shapes ({', '.join(shapes)}), and all "
+                "objects are to differ; add --composition independent, and each may have any shape"
+            )
         try:
             problem = self.setting.problem
         except ValueError as error:
             raise BadArgument(str(error)) from error
-        tell_shift(self.setting.shift)
-        if self.episodes < 1 or self.jobs < 1 or not self.deciders:
-            raise BadArgument("--episodes and --jobs must be at least 1, and --deciders must name one")
+        self.setting.shift  # noqa: B018  refuses the sensor of another scene
+        for flag, number in (("--episodes", self.episodes), ("--jobs", self.jobs)):
+            if number < 1:
+                raise BadArgument(f"{flag} must be at least 1, got {number}")
+        if not self.deciders:
+            raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
         require_seed(self.seed)
         if (self.backend == "dask") != (self.scheduler is not None):
             raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
@@ -253,7 +335,3 @@ class Compare:
 
     def _arguments(self) -> dict[str, object]:
         return {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
-
-
-def _bound_key(target: str) -> ShardKey:
-    return ShardKey(BOUND, target, 0)

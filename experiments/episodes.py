@@ -7,19 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.world import MODELS, POLICIES, TouchTime
-from belief import SearchProblem
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TouchTime, load_observation_model
+from belief import Composition, SearchProblem
 from belief.chance import arrangement_rng
+from belief.observation_model import ObservationModel, OutcomeTable
 from belief.synthetic import sample_arrangement
 from experiments.results import Seconds
 from experiments.scene_choice import SceneChoice
 from experiments.sensors import check_sensor, load_quietly
-from planners import Episode, make_decider, search_lockstep
+from planners import Decider, Episode, make_decider, search_lockstep
 
 _TOUCHES_PER_OBJECT = 12  # until a search is cut off
 
@@ -34,6 +35,8 @@ class Setting:
     """Folder of a classifier and an observation model; those that come with the scene by default."""
     num_objects: int | None = None
     """Objects on the table; as many as the scene has by default."""
+    composition: Literal["distinct", "independent"] | None = None
+    """Whether all objects differ in shape, or each may have any; as in the scene by default."""
     touch_cost: float = 0.02
     """λ."""
     anyway: bool = False
@@ -80,19 +83,57 @@ class Setting:
             self.scene.shape_labels,
             self.scene.pose_labels,
             num_objects=num_objects,
-            composition=named.composition,
+            composition=named.composition if self.composition is None else Composition(self.composition),
             touch_cost=self.touch_cost,
             touch_limit=_TOUCHES_PER_OBJECT * num_objects,
         )
 
 
-@lru_cache(maxsize=2)
+Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
+"""When files were last written, and how long they are: other stamps are other files."""
+
+
+def stamps(setting: Setting) -> Stamps:
+    """Of the files of the setting's sensor; what a process has read of others of that name does not count."""
+    return tuple(_stamp(setting.sensor_folder / name) for name in (CLASSIFIER_FILE, OBSERVATION_FILE))
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
 def load_sensor(setting: Setting) -> TactileSensor:
-    """The setting's sensor, loaded once a process."""
+    """The setting's sensor, loaded once a process, and again when its files were written anew."""
+    return _load_sensor(setting, stamps(setting))
+
+
+@lru_cache(maxsize=2)
+def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
     import torch
 
     torch.set_num_threads(1)  # the processes share the cores, and sums keep their order
     return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # the report tells a known shift
+
+
+def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
+    """The sensor's observation model and its outcome table, without the network."""
+    return _known_model(setting.sensor_folder, stamps(setting))
+
+
+@lru_cache(maxsize=2)
+def _known_model(folder: Path, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
+    model = load_observation_model(folder)
+    return model, model.outcome_table()
+
+
+def build_decider(setting: Setting, name: str) -> Decider:
+    """The named decider with the setting's observation model and policies."""
+    model, table = known_model(setting)
+    return make_decider(name, table, model, setting.sensor_folder / POLICIES)
 
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:
@@ -114,7 +155,7 @@ def play(
     sensor = replace(sensor, time=TouchTime())
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]
-    chosen = make_decider(decider, sensor.model.outcome_table(), sensor.model, setting.sensor_folder / POLICIES)
+    chosen = build_decider(setting, decider)
     started = time.perf_counter()
     episodes = search_lockstep(
         worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, sensor.touch_many

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.chance import touch_rng
+from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from belief.problem import Action
 from experiments.arguments import Ending, check_arguments
 from experiments.episodes import Setting, load_sensor, make_world
-from experiments.results import EPISODES_PER_SHARD, RunFolder, ShardKey, read_episode
+from experiments.results import RunFolder, read_episode
 from planners import Episode, Step
 
 _ANIMATED = (".gif", ".webp")
@@ -65,6 +66,10 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
     return frames
 
 
+class NoSuchEpisode(ActiveTouchError, FileNotFoundError):
+    """A folder does not hold the search that was asked for."""
+
+
 @dataclass(frozen=True)
 class Replay:
     """Draw one recorded search: touch images, belief after each touch, decisions; as a picture or animated.
@@ -94,10 +99,30 @@ class Replay:
         require_writable_file(self.out)
         run = RunFolder(self.folder)
         setting = Setting.from_dict(run.read_run()["arguments"]["setting"])
-        shard, place = divmod(self.number, EPISODES_PER_SHARD)
-        line = run.lines(ShardKey(self.decider, self.target, shard))[place]
-        episode = read_episode(line, tuple(setting.problem.shape_labels))
+        episode = read_episode(self._line(run), tuple(setting.problem.shape_labels))
         draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:
             draw(episode, replay(setting, episode), setting.problem, temporary)
         print(f"wrote {self.out}")
+
+    def _line(self, run: RunFolder) -> str:
+        """The search, as its folder has it."""
+        there: dict[tuple[str, str], list[int]] = {}
+        for key in run.complete_keys():
+            if key.is_played:
+                numbers = key.episodes(len(run.lines(key)))
+                if (key.decider, key.target) == (self.decider, self.target) and self.number in numbers:
+                    return run.lines(key)[self.number - numbers.start]
+                there.setdefault((key.decider, key.target), []).extend(numbers)
+        numbers = sorted(there.get((self.decider, self.target), []))
+        if numbers:
+            raise NoSuchEpisode(
+                f"--number {self.number}: {self.folder} holds {len(numbers)} searches of {self.decider} for a "
+                f"{self.target}, numbers {numbers[0]} to {numbers[-1]}. To play more, repeat the command that played "
+                f"them with --episodes {max(self.number, 0) + 1}"
+            )
+        held = ", ".join(f"{decider} for {target}" for decider, target in there) or "none"
+        raise NoSuchEpisode(
+            f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. It holds: {held}. Name one with "
+            "--decider and --target"
+        )

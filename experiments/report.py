@@ -48,8 +48,16 @@ def environment() -> Environment:
     )
 
 
-def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder; return the path of the page."""
+def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int, told: Sequence[str] = ()) -> Path:
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder; return the path of the page.
+
+    Args:
+        folder: of the run.
+        comparison: what to tell.
+        setting: of the run.
+        seed: of the run.
+        told: sentences about what else the folder holds.
+    """
     drawn = {picture.name: picture for picture in pictures(comparison)}
     tables = {sheet.name: sheet for sheet in sheets(comparison)}
     for picture in drawn.values():
@@ -69,6 +77,7 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
             left_out=left_out,
             run=RunFolder(folder).read_run(),
             seed=seed,
+            told=told,
             scene=setting.choice.scene,
             longest_label=max(map(len, comparison.problem.shape_labels)),
         )

@@ -217,9 +217,19 @@ class PPODecider:
         poses = self.scores(info, self._policy(info))[: info.problem.num_poses]
         return Decision(Probe(int(poses.argmax())), {"target_prob": info.target_prob})
 
+    def files(self, target: str) -> tuple[Path, ...]:
+        """Files that searches for this target follow, once they are sure to hold a policy.
+
+        Raises:
+            MissingPolicy: there is none.
+            BadPolicy: the file is damaged, or is another policy's.
+        """
+        load_policy(self.policies, self.state, target)
+        return () if self.policies is None else (self.policies / policy_file(self.state, target),)
+
     def _policy(self, info: InformationState) -> Policy:
         problem = info.problem
-        policy = _cached_policy(self.policies, self.state, problem.shape_labels[info.target])
+        policy = _current_policy(self.policies, self.state, problem.shape_labels[info.target])
         card = policy.card
         if (card.shape_labels, card.pose_labels) != (tuple(problem.shape_labels), tuple(problem.pose_labels)):
             raise BadPolicy(
@@ -254,8 +264,17 @@ def situation_of(history: Sequence[Any], log_probs: Floats, num_poses: int, touc
     )
 
 
+def _current_policy(folder: Path | None, state: str, target: str) -> Policy:
+    """The policy, read once a process, and again when its file was written anew."""
+    try:
+        found = None if folder is None else (folder / policy_file(state, target)).stat()
+    except OSError:
+        found = None
+    return _cached_policy(folder, state, target, None if found is None else (found.st_mtime_ns, found.st_size))
+
+
 @lru_cache(maxsize=64)
-def _cached_policy(folder: Path | None, state: str, target: str) -> Policy:
+def _cached_policy(folder: Path | None, state: str, target: str, written: tuple[int, int] | None) -> Policy:
     return load_policy(folder, state, target)
 
 

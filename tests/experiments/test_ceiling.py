@@ -2,7 +2,8 @@
 
 import pytest
 
-from experiments.ceiling import best_expected_return, solved_by_full_information
+from experiments.bound import best_expected_return
+from experiments.ceiling import solved_by_full_information
 from experiments.episodes import Setting, load_sensor
 from experiments.scene_choice import SceneChoice
 from planners.solve import TouchProblem, solve

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 from belief.errors import UnknownName
+from belief.files import sealed_json
 from experiments.compare import BadArgument, Compare
 from experiments.episodes import Setting
 from experiments.merge import merge
@@ -132,8 +133,9 @@ def test_figures_and_tables_are_files_too(finished):
 
 def test_a_folder_of_other_versions_is_not_mixed_with(finished, tmp_path):
     run = json.loads((finished[0] / "run.json").read_text())
+    del run["sha256"]
     run["identity"]["versions"]["torch"] = "1.0"
-    (tmp_path / "run.json").write_text(json.dumps(run))
+    (tmp_path / "run.json").write_text(sealed_json(run))
     with pytest.raises(RunMismatch, match="other versions"):
         Compare(**SMALL, episodes=30, out=tmp_path, jobs=1).play()
 
@@ -174,20 +176,46 @@ def test_a_table_of_all_deciders_fits_too(finished):
     assert text.count("100+9.0+4.0") == len(DECIDERS)  # too long for targets
 
 
+@pytest.mark.parametrize("width", [80, 60, 40])
+def test_names_of_deciders_are_never_cut(finished, width):
+    _, comparison = finished
+    names = [*DECIDERS, "a_decider_whose_name_is_rather_long"]
+    slow = Seconds(111.1, 22.2, 333.3, 1)
+    cells = {
+        (name, target): replace(comparison.cells["threshold", target], seconds=slow, wrong=9999, touches=99.0)
+        for name in names
+        for target in [*comparison.targets, "all"]
+    }
+    everybody = {(name, target): comparison.episodes["threshold", target] for name, target in cells if target != "all"}
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(render_table(replace(comparison, cells=cells, episodes=everybody), width))
+    lines = console.export_text().splitlines()
+    assert max(map(len, lines)) <= width
+    assert {line.strip() for line in lines} >= set(names)
+    assert "…" not in "".join(lines)
+
+
+def test_a_composition_makes_room_for_more_objects_than_shapes():
+    problem = Setting(num_objects=9, composition="independent").problem
+    assert (problem.num_objects, problem.counts) == (9, None)
+    assert Setting.from_dict(Setting(composition="independent").to_dict()) == Setting(composition="independent")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"deciders": ("threshhold",)}, "Did you mean 'threshold'"),
         ({"targets": ("cones",)}, "Did you mean 'cone'"),
-        ({"deciders": ()}, "must name one"),
-        ({"episodes": 0}, "at least 1"),
+        ({"deciders": ()}, "--deciders must name one"),
+        ({"episodes": -3}, "--episodes must be at least 1, got -3"),
+        ({"jobs": 0}, "--jobs must be at least 1, got 0"),
         ({"seed": -1}, "--seed must be at least 0, got -1"),
         ({"reference": "threshhold"}, "Did you mean 'threshold'"),
         ({"part": "3/2"}, "such as 2/8; got '3/2'"),
         ({"part": "half"}, "such as 2/8; got 'half'"),
         ({"backend": "dask"}, "go together"),
         ({"scheduler": "tcp://127.0.0.1:1"}, "go together"),
-        ({"setting": Setting(num_objects=5)}, "5 objects cannot all differ"),
+        ({"setting": Setting(num_objects=5)}, "--num-objects 5: .*add --composition independent"),
         ({"setting": Setting(SceneChoice(scene="course"))}, "Did you mean 'coarse'"),
         ({"setting": Setting(sensor=Path("no/such/folder"))}, "holds no sensor; make one"),
     ],

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -90,7 +91,7 @@ def test_without_the_extra_the_error_names_it(monkeypatch):
 def test_a_worker_of_another_version_plays_nothing():
     task = ShardTask.of(ShardKey("random_confirm", "sphere", 0), COARSE, seed=0)
     wanted = {**json.loads(task.wanted), "numpy": "1.0", "sensor_sha256": "f00d"}
-    other = ShardTask(task.key, task.setting, task.seed, json.dumps(wanted))
+    other = replace(task, wanted=json.dumps(wanted))
     with pytest.raises(WorkerMismatch, match=r"sensor_sha256 \(.* for f00d\); numpy \(.* for 1\.0\)"):
         other()
 

@@ -7,7 +7,7 @@ import numpy as np
 from belief import Belief, Confirm, Probe, Reject, Touch
 from experiments.episodes import Setting
 from experiments.overprobing import OverprobingCommand, overprobing
-from experiments.results import EPISODES_PER_SHARD, RunFolder, Seconds, ShardKey, episode_lines
+from experiments.results import EPISODES_PER_SHARD, RunFolder, Seconds, Shard, ShardKey, episode_lines
 from planners import Decision, Episode, Outcome, Step
 
 LABELS = ("cube", "cone")
@@ -55,7 +55,7 @@ def test_the_command_reads_a_finished_comparison(tmp_path, capsys):
     run = RunFolder(tmp_path)
     run.open({}, {"setting": Setting().to_dict()})
     played = [Episode((0,), 0, (0, 1, 2, 3), steps, Outcome.CONFIRMED)] * EPISODES_PER_SHARD
-    run.write(ShardKey("somebody", "sphere", 0), episode_lines("somebody", played), Seconds())
+    run.write(ShardKey("somebody", "sphere", 0), Shard(episode_lines("somebody", played), Seconds(), "v1"))
     OverprobingCommand(folder=tmp_path).run()
     assert "somebody" in capsys.readouterr().out
     [row] = json.loads((tmp_path / "overprobing.json").read_text())

@@ -4,8 +4,8 @@ import pytest
 from PIL import Image
 
 from experiments.episodes import Setting, play
-from experiments.replay import Replay, replay
-from experiments.results import RunFolder, ShardKey, episode_lines
+from experiments.replay import NoSuchEpisode, Replay, replay
+from experiments.results import RunFolder, Shard, ShardKey, episode_lines
 from experiments.scene_choice import SceneChoice
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -18,7 +18,7 @@ def run(tmp_path_factory):
     folder = RunFolder(tmp_path_factory.mktemp("run"))
     folder.open({}, {"setting": COARSE.to_dict()})
     episodes, seconds = play(COARSE, "threshold", 0, 0, range(25))
-    folder.write(ShardKey("threshold", "sphere", 0), episode_lines("threshold", episodes), seconds)
+    folder.write(ShardKey("threshold", "sphere", 0), Shard(episode_lines("threshold", episodes), seconds, "v1"))
     return folder.path, episodes
 
 
@@ -50,3 +50,19 @@ def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
     for frame, step in zip(replay(COARSE, episodes[3]), episodes[3].steps, strict=True):
         assert (frame.image is not None) == (step.touch is not None)
         assert frame.shape == episodes[3].arrangement[step.object_index]
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"number": 99}, "--number 99.*25 searches of threshold for a sphere, numbers 0 to 24"),
+        ({"number": -1}, "--number -1.*numbers 0 to 24"),
+        ({"target": "cone"}, "no searches of 'threshold' for 'cone'. It holds: threshold for sphere"),
+        ({"decider": "ppo"}, "no searches of 'ppo' for 'sphere'"),
+    ],
+)
+def test_a_search_that_is_not_there_is_refused_with_what_is(run, tmp_path, asked, message):
+    how = {"decider": "threshold", "target": "sphere", **asked}
+    with pytest.raises(NoSuchEpisode, match=message):
+        Replay(run[0], **how, out=tmp_path / "search.png").run()
+    assert list(tmp_path.iterdir()) == []

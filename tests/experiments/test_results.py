@@ -8,22 +8,27 @@ from pathlib import Path
 import pytest
 
 from belief.errors import CannotWrite, CorruptFile
-from belief.files import atomic_path, write_text
-from experiments.merge import Conflict, merge
-from experiments.results import RunFolder, RunMismatch, Seconds, ShardKey
+from belief.files import atomic_path, sealed_json, write_text
+from experiments.arguments import BadArgument
+from experiments.merge import Conflict, Merge, merge
+from experiments.results import RunFolder, RunMismatch, Seconds, Shard, ShardKey
 
 ROOT = Path(__file__).parents[2]
 KEY = ShardKey("threshold", "hex-nut", 3)
 LINES = [f'{{"decider": "threshold", "number": {number}}}\n' for number in range(25)]
 TIME = Seconds(1.0, 2.0, 3.0, 40)
+SHARD = Shard(LINES, TIME, "v1")
 
 
-def a_run(path, keys=(KEY,), identity=None):
+def a_run(path, keys=(KEY,), identity=None, shard=SHARD):
     """A folder with some shards."""
     folder = RunFolder(path)
-    folder.open(identity or {"seed": 1}, {"deciders": ["threshold"], "targets": ["hex-nut"]})
+    players = {}
     for key in keys:
-        folder.write(key, LINES, TIME)
+        players.setdefault(key.decider, {})[key.target] = shard.made_by
+    folder.open(identity or {"seed": 1}, {"deciders": ["threshold"], "targets": ["hex-nut"]}, players)
+    for key in keys:
+        folder.write(key, shard)
     return folder
 
 
@@ -56,7 +61,9 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
         folder.open({"seed": 2, "scene": "y"}, {})
 
 
-@pytest.mark.parametrize("text", ["", '{"identity": {"se', "[]", "{}", "null", '{"identity": {}}', "\xff"])
+@pytest.mark.parametrize(
+    "text", ["", '{"identity": {"se', "[]", "{}", "null", '{"identity": {}}', "\xff", sealed_json({"identity": {}})]
+)
 def test_a_torn_or_foreign_run_json_is_a_clear_error_and_stays(tmp_path, text):
     a_run(tmp_path)
     (tmp_path / "run.json").write_text(text, encoding="latin-1")
@@ -95,7 +102,7 @@ def test_a_shard_reads_back_as_it_was_written(tmp_path):
     folder = a_run(tmp_path)
     assert folder.has(KEY)
     assert folder.complete_keys() == [KEY]
-    assert (folder.lines(KEY), folder.seconds(KEY)) == (LINES, TIME)
+    assert folder.read(KEY) == SHARD
 
 
 @pytest.mark.parametrize("kept", [0, 1, 40, 400, -1])
@@ -105,14 +112,14 @@ def test_a_torn_shard_counts_as_missing_and_is_replaced(tmp_path, kept):
     file.write_bytes(file.read_bytes()[:kept])  # as a copy that broke off leaves it
     assert not folder.has(KEY)
     assert folder.complete_keys() == []
-    folder.write(KEY, LINES, TIME)
+    folder.write(KEY, SHARD)
     assert folder.lines(KEY) == LINES
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"physics": 1'])
-def test_a_shard_without_its_whole_time_counts_as_missing(tmp_path, text):
+def test_a_shard_without_its_whole_seal_counts_as_missing(tmp_path, text):
     folder = a_run(tmp_path)
-    (tmp_path / "shards" / f"{KEY.stem}.time.json").write_text(text)
+    (tmp_path / "shards" / f"{KEY.stem}.seal.json").write_text(text)
     assert not folder.has(KEY)
 
 
@@ -125,7 +132,7 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
     other = ShardKey("threshold", "hex-nut", 4)
     monkeypatch.setattr("os.fsync", no_room)
     with pytest.raises(CannotWrite, match=r"No space left on device\. What was there is kept; make room"):
-        folder.write(other, LINES, TIME)
+        folder.write(other, SHARD)
     with pytest.raises(CannotWrite, match="No space left"):
         folder.write_episodes(LINES)
     with pytest.raises(CannotWrite, match="No space left"):
@@ -134,12 +141,12 @@ def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
     assert folder.complete_keys() == [KEY]
     assert folder.read_run()["identity"]["seed"] == 1
     assert not list(tmp_path.glob("**/.*"))  # no debris
-    folder.write(other, LINES, TIME)
+    folder.write(other, SHARD)
     assert folder.complete_keys() == [KEY, other]
 
 
-@pytest.mark.parametrize("name", ["time.json", "jsonl"])
-def test_a_disk_that_fills_up_between_time_and_episodes_leaves_no_half_shard(tmp_path, monkeypatch, name):
+@pytest.mark.parametrize("name", ["seal.json", "jsonl"])
+def test_a_disk_that_fills_up_between_seal_and_episodes_leaves_no_half_shard(tmp_path, monkeypatch, name):
     folder, write = a_run(tmp_path, keys=()), write_text
 
     def until_full(path, text):
@@ -149,10 +156,10 @@ def test_a_disk_that_fills_up_between_time_and_episodes_leaves_no_half_shard(tmp
 
     monkeypatch.setattr("experiments.results.write_text", until_full)
     with pytest.raises(CannotWrite):
-        folder.write(KEY, LINES, TIME)
+        folder.write(KEY, SHARD)
     monkeypatch.undo()
     assert not folder.has(KEY)
-    folder.write(KEY, LINES, TIME)
+    folder.write(KEY, SHARD)
     assert folder.has(KEY)
 
 
@@ -162,11 +169,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.results import RunFolder, Seconds, ShardKey
+from experiments.results import RunFolder, Seconds, Shard, ShardKey
 
 folder, order, lines = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].splitlines(keepends=True)
 for number in np.random.default_rng(order).permutation(30).tolist():
-    RunFolder(folder).write(ShardKey("threshold", "hex-nut", number), lines, Seconds(1.0, 2.0, 3.0, 40))
+    RunFolder(folder).write(ShardKey("threshold", "hex-nut", number), Shard(lines, Seconds(1.0, 2.0, 3.0, 40), "v1"))
 """
 
 
@@ -222,7 +229,61 @@ def test_runs_of_another_identity_are_not_merged(tmp_path):
 
 def test_different_episodes_under_one_key_are_a_conflict(tmp_path):
     a_run(tmp_path / "a")
-    b = a_run(tmp_path / "b", keys=())
-    b.write(KEY, [line.replace("threshold", "threshoId") for line in LINES], TIME)
+    a_run(tmp_path / "b", shard=Shard([line.replace("threshold", "threshoId") for line in LINES], TIME, "v1"))
     with pytest.raises(Conflict, match="threshold-hex-nut-00003"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+
+
+@pytest.mark.parametrize(
+    ("place", "what"),
+    [("run.json", b'"seed": 1'), ("shards/{}.jsonl", b'"number": 7'), ("shards/{}.seal.json", b'"num_touches": 40')],
+)
+def test_a_digit_that_flips_is_noticed_in_every_file_that_numbers_depend_on(tmp_path, place, what):
+    folder = a_run(tmp_path)
+    file = tmp_path / place.format(KEY.stem)
+    assert file.read_bytes().count(what) == 1
+    file.write_bytes(file.read_bytes().replace(what, what[:-1] + bytes([what[-1] ^ 1])))
+    if place == "run.json":
+        with pytest.raises(CorruptFile, match="SHA-256"):
+            folder.read_run()
+    else:
+        assert folder.read(KEY) is None
+        assert folder.complete_keys() == []
+
+
+def test_a_partly_filled_shard_is_one_and_a_fuller_one_takes_its_place(tmp_path):
+    folder = a_run(tmp_path, shard=Shard(LINES[:4], TIME, "v1"))
+    assert folder.complete_keys() == [KEY]
+    assert folder.has(KEY, "v1", 4)
+    assert not folder.has(KEY, "v1", 5)
+    assert not folder.has(KEY)
+    a_run(tmp_path / "b")
+    merge([tmp_path, tmp_path / "b"], tmp_path / "c")
+    assert RunFolder(tmp_path / "c").read(KEY) == SHARD
+
+
+def test_shards_of_an_earlier_version_are_kept_out_of_what_the_folder_holds(tmp_path):
+    folder = a_run(tmp_path)
+    folder.open({"seed": 1}, {}, {"threshold": {"hex-nut": "v2"}})
+    assert not folder.has(KEY, "v2")
+    assert folder.complete_keys() == []
+
+
+def test_folders_of_two_versions_of_a_decider_are_not_merged(tmp_path):
+    a_run(tmp_path / "a")
+    a_run(tmp_path / "b", shard=Shard(LINES, TIME, "v2"))
+    with pytest.raises(Conflict, match="threshold for hex-nut that another version"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_merging_nothing_is_a_clear_error(tmp_path):
+    with pytest.raises(BadArgument, match="activetouch merge runs/a runs/b"):
+        Merge((), tmp_path).run()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_shard_among_shards_is_left_alone(tmp_path):
+    folder = a_run(tmp_path)
+    (tmp_path / "shards" / "notes.jsonl").write_text("mine")
+    assert folder.complete_keys() == [KEY]

@@ -1,19 +1,21 @@
 """The policies that come with the package probe what nobody touched, and searches are those of one set of policies."""
 
+import shutil
+from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, load_observation_model
+from activetouch.world import MODELS, POLICIES, load_observation_model
 from belief import Belief, Probe, SearchProblem
 from experiments.episodes import Setting
-from experiments.results import RunFolder, RunMismatch
-from experiments.shards import identity
+from experiments.scene_choice import SceneChoice
+from experiments.shards import identity, made_by
 from planners import InformationState
-from planners.ppo import PPODecider
+from planners.ppo import MissingPolicy, Policy, PPODecider, policy_file
 
+LABELS = ("sphere", "cube", "cylinder", "cone")
 SCENES = sorted(path.parent.name for path in MODELS.glob(f"*/{POLICIES}"))
 
 
@@ -41,18 +43,18 @@ def test_an_untouched_object_of_a_search_is_probed(scene, state):
             assert isinstance(decider.decide(info, rng).action, Probe), f"{scene}, {labels[target]} at {probs}"
 
 
-def test_a_folder_of_searches_refuses_other_policies(tmp_path):
+def test_a_new_policy_is_another_decider_for_its_target_and_for_nobody_else(tmp_path):
     sensor = tmp_path / "sensor"
-    for name in (CLASSIFIER_FILE, OBSERVATION_FILE, Path(POLICIES, "paper-cone"), Path(POLICIES, "paper-cube")):
-        (sensor / name).parent.mkdir(parents=True, exist_ok=True)
-        (sensor / name).write_text(str(name))
-
-    def begin():
-        identity.cache_clear()  # a process reads the files once
-        RunFolder(tmp_path / "run").open(dict(identity(Setting(sensor=sensor), 0)), {})
-
-    begin()
-    begin()
-    (sensor / POLICIES / "paper-cone").write_text("trained anew")
-    with pytest.raises(RunMismatch, match="other policies_sha256"):
-        begin()
+    shutil.copytree(MODELS / "coarse", sensor)
+    setting = Setting(SceneChoice("coarse"), sensor=sensor)
+    cells = [(name, target) for name in ("threshold", "ppo", "ppo_posterior", "ppo_confident") for target in LABELS]
+    before, run = {cell: made_by(setting, *cell) for cell in cells}, dict(identity(setting, 0))
+    file = sensor / POLICIES / policy_file("paper", "cone")
+    policy = Policy.from_bytes(file.read_bytes())
+    file.write_bytes(replace(policy, card=replace(policy.card, training="trained anew")).to_bytes())
+    changed = {cell for cell in cells if made_by(setting, *cell) != before[cell]}
+    assert changed == {("ppo", "cone"), ("ppo_confident", "cone")}
+    assert dict(identity(setting, 0)) == run
+    file.unlink()
+    with pytest.raises(MissingPolicy):
+        made_by(setting, "ppo", "cone")

@@ -1,0 +1,259 @@
+"""What a thing is: a digest of its settings and of the code they run (decision 0033).
+
+Settings are the attributes of an object, of the objects in them, and so on. Code is the modules of all their classes,
+base classes included: the text on disk, and the functions as this process has loaded them, so that a process which runs
+an older text than the disk holds is told from one that runs the new. What these modules import is theirs as well if it
+belongs to :mod:`planners`, or to nothing that is installed: helpers of a user's own.
+"""
+
+from __future__ import annotations
+
+import enum
+import functools
+import hashlib
+import inspect
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from types import CodeType, FunctionType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_OWN = ("activetouch", "belief", "experiments")  # read by version, and by the digests that run.json has of them
+_INSTALLED = ("site-packages", "dist-packages")
+_PLAIN = (type(None), bool, int, float, complex, str, bytes)
+_BITS = 40  # of a number: two kinds of processors may compute the last ones otherwise
+
+
+def fingerprint(thing: object, target: str | None = None, given: Mapping[str, object] | None = None) -> str:
+    """SHA-256 of what a thing is: equal for equal settings and equal code, in any process on any machine.
+
+    Args:
+        thing: an object such as a decider, or a function.
+        target: shape that is searched for; an object with a method ``files`` is asked which files it reads for it.
+        given: things by name that stand for themselves, however they are made.
+
+    >>> from planners.stopping import PosteriorThresholds
+    >>> fingerprint(PosteriorThresholds()) == fingerprint(PosteriorThresholds(confirm=0.99))
+    True
+    >>> fingerprint(PosteriorThresholds()) == fingerprint(PosteriorThresholds(confirm=0.9))
+    False
+    """
+    walk = _Walk(target, {id(value): name for name, value in (given or {}).items()})
+    described = walk.describe(thing)
+    return _sha256(json.dumps([described, _code_of(walk.modules)]))
+
+
+def files_digest(paths: Iterable[Path]) -> str:
+    """SHA-256 of the content of files, wherever they lie."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+class _Walk:
+    """Describes a tree of objects in words that JSON knows, and notes the modules of their classes."""
+
+    def __init__(self, target: str | None, given: Mapping[int, str]) -> None:
+        self.modules: set[str] = set()
+        self._target, self._given = target, given
+        self._seen: dict[int, object] = {}  # holds on to what it has seen, so that no number is used again
+
+    def describe(self, value: Any) -> Any:
+        """What a value is."""
+        if id(value) in self._given:
+            return ["given", self._given[id(value)]]
+        if isinstance(value, float | np.floating):
+            return ["float", _rounded(np.asarray(value, np.float64))]
+        if isinstance(value, np.generic):
+            return self.describe(value.item())
+        if isinstance(value, enum.Enum):
+            return [*self._class(type(value)), value.name]
+        if isinstance(value, _PLAIN):
+            return repr(value)
+        if isinstance(value, np.ndarray):
+            return ["array", str(value.dtype), list(value.shape), _rounded(value)]
+        if isinstance(value, Path):
+            return ["path", _content(value)]
+        if id(value) in self._seen:
+            return ["seen", list(self._seen).index(id(value))]
+        self._seen[id(value)] = value
+        if isinstance(value, Mapping):
+            return ["mapping", [[self.describe(key), self.describe(one)] for key, one in value.items()]]
+        if isinstance(value, list | tuple):
+            return [type(value).__name__, [self.describe(one) for one in value]]
+        if isinstance(value, set | frozenset):
+            return ["set", sorted(json.dumps(self.describe(one)) for one in value)]
+        return self._callable(value) if callable(value) and not _is_instance(value) else self._object(value)
+
+    def _callable(self, value: Any) -> Any:
+        if isinstance(value, type):
+            return ["class", *self._class(value)]
+        if isinstance(value, MethodType):
+            return ["method", self.describe(value.__self__), value.__name__]
+        if isinstance(value, functools.partial):
+            return ["partial", *map(self.describe, (value.func, value.args, value.keywords))]
+        function = inspect.unwrap(value)
+        self._note(getattr(function, "__module__", None))
+        cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+        return ["function", getattr(function, "__qualname__", ""), _function(function), *map(self.describe, cells)]
+
+    def _object(self, value: Any) -> Any:
+        described = [*self._class(type(value))]
+        if callable(files := getattr(value, "files", None)) and self._target is not None:
+            described.append([[path.name, _content(path)] for path in files(self._target)])
+        for name, one in _settings(value).items():
+            if not (files and isinstance(one, Path)):
+                described.append([name, self.describe(one)])
+        return described
+
+    def _class(self, cls: type) -> list[Any]:
+        """Names of a class, and what it and its bases are as loaded."""
+        bases = [base for base in cls.__mro__ if not _is_standard(base.__module__)]
+        for base in bases:
+            self._note(base.__module__)
+        return [f"{cls.__module__}.{cls.__qualname__}", [_class(base) for base in bases]]
+
+    def _note(self, module: str | None) -> None:
+        if module is not None and not _is_standard(module):
+            self.modules.add(module)
+
+
+def _is_instance(value: object) -> bool:
+    """Whether it is an object with settings, though it may be called."""
+    known = type, FunctionType, MethodType, functools.partial
+    return not isinstance(value, known) and not hasattr(value, "__wrapped__") and hasattr(value, "__dict__")
+
+
+def _settings(value: Any) -> dict[str, Any]:
+    """Attributes that were given to it; not those that it keeps for itself, where it says which."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value) if field.init}
+    slots = [name for cls in type(value).__mro__ for name in getattr(cls, "__slots__", ())]
+    return {name: getattr(value, name) for name in slots if hasattr(value, name)} | dict(getattr(value, "__dict__", {}))
+
+
+def _content(path: Path) -> Any:
+    """Digest of a file, or of all files of a folder by name; None where there is nothing."""
+    if path.is_dir():
+        return [[str(file.relative_to(path)), _content(file)] for file in sorted(path.rglob("*")) if file.is_file()]
+    return files_digest([path]) if path.is_file() else None
+
+
+def _rounded(values: NDArray[Any]) -> str:
+    if values.dtype.kind != "f":
+        return _sha256(values.tobytes()) if values.dtype.kind != "O" else _sha256(repr(values.tolist()))
+    mantissa, exponent = np.frexp(values.astype(np.float64))
+    return _sha256(np.round(mantissa * 2.0**_BITS).tobytes() + exponent.tobytes())
+
+
+def _code_of(modules: Iterable[str]) -> list[list[Any]]:
+    """Text and loaded functions of modules, and of what they import of :mod:`planners` or of a user's own."""
+    known: dict[str, list[Any]] = {}
+    waiting = list(modules)
+    while waiting:
+        name = waiting.pop()
+        module = sys.modules.get(name)
+        if name in known or module is None:
+            continue
+        file = getattr(module, "__file__", None)
+        text = files_digest([Path(file)]) if file and Path(file).is_file() else None
+        known[name] = [name, text, _loaded(module)]
+        if not _is_installed(module):
+            waiting += [one for value in list(vars(module).values()) if (one := _home(value)) and _is_followed(one)]
+    return [known[name] for name in sorted(known)]
+
+
+def _home(value: Any) -> str | None:
+    """The module that something in a module's namespace comes from."""
+    if isinstance(value, ModuleType):
+        return value.__name__
+    home = getattr(value, "__module__", None) or type(value).__module__
+    return home if isinstance(home, str) else None
+
+
+def _is_followed(name: str) -> bool:
+    top, module = name.partition(".")[0], sys.modules.get(name)
+    if module is None or _is_standard(name) or top in _OWN:
+        return False
+    return top == "planners" or not _is_installed(module)
+
+
+def _is_standard(name: str) -> bool:
+    return name.partition(".")[0] in sys.stdlib_module_names
+
+
+def _is_installed(module: ModuleType) -> bool:
+    """Whether it came as a package: its version tells what it is. What this distribution holds never counts as such."""
+    if module.__name__.partition(".")[0] in ("planners", *_OWN):
+        return False
+    return any(part in _INSTALLED for part in Path(getattr(module, "__file__", None) or "").parts)
+
+
+def _loaded(module: ModuleType) -> str:
+    """Digest of the functions, classes and constants that a module defines, as they are in memory."""
+    found: list[Any] = []
+    for name, value in sorted(vars(module).items()):
+        one = inspect.unwrap(value) if callable(value) else value
+        if isinstance(one, FunctionType) and one.__module__ == module.__name__:
+            found.append([name, _function(one)])
+        elif isinstance(one, type) and one.__module__ == module.__name__:
+            found.append([name, _class(one)])
+        elif name.isupper() and _is_plain(one):
+            found.append([name, _plain(one)])
+    return _sha256(json.dumps(found))
+
+
+def _class(cls: type) -> list[Any]:
+    """Methods and values of a class itself."""
+    found: list[Any] = []
+    for name, value in sorted(vars(cls).items()):
+        functions = [one for one in _functions(value) if isinstance(one, FunctionType)]
+        if functions:
+            found.append([name, [_function(one) for one in functions]])
+        elif not name.startswith("__") and _is_plain(value):
+            found.append([name, _plain(value)])
+    return found
+
+
+def _functions(value: Any) -> list[Callable[..., Any] | None]:
+    if isinstance(value, property):
+        return [value.fget, value.fset]
+    if isinstance(value, functools.cached_property):
+        return [value.func]
+    if isinstance(value, staticmethod | classmethod):
+        return [value.__func__]
+    return [inspect.unwrap(value)] if callable(value) and not isinstance(value, type) else []
+
+
+def _function(function: Any) -> list[Any]:
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return []
+    defaults = [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()]
+    return [_code(code), [_plain(value) for value in defaults if _is_plain(value)]]
+
+
+def _code(code: CodeType) -> list[Any]:
+    """Instructions of a function with the names and constants they use; where it stands does not matter."""
+    constants = [_code(one) if isinstance(one, CodeType) else _plain(one) for one in code.co_consts]
+    return [_sha256(code.co_code), list(code.co_names), constants]
+
+
+def _is_plain(value: object) -> bool:
+    return isinstance(value, _PLAIN) or (isinstance(value, tuple | frozenset) and all(map(_is_plain, value)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, frozenset):
+        return sorted(map(repr, value))
+    return [_plain(one) for one in value] if isinstance(value, tuple) else repr(value)
+
+
+def _sha256(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
