@@ -200,6 +200,7 @@ class Compare:
     def fill(self) -> tuple[SearchProblem, list[str]]:
         """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
         problem, targets = self._check()
+        tell_shift(self.setting.shift)
         first, parts = self._part()
         setting, folder = self.setting.resolved(), RunFolder(self.folder)
         run = dict(identity(setting, self.seed))

@@ -11,6 +11,7 @@ from activetouch.errors import ImpossibleRecipe
 from activetouch.recipe import RECIPES
 from activetouch.rendering import Quantisation
 from belief.errors import CannotWrite, CorruptFile, UnknownName
+from belief.files import sealed_json
 from experiments.bank import SensorNoise, UnknownLikelihood
 from experiments.calibration_report import CalibrationReport
 from experiments.collect import Collect
@@ -77,8 +78,9 @@ def _into_a_file(folder: Path) -> None:
 
 def _with_versions(folder: Path) -> None:
     run = json.loads((folder / "run.json").read_text())
+    del run["sha256"]
     run["identity"]["versions"]["torch"] = "1.0"
-    (folder / "run.json").write_text(json.dumps(run))
+    (folder / "run.json").write_text(sealed_json(run))
 
 
 _TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
@@ -154,7 +156,7 @@ CASES: tuple[Case, ...] = (
             ]
         ),
         FileNotFoundError,
-        "play it with",
+        "numbers 0 to 2",
     ),
     refuses("touch", "a shape with a slip", lambda: Touch(shape="conee").run(), UnknownName, "Did you mean 'cone'"),
     refuses("explain", "an unknown scene", lambda: Explain(SceneChoice("nowhere")).run(), UnknownName, "Known: paper"),

@@ -165,7 +165,7 @@ def refused(folder, error, *deciders, **how):
 def test_a_refused_run_claims_no_folder(tmp_path, monkeypatch):
     folder = tmp_path / "run"
     paper = Setting(SceneChoice("gel"), sensor=MODELS / "paper")
-    refused(folder, (ActiveTouchError, ValueError), "threshold", setting=paper)
+    refused(folder, ActiveTouchError, "threshold", setting=paper)
     refused(folder, FileNotFoundError, "ppo", setting=Setting(SceneChoice("hard")))
     monkeypatch.setattr("experiments.parallel._SECONDS_TO_CONNECT", 0.2)
     refused(folder, NoCluster, "threshold", backend="dask", scheduler="nonsense")
