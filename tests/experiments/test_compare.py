@@ -177,7 +177,7 @@ def test_a_table_of_all_deciders_fits_too(finished):
     assert text.count("100+9.0+4.0") == len(DECIDERS)  # too long for targets
 
 
-@pytest.mark.parametrize("width", [80, 60, 40])
+@pytest.mark.parametrize("width", [80, 60, 50])
 def test_names_of_deciders_are_never_cut(finished, width):
     _, comparison = finished
     names = [*DECIDERS, "a_decider_whose_name_is_rather_long"]
