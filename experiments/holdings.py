@@ -121,7 +121,7 @@ class Holdings:
             selection: what to compare.
             reference: the decider the others are compared with.
             seed: of the bootstraps.
-            bound: whether to tell what no planner can expect to exceed.
+            bound: whether to tell the bound on the return.
         """
         labels, num = tuple(problem.shape_labels), selection.episodes
         cells = [(decider, target) for decider in selection.deciders for target in selection.targets]
