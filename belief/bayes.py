@@ -20,7 +20,7 @@ one row of few shapes is plain arithmetic, which beats any array.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import exp, log
+from math import exp, inf, log
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -45,8 +45,8 @@ def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Flo
         log_likelihood: log p(o | y), ``(..., K)``; any finite value or -inf.
 
     Returns:
-        log p(y | o), ``(..., K)``, and log p(o), ``(...,)``. Beyond the largest float a log probability is -inf, and
-        the evidence stays at that float.
+        log p(y | o), ``(..., K)``, and log p(o), ``(...,)``. What is beyond the largest float stays at that float: only
+        a shape that the prior or the likelihood rules out gets -inf.
 
     Raises:
         ValueError: NaN, +inf, an empty array, shapes that do not fit, a prior that does not sum to one.
@@ -182,8 +182,14 @@ def _update_few(prior: list[float], likelihood: list[float]) -> tuple[Floats, Fl
         return None
     if not (total >= _LEAST_TOTAL and abs(prior_total - 1.0) <= SUM_TOLERANCE):  # NaN fails both
         return None
+    if -inf in joint and any(map(_overflowed, joint, prior, likelihood)):
+        return None
     log_total = log(total)
     return np.array([score - log_total for score in joint]), np.asarray(log_total - log(prior_total) + best)[()]
+
+
+def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
+    return joint == -inf < min(prior, likelihood)
 
 
 class _Rule(NamedTuple):
@@ -219,6 +225,10 @@ def _in_blocks(
             np.copyto(block, likelihoods[rows].T)
             evidence[rows], sound = rule.quick(prior_block, block)
             posterior[rows] = block.T
+            lost = posterior[rows] == -np.inf
+            if lost.any():  # impossible, or beyond the largest float?
+                lost &= (likelihoods[rows] > -np.inf) & ((priors if shared else priors[rows]) > -np.inf)
+                sound &= ~lost.any(axis=1)
             if sound.all():
                 continue
             odd = start + np.flatnonzero(~sound)
@@ -264,12 +274,15 @@ def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, ND
     halves = np.where(possible, prior / 2 + likelihood / 2, -np.inf)  # whose sum never overflows
     winner = np.argmax(halves, axis=1)[:, None]
     top_prior, top_likelihood = (np.take_along_axis(scores, winner, axis=1) for scores in (prior, likelihood))
-    joint = np.where(possible, (prior - top_prior) + (likelihood - top_likelihood), -np.inf)
+    joint = (prior - top_prior) + (likelihood - top_likelihood)
+    beyond = possible & ~np.isfinite(joint)  # a term overflows, and often the sum does not
+    joint[beyond] = np.maximum(2.0 * (halves - np.take_along_axis(halves, winner, axis=1))[beyond], -_LARGEST)
+    joint = np.where(possible, joint, -np.inf)
     log_total = np.log(np.exp(joint).sum(axis=1, keepdims=True))
     log_evidence = np.maximum((top_prior + top_likelihood + log_total)[:, 0], -_LARGEST)
     sums_to_one = np.abs(np.expm1(log_prior_total[:, 0])) <= SUM_TOLERANCE
     sound = sums_to_one & (likelihood < np.inf).all(axis=1) & possible.any(axis=1)
-    return joint - log_total, log_evidence, sound
+    return np.where(possible, np.maximum(joint - log_total, -_LARGEST), -np.inf), log_evidence, sound
 
 
 def _careful_probs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from belief import ImpossibleObservation
+from belief import BatchedBeliefTracker, ImpossibleObservation
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 
 log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
@@ -315,3 +315,46 @@ def test_a_useless_pose_has_no_information_gain(belief, outcome_probs):
     table = np.broadcast_to(outcome_probs, (1, 4, 5))
     assert expected_information_gain(belief, table)[0] == pytest.approx(0.0, abs=1e-12)
     assert target_information_gain(belief, table, 0)[0] == pytest.approx(0.0, abs=1e-12)
+
+
+# Beyond the largest float.
+
+LARGEST = np.finfo(float).max
+huge = st.sampled_from([0.0, -1.0, 1.0, 1e300, -1e300, 1e308, -1e308, 1.7e308, -1.7e308, LARGEST, -LARGEST, -np.inf])
+unlikely = st.sampled_from([-1.0, -700.0, -1e300, -1e308, -1.7e308, -LARGEST, -np.inf])
+
+
+def exact_log_posterior(log_prior, log_likelihood):
+    """Bayes' rule in rational numbers, cut off at the largest float."""
+    joint = [None if -np.inf in pair else sum(map(Fraction, pair)) for pair in zip(log_prior, log_likelihood, strict=True)]
+    best = max(score for score in joint if score is not None)
+    away = [None if score is None else max(score - best, Fraction(-LARGEST)) for score in joint]
+    log_total = math.log(sum(math.exp(score) for score in away if score is not None))
+    return [-np.inf if score is None else max(float(score) - log_total, -LARGEST) for score in away]
+
+
+@given(st.lists(unlikely, min_size=1, max_size=3), st.data())
+def test_what_is_possible_stays_possible_however_improbable(others, data):
+    log_prior = [0.0, *others]
+    log_likelihood = data.draw(st.lists(huge, min_size=len(log_prior), max_size=len(log_prior)))
+    if all(-np.inf in pair for pair in zip(log_prior, log_likelihood, strict=True)):
+        log_likelihood[0] = 0.0
+    prior = np.array(log_prior)
+    log_prior = (prior - np.logaddexp.reduce(prior)).tolist()
+    expected = exact_log_posterior(log_prior, log_likelihood)
+    size = max(abs(number) for number in (*log_prior, *log_likelihood) if number > -np.inf)  # so much is rounded
+    for copies in (1, 3):
+        found = update(np.tile(log_prior, (copies, 1)), np.tile(log_likelihood, (copies, 1)))[0]
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(np.tile(expected, (copies, 1))))
+        np.testing.assert_allclose(found, np.tile(expected, (copies, 1)), rtol=1e-12, atol=max(1e-15 * size, 1e-12))
+        np.testing.assert_allclose(np.exp(found).sum(axis=1), 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(update(log_prior, log_likelihood)[0] > -np.inf, found[0] > -np.inf)
+
+
+def test_what_overflowed_comes_back():
+    tracker = BatchedBeliefTracker(np.full((20, 2), 0.5))
+    for _ in range(3):
+        tracker.update(np.tile([0.0, -1.7e308], (20, 1)))
+    for _ in range(2):
+        tracker.update(np.tile([-1.7e308, 0.0], (20, 1)))
+    assert tracker.probs.tolist() == [[0.0, 1.0]] * 20
