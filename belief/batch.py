@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.frozen import FrozenArrays
 from belief.problem import Floats, Touch
 from belief.rows import as_real
 
 
 @dataclass(frozen=True, eq=False)
-class TouchBatch:
-    """S sequences of n touches each; the touches of one sequence are of one object.
+class TouchBatch(FrozenArrays):
+    """S sequences of n touches each; the touches of one sequence are of one object. All arrays are read-only.
 
     Attributes:
         poses: ``(S, n)``.
@@ -56,6 +57,7 @@ class TouchBatch:
             object.__setattr__(self, "features", features)
         object.__setattr__(self, "poses", poses.astype(np.int64, copy=False))
         object.__setattr__(self, "logits", logits)
+        self.freeze()
 
     @classmethod
     def of(cls, sequences: Sequence[Sequence[Touch]]) -> TouchBatch:

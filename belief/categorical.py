@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike
 
 from belief import bayes
 from belief.errors import UnknownName
+from belief.frozen import FrozenArrays
 from belief.problem import Floats
 from belief.rows import as_real, normalise_log_probs, normalise_probs
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
+class Belief(FrozenArrays):
     """What is known about the shape of one object.
 
     Immutable: :meth:`update` returns a new belief. A shape of probability zero stays at zero for ever.
@@ -47,9 +48,9 @@ class Belief:
                 f"got {log_probs.shape}"
             )
         log_probs = normalise_log_probs(log_probs)
-        log_probs.flags.writeable = False
         object.__setattr__(self, "labels", labels)
         object.__setattr__(self, "log_probs", log_probs)
+        self.freeze()
 
     @classmethod
     def uniform(cls, labels: Sequence[str]) -> Belief:

@@ -28,6 +28,7 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 from scipy.special import expit
 
+from belief.frozen import FrozenArrays
 from belief.problem import Floats
 
 _LARGEST_FEATURE = 1e150  # squares of larger ones overflow
@@ -65,7 +66,7 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class MahalanobisScore:
+class MahalanobisScore(FrozenArrays):
     """Squared distance to the nearest class mean, in units of the spread within classes.
 
     The shared covariance is shrunk towards a multiple of the identity, (1 - ρ) S + ρ (tr S / D) I, so that it can be

@@ -9,30 +9,47 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Integral
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.composition import Composition, Counts
+from belief.errors import InvalidArgument
+from belief.frozen import FrozenArrays
+from belief.rows import as_real
 
 Floats: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Touch:
-    """One touch as deciders and observation models see it.
+class Touch(FrozenArrays):
+    """One touch as deciders and observation models see it; its arrays are copies, and read-only.
 
     Attributes:
         pose: index of the exploration pose.
-        logits: the classifier's raw scores over shapes, ``(K,)``.
+        logits: the classifier's raw scores over shapes, ``(K,)``; -inf where a shape is ruled out.
         features: the classifier's embedding, ``(D,)``, if kept.
+
+    Raises:
+        InvalidArgument: a pose that is no whole number from 0; logits that are no row of real numbers, or hold NaN or
+            +inf.
     """
 
     pose: int
     logits: Floats
     features: NDArray[np.float32] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
+            raise InvalidArgument(f"the pose of a touch must be a whole number from 0, got {self.pose!r}")
+        for name in ("logits", "features"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, as_real(getattr(self, name), f"{name} of a touch"))
+        scores = self.logits
+        if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
+            raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
+        self.freeze()
 
 
 @dataclass(frozen=True)
@@ -69,8 +86,9 @@ class SearchProblem:
         touch_limit: touches after which the whole search is cut off (truncated).
 
     Raises:
-        ValueError: no object, more objects than the composition has to offer, a touch cost that is negative or not
-            finite, or no touch allowed.
+        ValueError: labels that are no names, or twice the same; no shape or pose; no object, or no whole number of
+            them; more objects than the composition has to offer; a touch cost that is negative or not finite; no touch
+            allowed.
         UnknownName: the bag holds a shape that has no label.
 
     >>> problem = SearchProblem(("sphere", "cube"), ("front",), 2, Counts({"sphere": 1, "cube": 3}))
@@ -88,8 +106,10 @@ class SearchProblem:
     def __post_init__(self) -> None:
         if not isinstance(self.composition, Counts):
             object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
-        if self.num_objects < 1:
-            raise ValueError(f"num_objects must be at least 1, got {self.num_objects}")
+        for name in ("shape_labels", "pose_labels"):
+            object.__setattr__(self, name, _names(name, getattr(self, name)))
+        for name in ("num_objects", "touch_limit"):
+            _require_count(name, getattr(self, name))
         if isinstance(self.composition, Counts) and sum(self.composition.of(self.shape_labels)) < self.num_objects:
             raise ValueError(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
@@ -99,8 +119,6 @@ class SearchProblem:
             )
         if not (np.isfinite(self.touch_cost) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
-        if not isinstance(self.touch_limit, Integral) or self.touch_limit < 1:  # NaN and infinity cut nothing off
-            raise ValueError(f"touch_limit must be an integer, at least 1, got {self.touch_limit!r}")
 
     @property
     def num_shapes(self) -> int:
@@ -148,3 +166,18 @@ class SearchProblem:
         """
         right = confirmed_shape == target if confirmed_shape is not None else not target_present
         return (1.0 if right else -1.0) - self.touch_cost * num_touches
+
+
+def _names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels as a tuple: at least one, different from each other."""
+    names = labels if isinstance(labels, str) else tuple(labels)
+    if isinstance(names, str) or not names or not all(isinstance(label, str) for label in names):
+        raise InvalidArgument(f"{name} must be a sequence of names, at least one, got {labels!r}")
+    if len(set(names)) < len(names):
+        raise InvalidArgument(f"{name} must differ from each other, got {list(names)}")
+    return names
+
+
+def _require_count(name: str, number: int) -> None:
+    if not isinstance(number, int | np.integer) or isinstance(number, bool) or number < 1:
+        raise InvalidArgument(f"{name} must be a whole number of at least 1, got {number!r}")

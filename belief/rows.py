@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any, TypeAlias
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.problem import Floats
+from belief.errors import InvalidArgument
 
+Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3  # a row of probabilities in float16 sums to one within this
 
 
@@ -14,18 +17,35 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
     """An array of floating-point numbers, of the type it came in where that is a float of at most 64 bits.
 
     Raises:
-        ValueError: text, objects, complex numbers, or lists of different lengths.
+        ValueError: text, booleans, objects, complex numbers, masked entries, or lists of different lengths.
 
     >>> as_real([1, 0], "probs").dtype
     dtype('float64')
     """
-    array = np.asarray(values)
-    if array.dtype.kind not in "fiub":
-        raise ValueError(f"{name} must hold real numbers, got an array of {array.dtype}")
+    array = unmasked(values, name)
+    if array.dtype.kind not in "fiu":
+        raise InvalidArgument(f"{name} must hold real numbers, got an array of {array.dtype}")
     if array.dtype.kind == "f" and array.itemsize <= 8:
         return array
     with np.errstate(over="ignore"):  # what no double can hold becomes infinite, and is judged as that
         return array.astype(np.float64)
+
+
+def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
+    """An array of anything, of which nothing is masked: what is behind a mask is no data.
+
+    Raises:
+        InvalidArgument: a masked entry.
+
+    >>> unmasked(np.ma.masked_equal([3, -1], -1), "labels")
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: labels must not be masked, got a masked entry at [1]
+    """
+    if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
+        place = np.argwhere(np.ma.getmaskarray(values))[0].tolist()
+        raise InvalidArgument(f"{name} must not be masked, got a masked entry at {place}")
+    return np.asarray(values)
 
 
 def require(

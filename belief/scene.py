@@ -15,6 +15,7 @@ from belief.errors import ImpossibleObservation
 from belief.history import TouchHistory
 from belief.impossible import RAISE, ImpossiblePolicy, warn_of_zero_prior
 from belief.observation_model import ObservationModel
+from belief.observation_model.evidence import start
 from belief.problem import Floats, SearchProblem, Touch
 from belief.scene_view import SceneView
 
@@ -93,11 +94,11 @@ class SceneBelief:
             raise ValueError(f"the problem is about {self.labels}, the prior about {prior.labels}")
         if self._counts is not None:
             num_states(self._counts, problem.num_objects)  # better refused now than in the middle of a search
-        self._model = model
         self._prior = prior if prior is not None else Belief.uniform(self.labels)
         self._on_impossible = on_impossible
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
+        self._evidence = [start(model)] * problem.num_objects
         self._known = np.full(problem.num_objects, _UNKNOWN)
         self._on_table = np.ones(problem.num_objects, np.bool_)
         self._log_marginals = self._compute(self._log_likelihoods, self._known)
@@ -107,7 +108,8 @@ class SceneBelief:
     def view(self) -> SceneView:
         """The belief as it is now, for reading only: what comes later does not show in it."""
         now = copy.copy(self)
-        now._touches, now._on_table = self._touches.copy(), self._on_table.copy()  # what is changed in place
+        now._touches, now._evidence = self._touches.copy(), self._evidence.copy()  # what is changed in place
+        now._on_table = self._on_table.copy()
         return SceneView(now)
 
     @property
@@ -145,9 +147,11 @@ class SceneBelief:
         """
         if not self._on_table[self._object(object_index)]:
             raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
-        all_touches = self._touches[object_index].extended(touches)
+        all_touches, evidence = self._touches[object_index].extended(touches), self._evidence[object_index]
+        for touch in touches:
+            evidence = evidence.update(touch)
         log_likelihoods = self._log_likelihoods.copy()
-        log_likelihoods[object_index] = self._on_impossible.temper(self._model.log_likelihood(all_touches))
+        log_likelihoods[object_index] = self._on_impossible.temper(evidence.log_likelihood)
         try:
             log_marginals = self._compute(log_likelihoods, self._known)
         except ImpossibleObservation as error:
@@ -159,6 +163,7 @@ class SceneBelief:
             self._on_impossible.resolve(explained)
             return self.belief(object_index)
         self._log_likelihoods, self._log_marginals = log_likelihoods, log_marginals
+        self._evidence[object_index] = evidence
         self._touches[object_index] = all_touches
         return self.belief(object_index)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.observation_model import OutcomeTable
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.problem import Floats, Touch
 
 
@@ -43,6 +44,18 @@ class TabularModel:
         for touch in touches:
             total += touch.logits
         return total
+
+    def start(self) -> SummarisedEvidence:
+        """No touches yet; see :mod:`belief.observation_model.evidence`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:
+        """The sum of logits."""
+        return np.asarray(touch.logits if statistics is None else statistics + touch.logits)
+
+    def log_likelihood_of(self, statistics: Floats) -> Floats:
+        """The sum itself."""
+        return statistics
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
         """See :class:`ObservationModel`."""

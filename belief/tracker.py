@@ -5,8 +5,10 @@ from __future__ import annotations
 from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation
+from belief.history import TouchHistory
 from belief.impossible import RAISE, ImpossiblePolicy
 from belief.observation_model import ObservationModel
+from belief.observation_model.evidence import start
 from belief.problem import Touch
 
 
@@ -20,7 +22,6 @@ class BeliefTracker:
 
     Attributes:
         belief: the current posterior.
-        touches: all touches that count, oldest first.
         log_evidence: log probability of these touches under the prior and the model, in nats.
 
     Raises:
@@ -41,11 +42,16 @@ class BeliefTracker:
         if prior.labels != tuple(model.shape_labels):
             raise ValueError(f"the prior is about {prior.labels}, the model about {tuple(model.shape_labels)}")
         self._prior = prior
-        self._model = model
+        self._evidence = start(model)
         self._on_impossible = on_impossible
         self.belief = prior
-        self.touches: tuple[Touch, ...] = ()
+        self._touches = TouchHistory()
         self.log_evidence = 0.0
+
+    @property
+    def touches(self) -> TouchHistory:
+        """All touches that count, oldest first; it stays as it is when more are made."""
+        return self._touches
 
     def update(self, touch: Touch) -> Belief:
         """Take in a touch and return the posterior.
@@ -54,8 +60,8 @@ class BeliefTracker:
             ImpossibleObservation: the touch contradicts everything still believed in, and the policy is to raise; the
                 tracker is unchanged.
         """
-        touches = (*self.touches, touch)
-        log_likelihood = self._on_impossible.temper(self._model.log_likelihood(touches))
+        evidence = self._evidence.update(touch)
+        log_likelihood = self._on_impossible.temper(evidence.log_likelihood)
         try:
             log_posterior, log_evidence = update(self._prior.log_probs, log_likelihood)
         except ImpossibleObservation as error:
@@ -64,5 +70,6 @@ class BeliefTracker:
             self._on_impossible.resolve(explained)
             return self.belief
         self.belief = Belief.of_normalised(self._prior.labels, log_posterior)
-        self.touches, self.log_evidence = touches, float(log_evidence)
+        self._evidence, self.log_evidence = evidence, float(log_evidence)
+        self._touches = self._touches.extended([touch])
         return self.belief

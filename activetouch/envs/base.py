@@ -170,7 +170,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     def _probe(self, pose: int) -> None:
         """Touch the current object."""
-        repeat = sum(touch.pose == pose for touch in self.history)
+        repeat = int(self.history.uses(self.problem.num_poses)[pose])
         touch, self.last_press = self._objects.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
         self._scene.update(self._object_index, [touch])
         self._num_touches += 1

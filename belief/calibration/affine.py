@@ -14,11 +14,12 @@ from belief.calibration.base import Calibration, Status
 from belief.calibration.inputs import labelled_logits
 from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
+from belief.frozen import FrozenArrays
 from belief.problem import Floats
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AffineCalibration(Calibration):
+class AffineCalibration(FrozenArrays, Calibration):
     """Log-probabilities after temperature scaling, times a matrix, plus a bias: p = softmax(W x + b).
 
     First a temperature is fitted, and 1/(n + 2) of the mass spread evenly; x is the logarithm of that, so it is of

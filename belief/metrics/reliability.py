@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from belief.frozen import FrozenArrays
 from belief.metrics.binned import Binning, bin_edges, bin_index
 from belief.metrics.inputs import checked_pair, top_label
 from belief.problem import Floats
@@ -15,7 +16,7 @@ from belief.statistics.inputs import require_fraction
 
 
 @dataclass(frozen=True, eq=False)
-class ReliabilityCurve:
+class ReliabilityCurve(FrozenArrays):
     """One entry for each bin that is not empty, in order of confidence, all ``(B,)`` with 1 ≤ B ≤ ``num_bins``.
 
     Attributes:

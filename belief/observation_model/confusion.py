@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -134,6 +135,19 @@ class ConfusionModel(ArrayModel):
     def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`; all, as touches are independent."""
         return np.ones(np.shape(num_touches))
+
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:
+        """The sum of log-likelihoods, ``(K,)``."""
+        told = self._log_likelihoods(self.alone(touch))[0]
+        return told if statistics is None else statistics + told
+
+    def log_likelihood_of(self, statistics: Floats) -> Floats:
+        """The sum itself."""
+        return statistics
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; the logits claim what the sampled outcome is worth, within its bin."""

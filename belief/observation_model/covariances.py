@@ -125,6 +125,24 @@ class PoseStatistics(NamedTuple):
         spread = vectors - means[np.arange(len(poses))[:, None], index]
         return cls(used, counts, means, np.swapaxes(spread, 1, 2) @ spread)
 
+    def with_touch(self, vector: Floats, pose: int) -> PoseStatistics:
+        """Those of one sequence with one more touch ``(D,)``, in any pose.
+
+        >>> vectors, poses = np.array([[[1.0], [3.0], [5.0]]]), np.array([[4, 4, 7]])
+        >>> found = PoseStatistics.of(vectors[:, :1], poses[:, :1]).with_touch(vectors[0, 2], 7).with_touch(vectors[0, 1], 4)
+        >>> found.used.tolist(), found.counts.tolist(), found.means.ravel().tolist(), found.scatter.tolist()
+        ([4, 7], [[2.0, 1.0]], [2.0, 5.0], [[[2.0]]])
+        """
+        used, counts, means, place = self.used, self.counts, self.means, int(np.searchsorted(self.used, pose))
+        if place == len(used) or used[place] != pose:
+            used, counts = np.insert(used, place, pose), np.insert(counts, place, 0.0, axis=1)
+            means = np.insert(means, place, 0.0, axis=1)
+        counts, means = counts.copy(), means.copy()
+        counts[0, place] += 1.0
+        away, number = vector - means[0, place], counts[0, place]
+        means[0, place] += away / number
+        return PoseStatistics(used, counts, means, self.scatter + (1.0 - 1.0 / number) * np.outer(away, away))
+
 
 def squares_within(scatter: Floats, bases: Floats) -> Floats:
     """Sums of squares ``(S, D, D)`` as traces in the basis of every shape, ``(S, K)``, from all A, ``(K, D, D)``.

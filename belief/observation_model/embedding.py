@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import helmert
 
 from belief.batch import TouchBatch
+from belief.frozen import FrozenArrays
 from belief.problem import Floats
 
 _LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
@@ -42,7 +43,7 @@ class Embedding(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class LogitEmbedding:
+class LogitEmbedding(FrozenArrays):
     """The logits without their mean, which no softmax feels: K - 1 numbers in an orthonormal basis.
 
     Attributes:
@@ -69,6 +70,7 @@ class LogitEmbedding:
         _check_bounds(self.lowest, self.highest, self.unit)
         if len(self.lowest) < 2:
             raise ValueError("an embedding of logits needs at least two shapes, got one")
+        self.freeze()
 
     @classmethod
     def fit(cls, batch: TouchBatch) -> LogitEmbedding:
@@ -106,7 +108,7 @@ class LogitEmbedding:
 
 
 @dataclass(frozen=True, eq=False)
-class FeatureEmbedding:
+class FeatureEmbedding(FrozenArrays):
     """The leading principal components of the classifier's features.
 
     Attributes:
@@ -151,6 +153,7 @@ class FeatureEmbedding:
             )
         if not all(np.isfinite(part).all() for part in arrays):
             raise ValueError("centre, components, readout and offset must be finite")
+        self.freeze()
 
     @classmethod
     def fit(cls, batch: TouchBatch, num_components: int) -> FeatureEmbedding:

@@ -29,6 +29,7 @@ from belief.observation_model.covariances import (
     whitened,
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -71,6 +72,7 @@ class GaussianModel(ArrayModel):
             object.__setattr__(self, name, np.asarray(as_real(getattr(self, name), name), np.float64))
         require_means(self.means, len(self.shape_labels), self.embedding.num_components)
         require_covariances("covariances", self.covariances, self.means, definite=True)
+        self.freeze()
 
     @classmethod
     def fit(
@@ -112,11 +114,30 @@ class GaussianModel(ArrayModel):
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; the sum over touches, of which counts, means and scatter are enough."""
-        found = PoseStatistics.of(self.embedding(batch), batch.poses)
+        return self._told(PoseStatistics.of(self.embedding(batch), batch.poses))
+
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: PoseStatistics | None, touch: Touch) -> PoseStatistics:
+        """Counts, means and scatter of the touches in each pose."""
+        batch = self.alone(touch)
+        vectors = self.embedding(batch)
+        if statistics is None:
+            return PoseStatistics.of(vectors, batch.poses)
+        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
+
+    def log_likelihood_of(self, statistics: PoseStatistics) -> Floats:
+        """See :class:`ArrayModel`."""
+        return self._told(statistics)[0]
+
+    def _told(self, found: PoseStatistics) -> Floats:
+        """Log-likelihoods ``(S, K)``."""
         shifts = whitened(found.means, self._whitening) - self._white_means[found.used]  # (S, p, K, D)
         squares = np.einsum("sp,spkd,spkd->sk", found.counts, shifts, shifts)
         squares += squares_within(found.scatter, self._whitening)
-        return batch.num_touches * self._log_determinants - 0.5 * squares
+        return found.counts.sum(axis=1)[:, None] * self._log_determinants - 0.5 * squares
 
     @cached_property
     def _whitening(self) -> Floats:

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.folds import numbered_objects
+from belief.frozen import FrozenArrays
 from belief.problem import Floats, Touch
 
 
 @dataclass(frozen=True, eq=False)
-class LabelledTouches:
+class LabelledTouches(FrozenArrays):
     """Touches of known objects, n of them.
 
     Attributes:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from belief.batch import TouchBatch
 from belief.files import sealed_json
+from belief.frozen import FrozenArrays
+from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
 
@@ -19,7 +21,11 @@ _BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alo
 
 
 class ObservationModel(Protocol):
-    """What turns touches into evidence: all that trackers and planners ask for."""
+    """What turns touches into evidence: all that trackers and planners ask for.
+
+    A model that has ``start()`` besides, an :class:`~belief.observation_model.evidence.ObjectEvidence` of no touches,
+    takes in touches one by one; any other is asked about all touches of an object after each.
+    """
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -35,7 +41,7 @@ class ObservationModel(Protocol):
         """The model with touches discretised, into at most so many outcomes if a number is given, for planners."""
 
 
-class ArrayModel(ABC):
+class ArrayModel(FrozenArrays, ABC):
     """An observation model that computes with arrays; the models of this package derive from it.
 
     A model of its own has :attr:`num_poses`, :meth:`to_fields`, :meth:`from_fields`, and
@@ -96,6 +102,10 @@ class ArrayModel(ABC):
         """
         fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
+
+    def start(self) -> ObjectEvidence:
+        """The evidence of no touches, to be updated touch by touch; models with statistics of one size override it."""
+        return RecomputedEvidence(self)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
         """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.
@@ -180,6 +190,16 @@ class ArrayModel(ABC):
             over shapes; None, as for any model that does not say otherwise, if it takes the touches themselves.
         """
         return None
+
+    def alone(self, touch: Touch) -> TouchBatch:
+        """A touch as a batch of one.
+
+        Raises:
+            ValueError: it does not fit the model.
+        """
+        batch = TouchBatch.of([[touch]])
+        self.require_fit(batch)
+        return batch
 
     @property
     def default_outcomes(self) -> int:

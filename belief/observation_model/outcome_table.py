@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 from scipy.special import entr
 
 from belief.bayes import expected_information_gain
+from belief.frozen import FrozenArrays
 from belief.problem import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class OutcomeTable:
+class OutcomeTable(FrozenArrays):
     """A discrete observation model.
 
     Attributes:
@@ -46,7 +47,7 @@ class OutcomeTable:
         totals = probs.sum(axis=2, keepdims=True)
         if np.abs(totals - 1.0).max() > 1e-12:  # what is already normalised keeps its last bit, as on reload
             probs /= totals
-        probs.flags.writeable = False
+        probs.flags.writeable = False  # a copy already
         object.__setattr__(self, "probs", probs)
 
     @property

@@ -34,6 +34,7 @@ from belief.observation_model.covariances import (
     whitened,
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -94,6 +95,7 @@ class PLDAModel(ArrayModel):
             require_covariances(name, part, self.means, definite=name == "of_touch")
         if self.status not in get_args(Status):
             raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        self.freeze()
 
     @classmethod
     def fit(
@@ -142,8 +144,27 @@ class PLDAModel(ArrayModel):
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; sums over poses of what their number of touches, mean and scatter say."""
-        found, basis = PoseStatistics.of(self.embedding(batch), batch.poses), self._basis
-        counts, present = found.counts, np.maximum(found.counts, 1.0)  # (S, p)
+        return self._told(PoseStatistics.of(self.embedding(batch), batch.poses))
+
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: PoseStatistics | None, touch: Touch) -> PoseStatistics:
+        """Counts, means and scatter of the touches in each pose."""
+        batch = self.alone(touch)
+        vectors = self.embedding(batch)
+        if statistics is None:
+            return PoseStatistics.of(vectors, batch.poses)
+        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
+
+    def log_likelihood_of(self, statistics: PoseStatistics) -> Floats:
+        """See :class:`ArrayModel`."""
+        return self._told(statistics)[0]
+
+    def _told(self, found: PoseStatistics) -> Floats:
+        """Log-likelihoods ``(S, K)``."""
+        basis, counts, present = self._basis, found.counts, np.maximum(found.counts, 1.0)  # (S, p)
         within = squares_within(found.scatter, basis.whiten)
         # In the basis of a shape W is the identity, V is diagonal, and each pose's mean has variance V + 1 / count.
         y = whitened(found.means, basis.whiten) - basis.means[found.used]  # (S, p, K, D)
@@ -157,11 +178,11 @@ class PLDAModel(ArrayModel):
         log_det = np.linalg.slogdet(inner)[1] + np.log1p(counts[example][..., None, None] * basis.of_pose).sum(
             axis=(1, 3)
         )
-        explained, pattern = np.empty((len(batch), y.shape[2])), pattern.ravel()
+        explained, pattern = np.empty((len(y), y.shape[2])), pattern.ravel()
         for i, of_pattern in enumerate(gain):
             some = np.swapaxes(pull[pattern == i], 0, 1)  # (K, s, D)
             explained[pattern == i] = ((some @ of_pattern) * some).sum(axis=2).T
-        return batch.num_touches * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
+        return counts.sum(axis=1)[:, None] * basis.log_scale - 0.5 * (within + between - explained + log_det[pattern])
 
     @cached_property
     def _basis(self) -> _Basis:

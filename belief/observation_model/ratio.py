@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,7 @@ from belief.batch import TouchBatch
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.folds import object_folds
 from belief.observation_model.directions import centred, discounts, fit_directions
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -31,6 +32,7 @@ from belief.problem import Floats, Touch
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 _REFERENCES = 500  # touches kept of each pose
+_MOST_KEPT = 100  # numbers of touches whose discounts are kept
 _POOLING = 100.0  # weight of all poses' table in one pose's, in touches
 
 
@@ -98,6 +100,7 @@ class RatioModel(ArrayModel):
         # What is normalised already keeps its last bit, as on reload.
         object.__setattr__(self, "training_prior", prior / prior.sum() if abs(prior.sum() - 1.0) > 1e-12 else prior)
         object.__setattr__(self, "references", references)
+        self.freeze()
 
     @classmethod
     def fit(
@@ -156,7 +159,7 @@ class RatioModel(ArrayModel):
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`."""
-        log_ratio = self.calibration.predict_log_proba(batch.logits) - self._log_prior
+        log_ratio = self._log_ratio(batch)
         if batch.num_touches == 1:
             return log_ratio[:, 0]
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
@@ -168,7 +171,38 @@ class RatioModel(ArrayModel):
                 total += np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ self._discount(n).T
             return total
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
-        return np.asarray((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
+        return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
+
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: _Means | None, touch: Touch) -> _Means:
+        """The mean log ratio of every pose that was touched in, in the order of their first touches."""
+        batch = self.alone(touch)
+        log_ratio, pose = self._log_ratio(batch)[0], int(batch.poses[0, 0])
+        if statistics is None:
+            return _Means((pose,), np.ones(1), log_ratio)
+        poses, counts, means = statistics
+        if pose not in poses:
+            return _Means((*poses, pose), np.append(counts, 1.0), np.concatenate([means, log_ratio]))
+        place, counts, means = poses.index(pose), counts.copy(), means.copy()
+        counts[place] += 1.0
+        means[place] += (log_ratio[0] - means[place]) / counts[place]
+        return _Means(poses, counts, means)
+
+    def log_likelihood_of(self, statistics: _Means) -> Floats:
+        """The sum over poses of their means, each as often as its touches count."""
+        counts, means = statistics.counts, statistics.means
+        if self.directions is None or counts.sum() == 1.0:
+            return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
+        sums = counts[:, None] * centred(means)
+        return np.asarray(
+            sum(sums[counts == n].sum(axis=0) @ self._discount(int(n)).T for n in np.unique(counts).tolist())
+        )
+
+    def _log_ratio(self, batch: TouchBatch) -> Floats:
+        return self.calibration.predict_log_proba(batch.logits) - self._log_prior
 
     def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`; a matrix each where directions of evidence repeat differently."""
@@ -231,6 +265,8 @@ class RatioModel(ArrayModel):
     def _discount(self, num_touches: int) -> Floats:
         """What turns a sum of so many log ratios into what they are worth, ``(K, K)``; kept, as few numbers occur."""
         assert self.directions is not None
+        if num_touches > _MOST_KEPT:
+            return discounts(num_touches, self.directions)
         if num_touches not in self._discounts:
             self._discounts[num_touches] = discounts(num_touches, self.directions)
         return self._discounts[num_touches]
@@ -248,6 +284,19 @@ class RatioModel(ArrayModel):
         """Share of each reference in the touches of each shape, ``(P, N, K)``; sums to one over N."""
         probs = self.calibration.predict_proba(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
+
+
+class _Means(NamedTuple):
+    """The ``poses`` that were touched in, how often each, ``(p,)``, and their mean log ratios, ``(p, K)``."""
+
+    poses: tuple[int, ...]
+    counts: Floats
+    means: Floats
+
+
+def _within_floats(log_likelihoods: Floats) -> Floats:
+    """Sums of finite numbers; beyond the largest float they stay at it, so that nothing is impossible."""
+    return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
 
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:

@@ -15,13 +15,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
 from belief.observation_model.confusion import ConfusionModel
+from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -117,6 +118,27 @@ class SignatureModel(ArrayModel):
             total += self._log_repeats(pose, every, counts)
         return total
 
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: _Occurred | None, touch: Touch) -> _Occurred:
+        """How often every outcome occurred in every pose, and what that tells."""
+        batch = self.alone(touch)
+        pose, (outcome,) = int(batch.poses[0, 0]), self.confusion.outcomes_of(batch.logits[0]).tolist()
+        num_poses, num_shapes, num_outcomes = self.confusion.probs.shape
+        if statistics is None:
+            counts, told = np.zeros((num_poses, num_outcomes), np.int64), np.zeros((num_poses, num_shapes))
+        else:
+            counts, told = statistics.counts.copy(), statistics.told.copy()
+        counts[pose, outcome] += 1
+        told[pose] = self._log_repeats(pose, np.arange(num_outcomes), counts[pose][None])[0]
+        return _Occurred(counts, told)
+
+    def log_likelihood_of(self, statistics: _Occurred) -> Floats:
+        """The sum over poses."""
+        return np.asarray(statistics.told.sum(axis=0))
+
     def _log_repeats(
         self, poses: NDArray[np.int64] | int, outcomes: NDArray[np.int64], counts: NDArray[np.int64]
     ) -> Floats:
@@ -182,3 +204,10 @@ class SignatureModel(ArrayModel):
         """See :class:`ArrayModel`."""
         confusion = ConfusionModel.from_fields(shape_labels, fields["confusion"])
         return cls(confusion, float(fields["repeat_probability"]), fields["status"])
+
+
+class _Occurred(NamedTuple):
+    """``counts`` of every outcome in every pose, ``(P, M)``, and what they tell, log-likelihoods ``(P, K)``."""
+
+    counts: NDArray[np.int64]
+    told: Floats

@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike
 
 from belief import Composition
 from belief.errors import InvalidArgument
+from belief.frozen import FrozenArrays
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from belief.rows import SUM_TOLERANCE, as_real
 
 
 @dataclass(frozen=True, eq=False)
-class TouchProblem:
+class TouchProblem(FrozenArrays):
     """One object, one question: is it the target (paper §5.8)?
 
     CONFIRM and REJECT are worth +1 where right and -1 where wrong, and end it; every probe costs ``touch_cost``.
@@ -51,6 +52,7 @@ class TouchProblem:
         table = checked_table(self.outcome_probs, self.target, self.touch_cost, self.discount)
         object.__setattr__(self, "outcome_probs", table)
         object.__setattr__(self, "prior", distribution(self.prior, table.shape[1], "prior"))
+        self.freeze()
 
     @property
     def num_poses(self) -> int:
@@ -64,7 +66,7 @@ class TouchProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class SearchTouchProblem:
+class SearchTouchProblem(FrozenArrays):
     """A search among several objects, one after the other, none visited twice.
 
     CONFIRM is worth +1 on the target and -1 on anything else and ends the search; REJECT is worth nothing and brings
@@ -114,6 +116,7 @@ class SearchTouchProblem:
                 )
         prior = np.full(num_shapes, 1.0 / num_shapes) if self.prior is None else self.prior
         object.__setattr__(self, "prior", distribution(prior, num_shapes, "prior"))
+        self.freeze()
 
     @property
     def num_poses(self) -> int:

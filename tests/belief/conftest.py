@@ -118,6 +118,12 @@ def any_model(request):
 
 
 @pytest.fixture
+def all_models():
+    """All of them at once."""
+    return [model_named(name) for name in MODELS]
+
+
+@pytest.fixture
 def world():
     """The PLDA model that the fitted ones learnt from."""
     return plda_world()

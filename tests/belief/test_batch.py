@@ -47,7 +47,7 @@ def test_features_are_kept_only_where_all_touches_have_them(rng):
     assert TouchBatch.of([[*some_touches(rng, 2), *some_touches(rng, 2, features=False)]]).features is None
 
 
-@given(st.sampled_from([np.float16, np.float32, np.float64, np.longdouble, np.int8, np.bool_]))
+@given(st.sampled_from([np.float16, np.float32, np.float64, np.longdouble, np.int8]))
 def test_any_type_of_number_will_do(dtype):
     batch = TouchBatch(np.zeros((1, 2), np.uint8), np.array([[[1, 0], [0, 1]]], dtype))
     assert (batch.logits.dtype, batch.poses.dtype) == (np.float64, np.int64)
@@ -57,16 +57,7 @@ def test_any_type_of_number_will_do(dtype):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (Touch(-1, np.zeros(3)), "has pose -1, below 0"),
-        (Touch(1.0, np.zeros(3)), "integer pose, got 1.0"),
-        (Touch("x", np.zeros(3)), "integer pose, got 'x'"),
-        (Touch(None, np.zeros(3)), "integer pose, got None"),
         (Touch(0, np.zeros(2)), "as many as the first touch has"),
-        (Touch(0, np.zeros((1, 3))), "row of logits"),
-        (Touch(0, 0.0), "row of logits"),
-        (Touch(0, None), "row of logits"),
-        (Touch(0, np.array([1j, 0, 0])), "row of logits"),
-        (Touch(0, np.array([np.nan, 0, 0])), "finite logits"),
         (Touch(0, np.array([0, -np.inf, 0])), "finite logits"),
         (Touch(0, np.array([0, 0, 0]), np.array([np.nan] * 5)), "finite features"),
         (Touch(0, np.array([0, 0, 0]), np.zeros(4)), "row of features"),

@@ -326,7 +326,9 @@ unlikely = st.sampled_from([-1.0, -700.0, -1e300, -1e308, -1.7e308, -LARGEST, -n
 
 def exact_log_posterior(log_prior, log_likelihood):
     """Bayes' rule in rational numbers, cut off at the largest float."""
-    joint = [None if -np.inf in pair else sum(map(Fraction, pair)) for pair in zip(log_prior, log_likelihood, strict=True)]
+    joint = [
+        None if -np.inf in pair else sum(map(Fraction, pair)) for pair in zip(log_prior, log_likelihood, strict=True)
+    ]
     best = max(score for score in joint if score is not None)
     away = [None if score is None else max(score - best, Fraction(-LARGEST)) for score in joint]
     log_total = math.log(sum(math.exp(score) for score in away if score is not None))

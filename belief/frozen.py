@@ -1,0 +1,59 @@
+"""Arrays that nobody changes: holders copy what they are given, and stay read-only through pickles and deep copies."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Kind = TypeVar("Kind", bound=np.generic)
+
+
+def frozen(array: NDArray[Kind]) -> NDArray[Kind]:
+    """The array, read-only: itself if nobody can write to its memory, otherwise a copy.
+
+    >>> mine = np.zeros(2)
+    >>> kept = frozen(mine)
+    >>> mine[0] = 1.0
+    >>> kept.tolist(), frozen(kept) is kept, kept.flags.writeable
+    ([0.0, 0.0], True, False)
+    """
+    owner: Any = array
+    while isinstance(owner, np.ndarray) and not owner.flags.writeable:
+        owner = owner.base
+    if not isinstance(owner, np.ndarray):
+        return array
+    copy = array.copy(order="K")
+    copy.flags.writeable = False
+    return copy
+
+
+class FrozenArrays:
+    """Base of frozen dataclasses that hold arrays, or tuples of arrays, in their fields.
+
+    One that checks its fields calls :meth:`freeze` at the end of its ``__post_init__``.
+
+    >>> import copy
+    >>> from belief import Belief
+    >>> copy.deepcopy(Belief.uniform(["cube", "cone"])).log_probs.flags.writeable
+    False
+    """
+
+    def __post_init__(self) -> None:
+        self.freeze()
+
+    def freeze(self) -> None:
+        """Make all arrays read-only; those that somebody else could write to are copied."""
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, frozen(value))
+            elif isinstance(value, tuple) and any(isinstance(part, np.ndarray) for part in value):
+                parts = [frozen(part) if isinstance(part, np.ndarray) else part for part in value]
+                object.__setattr__(self, field.name, type(value)(*parts) if hasattr(value, "_fields") else tuple(parts))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.freeze()

@@ -1,0 +1,125 @@
+"""What the touches of one object add up to, while they come in: a touch costs the same however many came before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from belief.frozen import frozen
+from belief.problem import Floats, Touch
+
+
+class ObjectEvidence(Protocol):
+    """The evidence about one object: a frozen value, each touch makes a new one."""
+
+    @property
+    def num_touches(self) -> int:
+        """How many touches it holds."""
+
+    @property
+    def log_likelihood(self) -> Floats:
+        """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
+
+    def update(self, touch: Touch) -> Self:
+        """The evidence with one more touch."""
+
+
+class Explains(Protocol):
+    """An observation model that knows no more than the likelihood of touches."""
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """Names of the K shapes."""
+
+    def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
+        """Log p(all these touches of one object | shape), ``(K,)``."""
+
+
+class Summarises(Protocol):
+    """An observation model that remembers of touches no more than statistics, of one size for any number of them."""
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """Names of the K shapes."""
+
+    def statistics_with(self, statistics: Any, touch: Touch) -> Any:
+        """The statistics (None before the first touch) with one more touch; new ones.
+
+        Raises:
+            ValueError: the touch does not fit the model.
+        """
+
+    def log_likelihood_of(self, statistics: Any) -> Floats:
+        """Log p(all these touches | shape), ``(K,)``, of the statistics of at least one touch."""
+
+
+@dataclass(frozen=True, eq=False)
+class SummarisedEvidence:
+    """The evidence of a model that is content with statistics; see :meth:`ArrayModel.start`.
+
+    Attributes:
+        model: whose statistics they are.
+        statistics: of all touches so far; None before the first.
+        num_touches: how many these are.
+    """
+
+    model: Summarises
+    statistics: Any = None
+    num_touches: int = 0
+
+    def update(self, touch: Touch) -> SummarisedEvidence:
+        """See :class:`ObjectEvidence`; raises ValueError for a touch that does not fit the model."""
+        statistics = self.model.statistics_with(self.statistics, touch)
+        return SummarisedEvidence(self.model, statistics, self.num_touches + 1)
+
+    @cached_property
+    def log_likelihood(self) -> Floats:
+        """See :class:`ObjectEvidence`."""
+        if self.num_touches == 0:
+            return frozen(np.zeros(len(self.model.shape_labels)))
+        return frozen(self.model.log_likelihood_of(self.statistics))
+
+
+@dataclass(frozen=True, eq=False)
+class RecomputedEvidence:
+    """The evidence of a model that only has ``log_likelihood(touches)``: it is asked about all of them each time.
+
+    Attributes:
+        model: any.
+        touches: all of the object, oldest first.
+    """
+
+    model: Explains
+    touches: tuple[Touch, ...] = ()
+
+    @property
+    def num_touches(self) -> int:
+        """See :class:`ObjectEvidence`."""
+        return len(self.touches)
+
+    def update(self, touch: Touch) -> RecomputedEvidence:
+        """See :class:`ObjectEvidence`."""
+        return RecomputedEvidence(self.model, (*self.touches, touch))
+
+    @cached_property
+    def log_likelihood(self) -> Floats:
+        """See :class:`ObjectEvidence`."""
+        return frozen(np.asarray(self.model.log_likelihood(self.touches)))
+
+
+def start(model: Explains) -> ObjectEvidence:
+    """No touches yet: what ``model.start()`` gives; :class:`RecomputedEvidence` for a model that cannot start.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
+    >>> once = start(model).update(Touch(0, np.array([1.0, 0.0])))
+    >>> twice = once.update(Touch(1, np.array([0.0, 1.0])))
+    >>> once.num_touches, twice.num_touches, once.log_likelihood.round(2).tolist()
+    (1, 2, [-0.15, -1.72])
+    """
+    begin = getattr(model, "start", None)
+    return RecomputedEvidence(model) if begin is None else begin()
