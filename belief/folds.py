@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.rows import unmasked
+
 
 def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Objects numbered from 0 in rising order of their ids.
@@ -24,7 +26,7 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
     >>> objects.tolist(), shape_of.tolist()
     ([1, 0, 1], [1, 0])
     """
-    truth, ids = np.asarray(shapes), np.asarray(object_ids)
+    truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
     if truth.ndim != 1 or truth.shape != ids.shape:
         raise ValueError(f"need a shape and an object id for every touch, got {truth.shape} and {ids.shape}")
     if not np.issubdtype(truth.dtype, np.integer):

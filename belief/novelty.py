@@ -30,6 +30,8 @@ from scipy.special import expit
 
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
+from belief.rows import as_real, unmasked
+from belief.statistics.inputs import normal_quantile, require_fraction
 
 _LARGEST_FEATURE = 1e150  # squares of larger ones overflow
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
@@ -51,7 +53,7 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
     >>> energy_score([[0.0, 0.0], [9.0, 0.0]]).round(4).tolist()
     [-0.6931, -9.0001]
     """
-    z = np.asarray(logits, np.float64)
+    z = np.asarray(as_real(logits, "logits"), np.float64)
     if z.ndim == 0 or z.size == 0:
         raise ValueError(f"need logits (..., K), none of the axes empty, got shape {z.shape}")
     _require_finite("logits", z)
@@ -97,7 +99,7 @@ class MahalanobisScore(FrozenArrays):
             ValueError: empty, not finite, or beyond ±1e150; labels that are no integers or do not fit; a covariance
                 that is singular without shrinkage.
         """
-        x, y = _features(features), np.asarray(labels)
+        x, y = _features(features), unmasked(labels, "labels")
         if y.shape != (len(x),) or not np.issubdtype(y.dtype, np.integer):
             raise ValueError(f"need an integer label for each of {len(x)} features, got {y.dtype} {y.shape}")
         if shrinkage is not None and not 0.0 <= shrinkage <= 1.0:
@@ -188,15 +190,14 @@ def auroc_interval(
     known, novel = _scores(known_scores, novel_scores)
     if min(len(known), len(novel)) < 2:
         raise ValueError(f"an interval needs two rows of each at least, got {len(known)} known and {len(novel)} novel")
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"confidence must be in (0, 1), got {confidence}")
+    require_fraction("confidence", confidence)
     value, tail = auroc(known, novel), (1.0 - confidence) / 2
     variance = _row_means(novel, known).var(ddof=1) / len(novel) + _row_means(known, novel).var(ddof=1) / len(known)
     if value in (0.0, 1.0):
         bound = tail ** (1.0 / min(len(known), len(novel)))
         return (value, bound, 1.0) if value else (value, 0.0, 1.0 - bound)
     centre = np.log(value) - np.log1p(-value)
-    reach = stats.norm.ppf(1.0 - tail) * np.sqrt(variance) / (value * (1.0 - value))
+    reach = normal_quantile(confidence) * np.sqrt(variance) / (value * (1.0 - value))
     return value, float(expit(centre - reach)), float(expit(centre + reach))
 
 
@@ -220,7 +221,7 @@ def _row_means(rows: Floats, others: Floats) -> Floats:
 
 
 def _features(features: ArrayLike) -> Floats:
-    x = np.asarray(features, np.float64)
+    x = np.asarray(as_real(features, "features"), np.float64)
     if x.ndim != 2 or x.size == 0:
         raise ValueError(f"need features (n, D) with n ≥ 1 and D ≥ 1, got shape {x.shape}")
     _require_finite("features", x)
@@ -230,7 +231,8 @@ def _features(features: ArrayLike) -> Floats:
 
 
 def _scores(known_scores: ArrayLike, novel_scores: ArrayLike) -> tuple[Floats, Floats]:
-    known, novel = np.asarray(known_scores, np.float64), np.asarray(novel_scores, np.float64)
+    known = np.asarray(as_real(known_scores, "known_scores"), np.float64)
+    novel = np.asarray(as_real(novel_scores, "novel_scores"), np.float64)
     for name, scores in (("known", known), ("novel", novel)):
         if scores.ndim == 0 or scores.size == 0:
             raise ValueError(f"{name}_scores must hold at least one score, got shape {scores.shape}")

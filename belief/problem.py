@@ -44,7 +44,7 @@ class Touch(FrozenArrays):
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
             raise InvalidArgument(f"the pose of a touch must be a whole number from 0, got {self.pose!r}")
         for name in ("logits", "features"):
-            if getattr(self, name) is not None:
+            if name == "logits" or self.features is not None:
                 object.__setattr__(self, name, as_real(getattr(self, name), f"{name} of a touch"))
         scores = self.logits
         if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
+from belief.errors import InvalidArgument
 from belief.observation_model import ConfusionModel, ObservationModel
 from belief.problem import SearchProblem, Touch
 
@@ -75,7 +76,9 @@ class SyntheticWorld:
         return self._model.sample(self.arrangement[self._current], [pose], rng)[0]
 
     def advance(self) -> None:
-        """Bring the next object."""
+        """Bring the next object; raises InvalidArgument after the last."""
+        if self._current + 1 >= len(self.arrangement):
+            raise InvalidArgument(f"no object follows the last of {len(self.arrangement)}")
         self._current += 1
 
     def reset(self) -> None:

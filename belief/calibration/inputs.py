@@ -5,20 +5,54 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.errors import InvalidArgument
 from belief.problem import Floats
+from belief.rows import as_real, unmasked
+
+_MOST_POSES = 1000  # unless there are more touches than that
+
+
+def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
+    """P: as given, or one more than the largest pose.
+
+    Args:
+        poses: of all touches, at least one.
+        num_poses: P, if it is known.
+
+    Raises:
+        InvalidArgument: a pose that is not in [0, P), or a P that is absurd: above 1000, and above the number of
+            touches. Everything that is fitted to poses takes memory for each of them.
+
+    >>> pose_count(np.array([0, 2]), None), pose_count(np.array([0, 2]), 6)
+    (3, 6)
+    >>> pose_count(np.array([0, 10**9]), None)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: touch 1 has pose 1000000000: 2 touches are fitted in at most 1000 poses
+    """
+    largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
+    if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
+        raise InvalidArgument(f"num_poses must be a whole number from 1 to {most}, got {num_poses!r}")
+    if poses.min() < 0 or largest >= (most if num_poses is None else num_poses):
+        touch = int(poses.argmin() if poses.min() < 0 else poses.argmax())
+        known = f"{poses.size} touches are fitted in at most {most} poses"
+        if num_poses is not None:
+            known = f"num_poses is {num_poses}"
+        raise InvalidArgument(f"touch {touch} has pose {poses[touch]}: {known}")
+    return largest + 1 if num_poses is None else int(num_poses)
 
 
 def finite_logits(logits: ArrayLike) -> Floats:
     """Logits as float64, ``(..., K)``.
 
     Raises:
-        ValueError: they are empty, or one is NaN or infinite; the message names its row.
+        ValueError: they are empty, masked, no real numbers, or one is NaN or infinite; the message names its row.
 
     >>> finite_logits([[1, 2]])
     array([[1., 2.]])
     """
     with np.errstate(over="ignore"):  # a long double may become infinite, and is then refused
-        z = np.asarray(logits, np.float64)
+        z = np.asarray(as_real(logits, "logits"), np.float64)
     if z.ndim == 0 or z.size == 0:
         raise ValueError(f"need logits (..., K), none of the axes empty; got shape {z.shape}")
     if not (np.isfinite(z.max()) and np.isfinite(z.min())):
@@ -37,7 +71,7 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
     >>> labelled_logits([[1.0, 2.0]], [1])
     (array([[1., 2.]]), array([1]))
     """
-    shape, y = np.shape(logits), np.asarray(labels)
+    shape, y = np.shape(logits), unmasked(labels, "labels")
     if len(shape) != 2 or 0 in shape or y.shape != shape[:1]:
         raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {y.shape}")
     z = finite_logits(logits)

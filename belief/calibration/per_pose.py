@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration
-from belief.calibration.inputs import finite_logits, labelled_logits
+from belief.calibration.inputs import finite_logits, labelled_logits, pose_count
 from belief.calibration.serialisation import read_json, write_json
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.table import CALIBRATIONS
 from belief.problem import Floats
+from belief.rows import unmasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class PerPose:
         """
         z, y = labelled_logits(logits, labels)
         p = _check_poses(poses, len(y), num_poses)
-        size = int(p.max()) + 1 if num_poses is None else num_poses
+        size = pose_count(p, num_poses)
         pooled = self.kind.fit(z, y)
         masks = [p == pose for pose in range(size)]
         own = tuple(self.kind.fit(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
@@ -157,7 +158,7 @@ def _calibration(fields: Mapping[str, Any]) -> Calibration:
 
 
 def _check_poses(poses: ArrayLike, num_rows: int, num_poses: int | None) -> NDArray[np.intp]:
-    p = np.asarray(poses)
+    p = unmasked(poses, "poses")
     if p.shape != (num_rows,) or not np.issubdtype(p.dtype, np.integer):
         raise ValueError(f"need an integer pose for each of {num_rows} rows, got {p.dtype} {p.shape}")
     wrong = (p < 0) if num_poses is None else (p < 0) | (p >= num_poses)

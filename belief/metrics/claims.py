@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
+from belief.rows import as_real, unmasked
 from belief.statistics.inputs import checked_outcomes
 from belief.statistics.proportion import clopper_pearson_interval
 
@@ -93,9 +94,9 @@ def claims_at_stop(
     [(1, 1, 0.9, 1.0), (2, 2, 0.98, 0.5)]
     """
     claimed, right, touches = (
-        np.asarray(claims, np.float64),
+        np.asarray(as_real(claims, "claims"), np.float64),
         checked_outcomes("correct", correct),
-        np.asarray(num_touches),
+        unmasked(num_touches, "num_touches"),
     )
     if claimed.shape != right.shape or touches.shape != right.shape:
         raise ValueError(

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.errors import InvalidArgument
 from belief.metrics.inputs import checked_pair
+from belief.rows import unmasked
 
 
 def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:
@@ -48,7 +50,9 @@ def shape_scores(confusion: ArrayLike) -> list[ShapeScore]:
     >>> [round(score.f1, 3) for score in shape_scores([[8, 2], [0, 10]])]
     [0.889, 0.909]
     """
-    counts = np.asarray(confusion)
+    counts = unmasked(confusion, "counts")
+    if counts.dtype.kind not in "fiu":
+        raise InvalidArgument(f"counts must be numbers, got an array of {counts.dtype}")
     if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
         raise ValueError(f"need counts (K, K) with K ≥ 1, got {counts.shape}")
     if not (np.isfinite(counts).all() and (counts >= 0).all()):

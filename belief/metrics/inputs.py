@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
+from belief.rows import as_real, unmasked
 
 _TOLERANCE = 2e-3  # of a row's sum: float16 probabilities of a dozen shapes err by half of that
 
@@ -22,7 +23,7 @@ def checked_probs(probs: ArrayLike) -> Floats:
     >>> float(checked_probs([[0.5, 0.501]]).sum())
     1.0
     """
-    p = np.asarray(probs, np.float64)
+    p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim != 2 or p.size == 0:
         raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
     sums = np.where((p >= 0.0) & (p <= 1.0 + _TOLERANCE), p, np.inf) @ np.ones(p.shape[1])
@@ -48,7 +49,7 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
     >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
     [1]
     """
-    p, y = np.asarray(probs, np.float64), np.asarray(labels)
+    p, y = np.asarray(as_real(probs, "probs"), np.float64), unmasked(labels, "labels")
     if p.ndim != 2 or p.size == 0 or y.shape != (len(p),):
         raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {y.shape}")
     p = checked_probs(p)

@@ -128,8 +128,7 @@ class PoseStatistics(NamedTuple):
     def with_touch(self, vector: Floats, pose: int) -> PoseStatistics:
         """Those of one sequence with one more touch ``(D,)``, in any pose.
 
-        >>> vectors, poses = np.array([[[1.0], [3.0], [5.0]]]), np.array([[4, 4, 7]])
-        >>> found = PoseStatistics.of(vectors[:, :1], poses[:, :1]).with_touch(vectors[0, 2], 7).with_touch(vectors[0, 1], 4)
+        >>> found = PoseStatistics.of(np.array([[[1.0], [3.0]]]), np.array([[4, 4]])).with_touch(np.array([5.0]), 7)
         >>> found.used.tolist(), found.counts.tolist(), found.means.ravel().tolist(), found.scatter.tolist()
         ([4, 7], [[2.0, 1.0]], [2.0, 5.0], [[[2.0]]])
         """

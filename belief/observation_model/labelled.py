@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.batch import TouchBatch
+from belief.calibration.inputs import pose_count
 from belief.folds import numbered_objects
 from belief.frozen import FrozenArrays
 from belief.problem import Floats, Touch
+from belief.rows import unmasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +64,8 @@ class LabelledTouches(FrozenArrays):
             ValueError: no touches, fewer than two shapes, shapes or poses out of range, lengths that do not fit, names
                 that do not fit or are the same, or an object of two shapes.
         """
-        truth = np.asarray(shapes)
-        ids = np.arange(len(touches)) if object_ids is None else np.asarray(object_ids)
+        truth = unmasked(shapes, "shapes")
+        ids = np.arange(len(touches)) if object_ids is None else unmasked(object_ids, "object_ids")
         if len(touches) == 0 or truth.shape != (len(touches),) or ids.shape != truth.shape:
             raise ValueError(
                 f"need at least one touch, and one shape and object for each, got {len(touches)} touches, "
@@ -83,10 +85,7 @@ class LabelledTouches(FrozenArrays):
             raise ValueError(f"the touches have {num_shapes} logits, shape_labels names {len(labels)}: {list(labels)}")
         if len(set(labels)) < num_shapes:
             raise ValueError(f"shape_labels must differ from each other, got {list(labels)}")
-        largest = int(batch.poses.max())
-        if num_poses is not None and largest >= num_poses:
-            raise ValueError(f"touch {batch.poses.argmax()} has pose {largest}, num_poses is {num_poses}")
-        size = largest + 1 if num_poses is None else int(num_poses)
+        size = pose_count(batch.poses[0], num_poses)
         return cls(batch, truth.astype(np.int64), objects, shape_of_object, labels, size)
 
     @property

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
+from belief.errors import InvalidArgument
 from belief.problem import Floats
+from belief.rows import unmasked
 
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 
@@ -18,12 +21,15 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
         values: numbers, of any shape.
 
     Raises:
-        ValueError: NaN, infinite or beyond ±1e150; names the first such place.
+        ValueError: masked, no numbers, NaN, infinite or beyond ±1e150; names the first such place.
 
     >>> checked_values("costs", [1, 2]).tolist()
     [1.0, 2.0]
     """
-    x = np.asarray(values, np.float64)
+    x = unmasked(values, name)
+    if x.dtype.kind not in "fiub":
+        raise InvalidArgument(f"{name} must be numbers, got an array of {x.dtype}")
+    x = x.astype(np.float64, copy=False)
     bad = ~(np.abs(x) <= LARGEST_VALUE)
     if bad.any():
         place = tuple(np.argwhere(bad)[0].tolist())
@@ -44,7 +50,9 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
     >>> checked_outcomes("first", [1, 0]).tolist()
     [True, False]
     """
-    x = np.asarray(outcomes)
+    x = unmasked(outcomes, name)
+    if x.dtype.kind not in "fiub":
+        raise InvalidArgument(f"{name} must be right (1) or wrong (0), got an array of {x.dtype}")
     if x.ndim != 1 or x.size == 0:
         raise ValueError(f"{name} must hold one outcome an episode, at least one; got shape {x.shape}")
     bad = ~((x == 0) | (x == 1))
@@ -64,8 +72,20 @@ def require_fraction(name: str, value: float) -> None:
     Traceback (most recent call last):
     ValueError: confidence must lie in (0, 1), got 95
     """
-    if not 0.0 < value < 1.0:
-        raise ValueError(f"{name} must lie in (0, 1), got {value}")
+    if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
+        raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")
+
+
+def normal_quantile(confidence: float) -> float:
+    """How many standard deviations on either side of the mean hold so much of a normal distribution.
+
+    Finite for any confidence below one, also where one plus it rounds to two.
+
+    >>> round(normal_quantile(0.95), 2), round(normal_quantile(1 - 1e-16), 2)
+    (1.96, 8.29)
+    """
+    upper = 0.5 + 0.5 * confidence
+    return float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - confidence) / 2.0))
 
 
 def require_resamples(num_resamples: int) -> None:

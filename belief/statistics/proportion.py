@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import math
 
 from scipy import stats
 
-from belief.statistics.inputs import require_fraction
+from belief.statistics.inputs import normal_quantile, require_fraction
 
 _MOST_TRIALS = 10**15  # a float counts no further
 
@@ -21,7 +21,12 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
     >>> [round(x, 3) for x in wilson_interval(53, 100)]
     [0.433, 0.625]
     """
-    return _interval(successes, trials, confidence, "wilson")
+    some, every = _checked(successes, trials, confidence)
+    z, share = normal_quantile(float(confidence)), some / every
+    denominator = 2.0 * (every + z**2)
+    centre = (2.0 * every * share + z**2) / denominator
+    reach = z / denominator * math.sqrt(4.0 * every * share * (1.0 - share) + z**2)
+    return 0.0 if some == 0 else centre - reach, 1.0 if some == every else centre + reach
 
 
 def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -34,12 +39,12 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
     >>> [round(x, 4) for x in clopper_pearson_interval(0, 100)]
     [0.0, 0.0362]
     """
-    return _interval(successes, trials, confidence, "exact")
+    some, every = _checked(successes, trials, confidence)
+    interval = stats.binomtest(some, every).proportion_ci(float(confidence), "exact")
+    return float(interval.low), float(interval.high)
 
 
-def _interval(
-    successes: int, trials: int, confidence: float, method: Literal["wilson", "exact"]
-) -> tuple[float, float]:
+def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
     some, every = float(successes), float(trials)  # small floats cannot be compared with the largest number of trials
     if not (some.is_integer() and every.is_integer() and 0 <= some <= every and 1 <= every <= _MOST_TRIALS):
         raise ValueError(
@@ -47,5 +52,4 @@ def _interval(
             f"got {successes} of {trials}"
         )
     require_fraction("confidence", confidence)
-    interval = stats.binomtest(int(successes), int(trials)).proportion_ci(float(confidence), method)
-    return float(interval.low), float(interval.high)
+    return int(successes), int(trials)

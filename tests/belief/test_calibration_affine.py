@@ -1,5 +1,7 @@
 """Vector, Dirichlet and structured matrix scaling against objectives written out a second time."""
 
+import tracemalloc
+
 import mpmath
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from belief.calibration import (
     TemperatureScaling,
     VectorScaling,
 )
+from belief.calibration import softmax_regression
 from belief.calibration.affine import AffineCalibration
 from belief.calibration.softmax_regression import SoftmaxRegression
 
@@ -223,3 +226,26 @@ def test_before_the_fit_there_are_no_coefficients(calibration):
     with pytest.raises(ValueError, match="call fit first"):
         _ = calibration.weights
     assert type(calibration).from_json(calibration.to_json(["cube"]), ["cube"]).coefficients is None
+
+
+@pytest.mark.parametrize("kind", [VectorScaling, StructuredMatrixScaling, DirichletCalibration])
+def test_many_coefficients_are_fitted_as_few_are(kind, monkeypatch, rng):
+    labels = np.arange(400) % 5
+    logits = 2.0 * np.eye(5)[labels] + rng.normal(size=(400, 5)) + rng.normal(size=(5, 5))[labels]
+    few = kind().fit(logits, labels)
+    monkeypatch.setattr(softmax_regression, "_MOST_DENSE", 0)
+    many = kind().fit(logits, labels)
+    np.testing.assert_allclose(many.coefficients, few.coefficients, rtol=1e-7, atol=1e-7)
+    assert np.abs(many.objective(logits, labels)[1]).max() < 1e-8
+
+
+def test_a_hundred_shapes_are_calibrated_without_a_matrix_of_all_pairs_of_coefficients(rng):
+    labels = np.arange(300) % 100
+    logits = 2.0 * np.eye(100)[labels] + rng.normal(size=(300, 100))
+    tracemalloc.start()
+    fitted = StructuredMatrixScaling().fit(logits, labels)
+    slope = np.abs(fitted.objective(logits, labels)[1]).max()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert slope < 1e-8
+    assert peak < 50e6  # the matrix alone would be 8 (100 · 101)² = 816e6

@@ -49,7 +49,7 @@ def test_a_shape_without_touches_gets_a_uniform_row():
         ([], [], {}, "at least one touch"),
         ([Touch(0, np.zeros(2))], [2], {}, r"\[0, 2\)"),
         ([Touch(0, np.zeros(2))], [0, 1], {}, "one shape and object for each"),
-        ([Touch(0, np.array([np.nan, 0.0]))], [0], {}, "finite logits"),
+        ([Touch(0, np.array([-np.inf, 0.0]))], [0], {}, "finite logits"),
         ([Touch(0, np.zeros(1))], [0], {}, "at least two shapes"),
         ([Touch(0, np.zeros(2))], [0], {"smoothing": 0.0}, "smoothing must be > 0"),
         ([Touch(0, np.zeros(2))], [0], {"pooling": np.inf}, "both finite"),

@@ -1,10 +1,12 @@
+import numpy as np
 import pytest
 
-from belief import Composition, SearchProblem
+from belief import ActiveTouchError, Composition, SearchProblem, Touch
+from belief.synthetic import SyntheticWorld, random_model
 
 
 def problem(**options):
-    return SearchProblem(**({"shape_labels": "abcd", "pose_labels": "pq", "num_objects": 4} | options))
+    return SearchProblem(**({"shape_labels": tuple("abcd"), "pose_labels": tuple("pq"), "num_objects": 4} | options))
 
 
 @pytest.mark.parametrize(
@@ -24,6 +26,16 @@ def test_reward_is_plus_one_for_the_right_end_and_minus_one_otherwise(confirmed,
         ({"touch_cost": -0.1}, "≥ 0"),
         ({"touch_cost": float("nan")}, "finite"),
         ({"touch_limit": 0}, "touch_limit"),
+        ({"touch_limit": float("nan")}, "touch_limit"),
+        ({"num_objects": 1.5}, "num_objects .* 1.5"),
+        ({"num_objects": float("nan")}, "num_objects .* nan"),
+        ({"num_objects": True}, "num_objects"),
+        ({"shape_labels": "abcd"}, "shape_labels .* 'abcd'"),
+        ({"pose_labels": "pq"}, "pose_labels .* 'pq'"),
+        ({"shape_labels": ("a", "b", "c", "a")}, "shape_labels must differ"),
+        ({"pose_labels": ("p", "p")}, "pose_labels must differ"),
+        ({"pose_labels": ()}, "pose_labels .* at least one"),
+        ({"shape_labels": (1, 2, 3, 4)}, "shape_labels .* names"),
     ],
 )
 def test_a_problem_that_makes_no_sense_is_refused(options, message):
@@ -41,3 +53,40 @@ def test_a_composition_may_be_given_by_name():
 
 def test_more_objects_than_shapes_are_fine_when_independent():
     assert problem(num_objects=12, composition=Composition.INDEPENDENT).num_objects == 12
+
+
+@pytest.mark.parametrize(
+    ("pose", "logits", "message"),
+    [
+        (-1, [0.0, 1.0], "-1"),
+        (0.5, [0.0, 1.0], "0.5"),
+        (None, [0.0, 1.0], "None"),
+        ("x", [0.0, 1.0], "'x'"),
+        (True, [0.0, 1.0], "True"),
+        (0, [np.nan, 1.0], "NaN"),
+        (0, [np.inf, 1.0], "inf"),
+        (0, 3.0, "row of logits"),
+        (0, None, "real numbers"),
+        (0, [], "row of logits"),
+        (0, [[0.0, 1.0]], "row of logits"),
+        (0, ["a", "b"], "real numbers"),
+        (0, [1j, 0.0], "real numbers"),
+        (0, [True, False], "real numbers"),
+        (0, np.ma.masked_equal([3.0, 1.0], 1.0), "masked"),
+    ],
+)
+def test_a_touch_of_what_is_no_touch_is_refused(pose, logits, message):
+    with pytest.raises(ActiveTouchError, match=message):
+        Touch(pose, logits)
+
+
+def test_a_touch_may_rule_shapes_out():
+    assert Touch(np.int64(2), [-np.inf, 0.0]).logits.tolist() == [-np.inf, 0.0]
+
+
+def test_no_object_follows_the_last():
+    world = SyntheticWorld(random_model(np.random.default_rng(0)), arrangement=[2, 0])
+    world.advance()
+    with pytest.raises(ActiveTouchError, match="last of 2"):
+        world.advance()
+    assert world.touch(0, np.random.default_rng(0)).pose == 0

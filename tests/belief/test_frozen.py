@@ -1,0 +1,167 @@
+"""Holders of arrays: nobody changes what they hold, neither through the caller's array nor through a copy of them."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
+from belief.batch import TouchBatch
+from belief.calibration import CALIBRATIONS, TemperatureScaling
+from belief.frozen import FrozenArrays, frozen
+from belief.metrics import reliability_curve
+from belief.novelty import MahalanobisScore
+from belief.observation_model import (
+    ConfusionModel,
+    FeatureEmbedding,
+    GaussianModel,
+    LogitEmbedding,
+    OutcomeTable,
+    PLDAModel,
+    RatioModel,
+    SignatureModel,
+)
+from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.variance_components import Components
+from belief.synthetic import random_model
+from belief.tabular import TabularModel
+from planners.solve import TouchProblem
+from planners.solve.problem import SearchTouchProblem
+
+LABELS = ("ball", "cube")
+ROWS = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.5, 3.0]])
+TRUTH = np.array([0, 1, 0, 1])
+TABLE = np.array([[[0.9, 0.1], [0.2, 0.8]]])
+IDENTITY = np.stack([np.eye(1)] * 2)
+
+
+def embedding():
+    return LogitEmbedding(np.full(2, -9.0), np.full(2, 9.0))
+
+
+# Each from arrays that it is given, so that all of them can be written to afterwards.
+HOLDERS = {
+    "Belief": (lambda a: Belief(LABELS, a), [np.log([0.25, 0.75])]),
+    "Touch": (lambda a, b: Touch(0, a, b), [ROWS[0], np.ones(3, np.float32)]),
+    "TouchBatch": (TouchBatch, [np.zeros((1, 4), np.int64), ROWS[None], np.ones((1, 4, 3))]),
+    "TouchBatch of touches": (lambda a: TouchBatch.of([[Touch(0, row) for row in a]]), [ROWS]),
+    "LabelledTouches": (lambda a, b: LabelledTouches.of([Touch(0, row) for row in a], b, None), [ROWS, TRUTH]),
+    "OutcomeTable": (OutcomeTable, [TABLE]),
+    "TabularModel": (lambda a: TabularModel(LABELS, OutcomeTable(a)), [TABLE]),
+    "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
+    "FeatureEmbedding": (
+        FeatureEmbedding,
+        [np.zeros(3), np.eye(1, 3), np.full(1, -9.0), np.full(1, 9.0), np.ones((1, 2)), np.zeros(2)],
+    ),
+    "ConfusionModel": (lambda a: ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), [TABLE]),
+    "SignatureModel": (
+        lambda a: SignatureModel(ConfusionModel(LABELS, a, TemperatureScaling(1.0, "ok")), 0.5),
+        [TABLE],
+    ),
+    "GaussianModel": (lambda a, b: GaussianModel(LABELS, embedding(), a, b), [np.array([[[0.0], [1.0]]]), IDENTITY]),
+    "PLDAModel": (
+        lambda a, b: PLDAModel(LABELS, embedding(), a, Components(b, b, b)),
+        [np.array([[[0.0], [1.0]]]), IDENTITY],
+    ),
+    "RatioModel": (
+        lambda a, b, c: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b, directions=c),
+        [np.array([0.5, 0.5]), ROWS[None], 0.5 * np.eye(2)],
+    ),
+    "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
+    "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),
+    "TouchProblem": (lambda a, b: TouchProblem(a, b, 0, 0.1), [TABLE, np.array([0.5, 0.5])]),
+    "SearchTouchProblem": (
+        lambda a, b: SearchTouchProblem(a, 2, "independent", 0, 0.1, b),
+        [TABLE, np.array([0.5, 0.5])],
+    ),
+    **{
+        name: (lambda a, kind=kind: kind().fit(a, TRUTH), [ROWS])
+        for name, kind in CALIBRATIONS.items()
+        if issubclass(kind, FrozenArrays)
+    },
+}
+
+
+def arrays_in(value):
+    """All arrays of an object and of what it holds."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, tuple):
+        for part in value:
+            yield from arrays_in(part)
+    elif hasattr(value, "__dataclass_fields__"):
+        for name in value.__dataclass_fields__:
+            yield from arrays_in(getattr(value, name))
+
+
+def made(name):
+    make, given_ = HOLDERS[name]
+    mine = [array.copy() for array in given_]
+    return make(*mine), mine
+
+
+def subclasses(kind):
+    for child in kind.__subclasses__():
+        yield child
+        yield from subclasses(child)
+
+
+def test_every_holder_of_this_package_is_tried():
+    tried = {type(made(name)[0]).__name__ for name in HOLDERS}
+    known = {kind.__name__ for kind in subclasses(FrozenArrays) if kind.__module__.startswith(("belief.", "planners."))}
+    assert known - tried <= {"ArrayModel", "AffineCalibration"}
+
+
+@pytest.mark.parametrize("name", HOLDERS)
+@given(st.data())
+def test_writing_to_an_array_that_was_given_changes_nothing(name, data):
+    holder, mine = made(name)
+    before = [array.copy() for array in arrays_in(holder)]
+    array = data.draw(st.sampled_from(mine))
+    array.flat[data.draw(st.integers(0, array.size - 1))] = 77
+    for now, then in zip(arrays_in(holder), before, strict=True):
+        np.testing.assert_array_equal(now, then)
+
+
+@pytest.mark.parametrize("name", HOLDERS)
+@pytest.mark.parametrize("again", [lambda x: x, copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_arrays_are_read_only_and_stay_so_in_copies_and_pickles(name, again):
+    holder = again(made(name)[0])
+    found = list(arrays_in(holder))
+    assert found
+    for array, original in zip(found, arrays_in(made(name)[0]), strict=True):
+        np.testing.assert_array_equal(array, original)
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+def test_a_view_of_an_array_that_can_be_written_to_is_copied():
+    mine = np.zeros((2, 3))
+    view = mine[0]
+    view.flags.writeable = False
+    kept = frozen(view)
+    mine[0] = 1.0
+    assert kept.tolist() == [0.0] * 3
+    assert frozen(kept[1:]).base is kept
+
+
+@pytest.mark.parametrize("follow", ["scene", "tracker"])
+def test_one_array_for_all_touches_gives_the_beliefs_of_an_array_for_each(follow):
+    def run(shared):
+        model, array = random_model(np.random.default_rng(0), num_shapes=3), np.zeros(3)
+        rng = np.random.default_rng(1)
+        tracker = BeliefTracker(Belief.uniform(model.shape_labels), model)
+        scene = SceneBelief(SearchProblem(model.shape_labels, ("p",), 2, "independent"), model)
+        for _ in range(6):
+            array = array if shared else np.zeros(3)
+            array[:] = rng.normal(size=3)
+            tracker.update(Touch(0, array)) if follow == "tracker" else scene.update(0, [Touch(0, array)])
+        array[:] = -1e9
+        touches = tracker.touches if follow == "tracker" else scene.touches(0)
+        belief = tracker.belief if follow == "tracker" else scene.belief(0)
+        return belief.probs.tolist(), [touch.logits.tolist() for touch in touches]
+
+    assert run(shared=True) == run(shared=False)
