@@ -70,7 +70,7 @@ def require_fraction(name: str, value: float) -> None:
 
     >>> require_fraction("confidence", 95)
     Traceback (most recent call last):
-    ValueError: confidence must lie in (0, 1), got 95
+    belief.errors.InvalidArgument: confidence must lie in (0, 1), got 95
     """
     if not isinstance(value, int | float | np.number) or not 0.0 < value < 1.0:
         raise InvalidArgument(f"{name} must lie in (0, 1), got {value!r}")

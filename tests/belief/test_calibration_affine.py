@@ -14,8 +14,8 @@ from belief.calibration import (
     StructuredMatrixScaling,
     TemperatureScaling,
     VectorScaling,
+    softmax_regression,
 )
-from belief.calibration import softmax_regression
 from belief.calibration.affine import AffineCalibration
 from belief.calibration.softmax_regression import SoftmaxRegression
 

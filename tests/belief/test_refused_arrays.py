@@ -1,0 +1,105 @@
+"""What is no array of numbers, or stands for an absurd size, is refused by name, at once."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from belief import ActiveTouchError, Touch, metrics, statistics
+from belief.calibration import CALIBRATIONS, PerPose
+from belief.novelty import MahalanobisScore, auroc, energy_score
+from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+
+PROBS = np.array([[0.8, 0.2], [0.3, 0.7], [0.6, 0.4], [0.5, 0.5]])
+TRUTH = np.array([0, 1, 0, 1])
+NO_NUMBERS = {
+    "masked": lambda a: np.ma.masked_array(a, np.arange(a.size).reshape(a.shape) == 1),
+    "text": lambda a: a.astype(str),
+    "objects": lambda a: a.astype(object),
+    "booleans": lambda a: a > 0.5,
+}
+OF_NUMBERS = {
+    **{f"fit {name}": (lambda a, kind=kind: kind().fit(a, TRUTH)) for name, kind in CALIBRATIONS.items()},
+    **{f"predict {name}": (lambda a, kind=kind: kind().predict_proba(a)) for name, kind in CALIBRATIONS.items()},
+    "PerPose": lambda a: PerPose().fit(a, TRUTH, np.zeros(4, int)),
+    "accuracy": lambda a: metrics.accuracy(a, TRUTH),
+    "brier_score": lambda a: metrics.brier_score(a, TRUTH),
+    "expected_calibration_error": lambda a: metrics.expected_calibration_error(a, TRUTH),
+    "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, TRUTH),
+    "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
+    "claims_at_stop": lambda a: metrics.claims_at_stop(a[:, 0], TRUTH, TRUTH),
+    "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
+    "energy_score": energy_score,
+    "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),
+}
+
+
+@pytest.mark.parametrize("what", NO_NUMBERS)
+@pytest.mark.parametrize("name", OF_NUMBERS)
+def test_arrays_of_no_numbers_are_refused(name, what):
+    OF_NUMBERS[name](PROBS)
+    wrong = np.repeat(NO_NUMBERS[what](PROBS), 1, axis=0) if what != "masked" else np.ma.masked_array(PROBS, PROBS > 0)
+    with pytest.raises(ActiveTouchError, match=r"masked|real numbers"):
+        OF_NUMBERS[name](wrong)
+
+
+@pytest.mark.parametrize("what", ["masked", "text", "objects"])
+def test_statistics_of_no_numbers_are_refused(what):
+    x, rng = TRUTH.astype(float), np.random.default_rng(0)
+    wrong = NO_NUMBERS[what](x)
+    for call in (
+        lambda: statistics.paired_bootstrap(wrong, x, rng),
+        lambda: statistics.mcnemar_test(wrong, x),
+        lambda: statistics.pareto_front(wrong, x),
+    ):
+        with pytest.raises(ActiveTouchError, match=r"masked|array of"):
+            call()
+
+
+def test_masked_labels_are_refused():
+    masked = np.ma.masked_equal(TRUTH, 1)
+    for call in (
+        lambda: CALIBRATIONS["temperature"]().fit(PROBS, masked),
+        lambda: metrics.accuracy(PROBS, masked),
+        lambda: ConfusionModel.fit([Touch(0, row) for row in PROBS], masked),
+    ):
+        with pytest.raises(ActiveTouchError, match="masked"):
+            call()
+
+
+@pytest.mark.parametrize("options", [{}, {"num_poses": 10**9}])
+@pytest.mark.parametrize("kind", [ConfusionModel, SignatureModel, GaussianModel, PLDAModel, RatioModel, PerPose])
+def test_a_pose_number_that_no_data_can_have_is_refused_before_it_takes_memory(kind, options):
+    poses = [0, 1, 0, 1 if options else 10**9]
+    touches = [Touch(pose, row) for pose, row in zip(poses, PROBS, strict=True)]
+    data = (PROBS, TRUTH, poses) if kind is PerPose else (touches, TRUTH, np.arange(4))
+    fit = kind().fit if kind is PerPose else kind.fit
+    with pytest.raises(ActiveTouchError, match="1000"):
+        fit(*data, **options)
+
+
+@pytest.mark.parametrize("interval", [statistics.wilson_interval, statistics.clopper_pearson_interval])
+@pytest.mark.parametrize("confidence", [1 - 1e-16, 1 - 2e-16, 1e-300, 0.5, 0.999999])
+@pytest.mark.parametrize(("successes", "trials"), [(0, 1), (3, 7), (7, 7), (10**15 - 1, 10**15)])
+def test_intervals_hold_the_share_at_any_confidence(interval, confidence, successes, trials):
+    low, high = interval(successes, trials, confidence)
+    assert 0.0 <= low <= successes / trials + 1e-9
+    assert successes / trials - 1e-9 <= high <= 1.0
+
+
+@pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.99])
+def test_wilson_intervals_are_those_of_scipy(confidence):
+    for successes, trials in ((0, 5), (3, 7), (53, 100), (9, 9)):
+        expected = stats.binomtest(successes, trials).proportion_ci(confidence, "wilson")
+        assert statistics.wilson_interval(successes, trials, confidence) == (expected.low, expected.high)
+
+
+def test_nearer_to_certainty_intervals_only_grow():
+    widths = [np.ptp(statistics.wilson_interval(3, 7, 1 - 10.0**-k)) for k in range(1, 17)]
+    assert (np.diff(widths) > 0.0).all()
+
+
+@pytest.mark.parametrize("confidence", [0.0, 1.0, float("nan"), -1.0, 95, "0.95", None])
+def test_what_is_no_confidence_is_refused(confidence):
+    for interval in (statistics.wilson_interval, statistics.clopper_pearson_interval):
+        with pytest.raises(ActiveTouchError, match="confidence"):
+            interval(3, 7, confidence)
