@@ -180,4 +180,4 @@ def _names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
 
 def _require_count(name: str, number: int) -> None:
     if not isinstance(number, int | np.integer) or isinstance(number, bool) or number < 1:
-        raise InvalidArgument(f"{name} must be a whole number of at least 1, got {number!r}")
+        raise InvalidArgument(f"{name} must be an integer, at least 1, got {number!r}")

@@ -28,7 +28,7 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
     >>> pose_count(np.array([0, 10**9]), None)
     Traceback (most recent call last):
     ...
-    belief.errors.InvalidArgument: touch 1 has pose 1000000000: 2 touches are fitted in at most 1000 poses
+    belief.errors.InvalidArgument: touch 1 has pose 1000000000, 2 touches are fitted in at most 1000 poses
     """
     largest, most = int(poses.max()), max(_MOST_POSES, poses.size)
     if num_poses is not None and not (isinstance(num_poses, int | np.integer) and 1 <= num_poses <= most):
@@ -38,7 +38,7 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
         known = f"{poses.size} touches are fitted in at most {most} poses"
         if num_poses is not None:
             known = f"num_poses is {num_poses}"
-        raise InvalidArgument(f"touch {touch} has pose {poses[touch]}: {known}")
+        raise InvalidArgument(f"touch {touch} has pose {poses[touch]}, {known}")
     return largest + 1 if num_poses is None else int(num_poses)
 
 
