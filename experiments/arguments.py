@@ -106,23 +106,25 @@ def check_arguments(command: Any, prefix: str = "--") -> None:
     Raises:
         BadArgument: one breaks its rule; the message names the flag, the rule and the value.
     """
-    for flag, value, rules in arguments(command, prefix):
+    for flag, _, value, rules in arguments(command, prefix):
         for rule in rules:
             if value is not None and (must := rule.broken(value)) is not None:
                 raise BadArgument(f"{flag} must {must}, got {_words(value)}")
 
 
-def arguments(command: Any, prefix: str = "--") -> Iterator[tuple[str, Any, list[Rule]]]:
-    """Flag, value and rules of every argument of a command, those of nested groups included."""
+def arguments(
+    command: Any, prefix: str = "--", path: tuple[str, ...] = ()
+) -> Iterator[tuple[str, tuple[str, ...], Any, list[Rule]]]:
+    """Flag, attributes that lead to it, value and rules of every argument of a command, nested groups included."""
     annotations = get_type_hints(type(command), include_extras=True)
     for field in fields(command):
         value, metadata = getattr(command, field.name), list(_metadata(annotations[field.name]))
         flag = prefix + field.name.replace("_", "-")
         if is_dataclass(value):
             unnamed = any(getattr(one, "name", None) == "" for one in metadata)  # tyro.conf.arg(name="")
-            yield from arguments(value, prefix if unnamed else f"{flag}.")
+            yield from arguments(value, prefix if unnamed else f"{flag}.", (*path, field.name))
         else:
-            yield flag, value, [one for one in metadata if isinstance(one, Rule)]
+            yield flag, (*path, field.name), value, [one for one in metadata if isinstance(one, Rule)]
 
 
 def _metadata(annotation: Any) -> Iterator[Any]:

@@ -18,7 +18,7 @@ from rich.console import Console
 from activetouch.rendering import RENDERERS
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
-from experiments.arguments import BadArgument
+from experiments.arguments import BadArgument, check_arguments
 from experiments.console import plain_console
 from experiments.episodes import Setting
 from experiments.holdings import CEILING_EPISODES, Holdings, Selection
@@ -300,6 +300,7 @@ class Compare:
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
         """The search and the targets, or an error before anything is started or written."""
+        check_arguments(self)
         named, num_objects = self.setting.choice.named, self.setting.num_objects
         composition, shapes = self.setting.composition or named.composition, named.scene.shape_labels
         if num_objects is not None and num_objects > len(shapes) and composition == Composition.DISTINCT:

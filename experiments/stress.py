@@ -1,4 +1,7 @@
-"""``activetouch stress``: the numerical and physical extremes, what happened, and how it was judged."""
+"""``activetouch stress``: extremes of what a user meets, what happened, and how it was judged.
+
+Extremes of the mathematics (beliefs, calibrations, deciders) are tests: ``tests/extremes``.
+"""
 
 from __future__ import annotations
 
@@ -12,19 +15,21 @@ from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 
+from rich.progress import Progress
+
 from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_writable
 from experiments.console import plain_console
+from experiments.parallel import progress_bar
 from experiments.stress_cases import Case, Finding, Verdict, judge
 
 AREAS: Mapping[str, str] = MappingProxyType(
     {
-        "beliefs": "Bayes' rule, trackers, scenes, arrangements, problems",
-        "evidence": "calibrations, observation models, metrics, statistics",
-        "planners": "deciders, stopping, probing, the search loop",
         "touch": "presses, pads, objects, images, scenes",
         "files": "checkpoints, observation models, shards, manifests, meshes",
-        "commands": "arguments, run folders",
+        "commands": "names, run folders, what is not there",
+        "arguments": "numbers out of their range, of every command",
+        "foreign": "sensors and collections of other scenes, deciders of a user's own",
     }
 )
 """Where cases are: ``experiments/stress_AREA.py`` has those of an area, in ``CASES``."""
@@ -47,7 +52,7 @@ def cases_of(area: str) -> Sequence[Case]:
 
 @dataclass(frozen=True)
 class Stress:
-    """Hand extremes to every public function: 0, 1, ±1e308, NaN, nothing, one, the torn and the tampered with.
+    """Hand extremes to what a user meets: touches, files, commands, and parts that come from elsewhere.
 
     Each case must give the right answer, which is known beforehand, or an error of a stated type that says what was
     wrong. Anything else is a failure: a wrong answer, NaN, a warning, another error, or none where there should be one.
@@ -55,11 +60,11 @@ class Stress:
     For example:
 
         activetouch stress
-        activetouch stress --areas beliefs files
+        activetouch stress --areas arguments files
     """
 
     areas: tuple[str, ...] = tuple(AREAS)
-    """Which of beliefs, evidence, planners, touch, files, commands."""
+    """Which of touch, files, commands, arguments, foreign."""
     out: Path = Path("runs/stress")
     """Folder for report.html and findings.csv."""
 
@@ -69,15 +74,17 @@ class Stress:
         Raises:
             NotRobust: a case failed; the report is written nevertheless.
         """
-        from rich.progress import track
-
         require_writable(self.out)
         cases = {area: cases_of(area) for area in self.areas}
         pairs = [(area, case) for area, some in cases.items() for case in some]
         findings: dict[str, list[Finding]] = {area: [] for area in cases}
-        for area, case in track(pairs, "stressing", console=plain_console(stderr=True), transient=True):
-            with _silently():
-                findings[area].append(judge(case))
+        # The bar keeps to the stderr of now, while that of the commands under test is silenced.
+        console = plain_console(file=sys.stderr)
+        bar = Progress(*progress_bar().columns, console=console, redirect_stdout=False, redirect_stderr=False)
+        with bar as progress:
+            for area, case in progress.track(pairs, description="stressing"):
+                with _silently():
+                    findings[area].append(judge(case))
         report(self.out, findings)
         failed = [finding for some in findings.values() for finding in some if finding.verdict is Verdict.FAILED]
         for finding in failed:

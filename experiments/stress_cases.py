@@ -65,6 +65,9 @@ class Case:
     expected: Expectation
     is_slow: bool = False
 
+    def __str__(self) -> str:
+        return f"{self.entry}, {self.given}"
+
 
 @dataclass(frozen=True)
 class Finding:

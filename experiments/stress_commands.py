@@ -12,17 +12,17 @@ from activetouch.recipe import RECIPES
 from activetouch.rendering import Quantisation
 from belief.errors import CannotWrite, CorruptFile, UnknownName
 from belief.files import sealed_json
+from experiments.arguments import BadArgument
 from experiments.bank import SensorNoise, UnknownLikelihood
 from experiments.calibration_report import CalibrationReport
 from experiments.collect import Collect
-from experiments.compare import BadArgument, Compare
+from experiments.compare import Compare
 from experiments.episodes import Setting
 from experiments.explain import Explain
 from experiments.replay import Replay
 from experiments.results import RunFolder, RunMismatch, ShardKey
 from experiments.scene_choice import DuplicateShape, SceneChoice
 from experiments.sensors import NoSensor
-from experiments.sliding_windows import WindowPlan
 from experiments.stress_cases import Case, answers, equal_to, in_folder, refuses
 from experiments.touch import Touch
 from experiments.train import Changes, Train
@@ -86,9 +86,6 @@ def _with_versions(folder: Path) -> None:
 _TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
 CASES: tuple[Case, ...] = (
-    refuses("compare", "no episodes", _played(episodes=0), BadArgument, "at least 1"),
-    refuses("compare", "no processes", _played(jobs=0), BadArgument, "at least 1"),
-    refuses("compare", "a negative seed", _played(seed=-1), BadArgument, "at least 0"),
     refuses("compare", "a run.json that was cut off", _after(_cut_run), CorruptFile, "Choose another --out"),
     refuses("compare", "a file as --out", in_folder(_into_a_file), CannotWrite, "is no folder"),
     refuses("compare", "no decider", _played(deciders=()), BadArgument, "must name one"),
@@ -186,7 +183,6 @@ CASES: tuple[Case, ...] = (
         CorruptFile,
         "activetouch collect|manifest",
     ),
-    refuses("train", "no epochs", lambda: Changes(epochs=0).of(RECIPES["paper"]), ImpossibleRecipe, "at least 1"),
     refuses(
         "train",
         "a rate of NaN",
@@ -201,7 +197,6 @@ CASES: tuple[Case, ...] = (
         CorruptFile,
         "none",
     ),
-    refuses("reproduce", "no presses", lambda: WindowPlan(presses=0), ValueError, "at least 1"),
     refuses(
         "limit",
         "a sensor whose likelihood has no closed form",

@@ -93,7 +93,7 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
     for kind in set(commands().values()) - {Compare}:
         command = kind(**_NEEDED.get(kind, {}))
         paths = {flag: (path, many) for flag, path, _, many in _numbers(kind)}
-        for flag, _, rules in arguments(command):
+        for flag, _, _, rules in arguments(command):
             if any(isinstance(rule, Within) and rule.broken(0) for rule in rules):
                 path, many = paths[flag]
                 with pytest.raises(BadArgument, match=flag):

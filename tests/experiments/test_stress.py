@@ -16,6 +16,7 @@ import belief.statistics
 from experiments.stress import AREAS, NotRobust, Stress, cases_of
 from experiments.stress_cases import Verdict, answers, equal_to, judge, refuses, such_that
 
+_EXTREMES = Path(__file__).parents[1] / "extremes"
 CHEAP = [(area, case) for area in AREAS for case in cases_of(area) if not case.is_slow]
 # Words, bases and results that have no extremes of their own, and what is met through a table.
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "RaiseImpossible", "ObservationModel", "ArrayModel"}
@@ -42,7 +43,9 @@ def test_there_are_more_than_a_hundred_and_fifty_cases_and_none_twice():
 
 
 def test_every_public_name_of_belief_is_put_to_the_test():
-    text = "".join(path.read_text() for path in Path(cases_of.__code__.co_filename).parent.glob("stress_*.py"))
+    product = Path(cases_of.__code__.co_filename).parent
+    files = [*_EXTREMES.glob("test_*.py"), *product.glob("stress_*.py")]
+    text = "".join(path.read_text() for path in files)
     packages = (belief, belief.calibration, belief.metrics, belief.observation_model, belief.statistics)
     names = {name for package in packages for name in package.__all__} - WORDS
     assert not {name for name in names if not re.search(rf"\b{name}\b", text)}
@@ -77,12 +80,14 @@ def test_no_error_where_there_should_be_one_fails():
     assert judge(refuses("abs", "-1", lambda: abs(-1), ValueError, "")).verdict is Verdict.FAILED
 
 
-def test_the_report_has_every_case_and_its_verdict(tmp_path):
-    Stress(areas=("beliefs",), out=tmp_path).run()
+def test_the_report_has_every_case_and_its_verdict_and_progress_is_shown(tmp_path, capsys):
+    Stress(areas=("foreign",), out=tmp_path).run()
+    said = capsys.readouterr().err
     with (tmp_path / "findings.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [row["given"] for row in rows] == [case.given for case in cases_of("beliefs")]
-    assert {row["verdict"] for row in rows} == {"right answer", "clear error"}
+    assert [row["given"] for row in rows] == [case.given for case in cases_of("foreign")]
+    assert {row["verdict"] for row in rows} == {"clear error"}
+    assert re.search(rf"stressing .*{len(rows)}/{len(rows)}", said)
     html = (tmp_path / "report.html").read_text()
     assert f"{len(rows)} extremes were handed" in html
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)|<script""", html)
@@ -92,5 +97,5 @@ def test_a_failure_is_reported_and_raised(tmp_path, monkeypatch):
     bad = answers("it", "something", lambda: 2.0, equal_to(1.0))
     monkeypatch.setattr("experiments.stress.cases_of", lambda area: [bad])
     with pytest.raises(NotRobust, match="1 of 1 cases failed"):
-        Stress(areas=("beliefs",), out=tmp_path).run()
+        Stress(areas=("files",), out=tmp_path).run()
     assert "failed" in (tmp_path / "findings.csv").read_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from belief import Touch
@@ -54,7 +55,7 @@ from belief.statistics import (
     wilson_interval,
 )
 from belief.synthetic import random_model
-from experiments.stress_cases import Case, Expectation, answers, equal_to, refuses, such_that
+from experiments.stress_cases import Case, Expectation, Verdict, answers, equal_to, judge, refuses, such_that
 
 _NAN = math.nan
 _CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)
@@ -527,3 +528,9 @@ def _statistics() -> list[Case]:
 
 CASES: tuple[Case, ...] = (*_calibrations(), *_observation_models(), *_metrics(), *_statistics())
 """Of calibrations, observation models, metrics, novelty and statistics."""
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_an_extreme_is_answered_rightly_or_refused_with_a_reason(case):
+    finding = judge(case)
+    assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"

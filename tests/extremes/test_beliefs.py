@@ -6,6 +6,7 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 
 from belief import (
     BatchedBeliefTracker,
@@ -25,7 +26,7 @@ from belief.arrangement import arrangement_marginals, log_arrangement_evidence, 
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 from belief.errors import UnknownName
 from belief.synthetic import random_model, sample_arrangement
-from experiments.stress_cases import Case, answers, equal_to, refuses, such_that
+from experiments.stress_cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
 
 _HALF = np.log([0.5, 0.5])
 _NAN, _INF = math.nan, math.inf
@@ -424,3 +425,9 @@ CASES: tuple[Case, ...] = (
     ),
 )
 """Of :mod:`belief`, but for calibrations, observation models, metrics and statistics."""
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_an_extreme_is_answered_rightly_or_refused_with_a_reason(case):
+    finding = judge(case)
+    assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from belief import Composition, Counts, ImpossibleObservation, Probe, SearchProblem, Touch
 from belief.calibration import TemperatureScaling
@@ -16,7 +17,7 @@ from belief.chance import keyed_rng
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.stress_cases import Case, answers, equal_to, refuses, such_that
+from experiments.stress_cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
@@ -275,3 +276,11 @@ CASES: tuple[Case, ...] = (
     ),  # type: ignore[union-attr]
 )
 """Of :mod:`planners`; every decider of the table meets the same extremes."""
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow if case.is_slow else (), id=str(case)) for case in CASES]
+)
+def test_an_extreme_is_answered_rightly_or_refused_with_a_reason(case):
+    finding = judge(case)
+    assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"
