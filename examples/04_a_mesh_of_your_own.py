@@ -1,6 +1,6 @@
 """Teach the sensor a shape from a mesh file, a cup, and search for it among the four it knows.
 
-Run: python examples/04_a_mesh_of_your_own.py          (tens of minutes on two cores; everything goes to runs/cup)
+Run: python examples/04_a_mesh_of_your_own.py          (five minutes on two idle cores; everything goes to runs/cup)
 
 A new shape needs new touches, a classifier trained on them, and an observation model fitted to both. This example
 takes a twentieth of the default number of objects; with all of them the sensor becomes as good as the shipped one.
