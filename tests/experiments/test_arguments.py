@@ -69,6 +69,7 @@ def idle(monkeypatch):
 CASES = [
     pytest.param(kind, path, (value,) if many else value, flag, id=f"{name} {flag} {value}")
     for name, kind in commands().items()
+    if kind is not Compare  # whose own checks are in test_compare
     for flag, path, kinds, many in _numbers(kind)
     for value in _values(kinds)
 ]
