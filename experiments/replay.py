@@ -15,7 +15,7 @@ from belief.chance import touch_rng
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from belief.problem import Action
-from experiments.arguments import Ending, check_arguments
+from experiments.arguments import CountOrNone, Ending, check_arguments
 from experiments.episodes import Setting, load_sensor, make_world
 from experiments.results import RunFolder, read_episode
 from planners import Episode, Step
@@ -86,7 +86,7 @@ class Replay:
     """Who searched."""
     target: str = "cone"
     """For what."""
-    number: int = 0
+    number: CountOrNone = 0
     """Which of its episodes, from 0."""
     out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
     """Picture to write; the ending decides the format: .png, .svg, .pdf, or .gif and .webp for an animation."""
