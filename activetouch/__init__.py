@@ -5,9 +5,9 @@ environments (decision 0025).
 """
 
 from activetouch import envs
+from activetouch.named_scenes import SCENES
 from activetouch.poses import POSES
 from activetouch.scene import Dynamic, Quasistatic, Scene
-from activetouch.scenes import SCENES
 from activetouch.shapes import SHAPES
 from activetouch.world import TactileSensor, TouchWorld
 

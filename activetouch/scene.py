@@ -22,20 +22,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.contact import Contact
 from activetouch.distributions import Constant, Distribution, Uniform
-from activetouch.dynamic import Dynamic
 from activetouch.errors import BadMesh, UnstablePress
-from activetouch.pad import Pad
+from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
 from activetouch.poses import POSES, Quaternion
-from activetouch.presentation import Presentation, Tumbled
-from activetouch.press import Press, Quasistatic
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.press import Press, Quasistatic
+from activetouch.pressing.robot import ROBOTS, Robot
+from activetouch.pressing.setup import Stage
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.renderer import require_image, require_renderer
-from activetouch.robot import ROBOTS, Robot
 from activetouch.shapes import SHAPES, Mesh, Shape
-from activetouch.stage import Stage
 from belief.errors import UnknownName
 
 __all__ = ["Dynamic", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
@@ -102,7 +102,7 @@ class Scene:
             for the solid in that mesh file.
         poses: the exploration poses, by label; their order is the pose index.
         pad: the tactile pad.
-        press_model: how a press comes to its force (:mod:`activetouch.press`).
+        press_model: how a press comes to its force (:mod:`activetouch.pressing.press`).
         renderer: from contact to ideal image, by the rule of :class:`activetouch.rendering.TactileRenderer`.
         faults: from ideal image to sensor reading, in turn.
         variation: nuisances of objects and presses.

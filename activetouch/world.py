@@ -20,19 +20,19 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.card import ClassifierCard, read_card
 from activetouch.errors import LabelMismatch, SceneShift
+from activetouch.named_scenes import SCENES
+from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.rendering import read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import in_words, require_scene, scene_fields
-from activetouch.scenes import SCENES
 from belief import Touch
 from belief.errors import CorruptFile, UnknownName
 from belief.files import write_text
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
 
 if TYPE_CHECKING:
-    from activetouch.classifier import TouchClassifier
+    from activetouch.perception.classifier import TouchClassifier
 
 MODELS = Path(__file__).parent / "models"
 CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model.json"
@@ -192,7 +192,7 @@ class TactileSensor:
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift.
         """
-        from activetouch.classifier import TouchClassifier  # loads torch
+        from activetouch.perception.classifier import TouchClassifier  # loads torch
 
         model, fitted_to = observation_model_and_scene(folder)
         classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)

@@ -8,9 +8,9 @@ from belief.categorical import Belief
 from belief.composition import Composition, Counts
 from belief.errors import ActiveTouchError, ImpossibleObservation
 from belief.history import TouchHistory
-from belief.impossible import FloorLikelihood, IgnoreImpossible, RaiseImpossible, ZeroPriorTarget
+from belief.impossible_evidence import FloorLikelihood, IgnoreImpossible, RaiseImpossible, ZeroPriorTarget
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch
-from belief.scene import SceneBelief
+from belief.scene_belief import SceneBelief
 from belief.scene_view import SceneView
 from belief.tracker import BeliefTracker
 

@@ -36,7 +36,7 @@ from scipy.optimize import linear_sum_assignment
 from belief.errors import ImpossibleObservation
 from belief.multisets import Layer, layers, num_multisets
 from belief.problem import Floats
-from belief.rows import as_real
+from belief.validation import as_real
 
 MAX_STATES = 2**20
 """Multisets that exact sums are willing to go through: 20 distinct shapes."""

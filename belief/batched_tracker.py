@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
 from belief.errors import ImpossibleObservation
-from belief.impossible import RAISE, ImpossiblePolicy, warn_of_zero_prior
+from belief.impossible_evidence import RAISE, ImpossiblePolicy, warn_of_zero_prior
 from belief.problem import Floats
-from belief.rows import as_real, normalise_probs
+from belief.validation import as_real, normalise_probs
 
 _LARGEST = np.finfo(np.float64).max
 

@@ -29,7 +29,7 @@ from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
 from belief.problem import Floats
-from belief.rows import SUM_TOLERANCE, as_real, at, normalise_log_probs, normalise_probs, require
+from belief.validation import SUM_TOLERANCE, as_real, at, normalise_log_probs, normalise_probs, require
 
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache

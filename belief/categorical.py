@@ -12,7 +12,7 @@ from belief import bayes
 from belief.errors import UnknownName
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.rows import as_real, normalise_log_probs, normalise_probs
+from belief.validation import as_real, normalise_log_probs, normalise_probs
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,20 @@
-"""Files that are written whole or not at all, and JSON that carries a digest of its content."""
+"""Files that are written whole or not at all, and JSON that carries a digest of its content.
+
+>>> import errno, tempfile
+>>> holder = tempfile.TemporaryDirectory()
+>>> folder = Path(holder.name)
+>>> require_writable(folder)
+>>> write_text(folder / "a.txt", "whole")
+>>> require_writable_file(folder / "a.txt")
+>>> with atomic_path(folder / "a.txt") as temporary:
+...     _ = temporary.write_text("whole again")
+>>> [(path.name, path.read_text()) for path in folder.iterdir()]
+[('a.txt', 'whole again')]
+>>> full = OSError(errno.ENOSPC, "No space left on device")
+>>> is_of_writing(full), type(cannot_write(folder / "a.txt", full)).__name__
+(True, 'CannotWrite')
+>>> holder.cleanup()
+"""
 
 from __future__ import annotations
 

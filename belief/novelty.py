@@ -30,8 +30,8 @@ from scipy.special import expit
 
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.rows import as_real, unmasked
 from belief.statistics.inputs import normal_quantile, require_fraction
+from belief.validation import as_real, unmasked
 
 _LARGEST_FEATURE = 1e150  # squares of larger ones overflow
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.rows import as_real
+from belief.validation import as_real
 
 Floats: TypeAlias = NDArray[np.float64]
 

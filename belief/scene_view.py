@@ -9,14 +9,14 @@ from belief.history import TouchHistory
 from belief.problem import Floats
 
 if TYPE_CHECKING:
-    from belief.scene import ExactState, SceneBelief
+    from belief.scene_belief import ExactState, SceneBelief
 
 
 class SceneView:
     """The joint belief about all objects as it was when the view was made, for reading only.
 
     Later touches do not show in it. It has no method that changes a belief, takes no attribute, and returns copies or
-    what cannot be written to. :meth:`belief.scene.SceneBelief.view` makes one.
+    what cannot be written to. :meth:`belief.scene_belief.SceneBelief.view` makes one.
 
     >>> from belief import SceneBelief, SearchProblem
     >>> from belief.synthetic import random_model
@@ -46,31 +46,31 @@ class SceneView:
 
     @property
     def state(self) -> ExactState:
-        """See :attr:`belief.scene.SceneBelief.state`."""
+        """See :attr:`belief.scene_belief.SceneBelief.state`."""
         return self.__scene.state
 
     def touches(self, object_index: int) -> TouchHistory:
-        """See :meth:`belief.scene.SceneBelief.touches`."""
+        """See :meth:`belief.scene_belief.SceneBelief.touches`."""
         return self.__scene.touches(object_index)
 
     def marginals(self) -> Floats:
-        """See :meth:`belief.scene.SceneBelief.marginals`."""
+        """See :meth:`belief.scene_belief.SceneBelief.marginals`."""
         return self.__scene.marginals()
 
     def log_marginals(self) -> Floats:
-        """See :meth:`belief.scene.SceneBelief.log_marginals`."""
+        """See :meth:`belief.scene_belief.SceneBelief.log_marginals`."""
         return self.__scene.log_marginals()
 
     def log_likelihoods(self) -> Floats:
-        """See :meth:`belief.scene.SceneBelief.log_likelihoods`."""
+        """See :meth:`belief.scene_belief.SceneBelief.log_likelihoods`."""
         return self.__scene.log_likelihoods()
 
     def belief(self, object_index: int) -> Belief:
-        """See :meth:`belief.scene.SceneBelief.belief`."""
+        """See :meth:`belief.scene_belief.SceneBelief.belief`."""
         return self.__scene.belief(object_index)
 
     def prob_present(self, target: int) -> float:
-        """See :meth:`belief.scene.SceneBelief.prob_present`."""
+        """See :meth:`belief.scene_belief.SceneBelief.prob_present`."""
         return self.__scene.prob_present(target)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:

@@ -6,7 +6,7 @@ from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation
 from belief.history import TouchHistory
-from belief.impossible import RAISE, ImpossiblePolicy
+from belief.impossible_evidence import RAISE, ImpossiblePolicy
 from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import start
 from belief.problem import Touch

@@ -22,13 +22,13 @@ import numpy as np
 from activetouch.world import MODELS, load_observation_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
+from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from belief.tabular import TabularModel
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, make_decider, search_lockstep
 from planners.pomdp_py_adapter import Pouct, RandomRollout
+from planners.registry import TRAINED
 from planners.solve import SearchTouchProblem, solve
-from planners.table import TRAINED
 
 NUM_OBJECTS, TOUCH_COST = 4, 0.02
 TREES = ("pouct", "pomcp")

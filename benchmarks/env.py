@@ -20,11 +20,11 @@ import torch
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from activetouch import TactileSensor
-from activetouch.envs.bank import TouchBank
-from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.sb3 import BankVecEnv
-from activetouch.envs.touches import LiveTouches, SampledTouches, Touches
+from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import LiveTouches, SampledTouches, Touches
 from activetouch.envs.vector import BankVectorEnv
 
 ROUNDS = 5

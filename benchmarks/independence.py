@@ -17,10 +17,10 @@ from repeats import read_rounds
 from scipy.special import softmax
 
 from activetouch.world import MODELS, load_observation_model
-from belief.batch import TouchBatch
 from belief.observation_model import ArrayModel, OutcomeTable
+from belief.observation_model.selection import log_posteriors
 from belief.problem import Floats
-from belief.selection import log_posteriors
+from belief.touch_batch import TouchBatch
 
 
 def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:

@@ -15,7 +15,7 @@ from deciders import play
 
 from activetouch.world import MODELS, load_observation_model
 from belief.statistics import paired_bootstrap
-from planners.planned import PointBased
+from planners.point_based import PointBased
 
 FINEST = 96
 

@@ -21,16 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
-from activetouch.classifier import TouchClassifier
-from activetouch.dataset import read_split
-from activetouch.manifest import read_manifest
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import read_manifest
+from activetouch.perception.classifier import TouchClassifier
 from activetouch.world import CLASSIFIER_FILE, MODELS, load_observation_model
 from belief import SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap
 from belief.synthetic import sample_arrangement
-from experiments.scores import read_logits
-from experiments.sequences import Rounds
+from experiments.calibration.sequences import Rounds
+from experiments.sensor.scores import read_logits
 from planners import Decider, search_lockstep
 from planners.decider import SequentialDecider
 from planners.probing import TargetInformationGain

@@ -17,7 +17,7 @@ from functools import partial
 import tyro
 
 from experiments.parallel import run_tasks
-from experiments.results import EPISODES_PER_SHARD
+from experiments.search.run_folder import EPISODES_PER_SHARD
 
 _LINE = "x" * 4000  # a search of seven touches of four shapes, as JSON
 

@@ -15,8 +15,8 @@ import torch
 from rounds import time_in_rounds
 
 from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
-from activetouch.contact import surface_gap
 from activetouch.placement import Placement
+from activetouch.pressing.contact import surface_gap
 from belief import SceneBelief, SearchProblem
 from belief.arrangement import arrangement_marginals
 from planners import InformationState, make_decider

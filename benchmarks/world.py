@@ -21,15 +21,15 @@ from mujoco import rollout
 from rounds import time_in_rounds
 
 from activetouch import SCENES, Quasistatic, Scene
-from activetouch.contact import first_touch
-from activetouch.dynamic import Dynamic
-from activetouch.native_sensor import NativeSensor
-from activetouch.pad import Pad
 from activetouch.placement import Placement
-from activetouch.rig import Rig
-from activetouch.robot import Robot
+from activetouch.pressing.contact import first_touch
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.rig import Rig
+from activetouch.pressing.robot import Robot
+from activetouch.pressing.setup import Stage
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
-from activetouch.stage import Stage
+from benchmarks.mujoco_tactile import NativeSensor
 
 ROUNDS, NUM_CORES = 7, joblib.cpu_count()
 

@@ -14,32 +14,32 @@ from __future__ import annotations
 
 import sys
 
-from experiments.stopping import loading, running
+from experiments.command_line.signals import loading, running
 
 
 def commands() -> dict[str, type]:
     """Every command by name."""
-    from experiments.calibrate import Calibrate
-    from experiments.calibration_report import CalibrationReport
-    from experiments.collect import Collect
-    from experiments.compare import Compare
-    from experiments.explain import Explain
-    from experiments.fidelity import Fidelity
-    from experiments.frontier import Frontier
-    from experiments.leak import Leak
-    from experiments.learning_curve import LearningCurve
-    from experiments.limit import Limit
-    from experiments.merge import Merge
-    from experiments.overprobing import OverprobingCommand
-    from experiments.replay import Replay
-    from experiments.reproduce import Reproduce
-    from experiments.robustness import Robustness
-    from experiments.stress import Stress
-    from experiments.touch import Gallery, Record, Touch, View
-    from experiments.touch_bank import MakeTouchBank
-    from experiments.tradeoff import Tradeoff
-    from experiments.train import Train
-    from experiments.train_ppo import TrainPPO
+    from experiments.bayes_error.limit import Limit
+    from experiments.calibration.calibration_report import CalibrationReport
+    from experiments.extremes.stress import Stress
+    from experiments.paper.reproduce import Reproduce
+    from experiments.ppo.touch_bank import MakeTouchBank
+    from experiments.ppo.train_ppo import TrainPPO
+    from experiments.press.explain import Explain
+    from experiments.press.fidelity import Fidelity
+    from experiments.press.leak import Leak
+    from experiments.press.touch import Gallery, Record, Touch, View
+    from experiments.robustness.robustness import Robustness
+    from experiments.search.compare import Compare
+    from experiments.search.merge import Merge
+    from experiments.search.overprobing import OverprobingCommand
+    from experiments.search.replay import Replay
+    from experiments.sensor.calibrate import Calibrate
+    from experiments.sensor.collect import Collect
+    from experiments.sensor.frontier import Frontier
+    from experiments.sensor.learning_curve import LearningCurve
+    from experiments.sensor.train import Train
+    from experiments.tradeoff.tradeoff import Tradeoff
 
     return {
         "compare": Compare,
@@ -76,7 +76,7 @@ def main() -> None:
 
         from belief.errors import ActiveTouchError
         from belief.files import is_of_writing
-        from experiments.console import print_on_any_terminal
+        from experiments.command_line.console import print_on_any_terminal
 
         print_on_any_terminal()
         command = tyro.extras.subcommand_cli_from_dict(commands(), description=__doc__)

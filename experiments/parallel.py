@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from activetouch.workers import born_deaf, end_with_parent
 from belief.errors import ActiveTouchError
-from experiments.console import plain_console
+from experiments.command_line.console import plain_console
 
 T = TypeVar("T")
 

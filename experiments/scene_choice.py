@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from activetouch import Dynamic, Quasistatic
-from activetouch.deformable import Deformable
-from activetouch.guarded_move import GuardedMove
-from activetouch.presentation import Presentation, Resampled, Tumbled, Upright
-from activetouch.press import Press
+from activetouch.named_scenes import SCENES, NamedScene
+from activetouch.orientations import Presentation, Resampled, Tumbled, Upright
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS
-from activetouch.scenes import SCENES, NamedScene
 from activetouch.shapes import Mesh
 from belief.errors import ActiveTouchError, UnknownName
-from experiments.arguments import Positive
+from experiments.command_line.arguments import Positive
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),

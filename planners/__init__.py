@@ -2,8 +2,8 @@
 
 from planners.decider import Decider, Decision, InformationState, SequentialDecider
 from planners.episode import Episode, Outcome, Step
+from planners.registry import DECIDERS, make_decider
 from planners.search import World, search, search_lockstep
-from planners.table import DECIDERS, make_decider
 
 __all__ = [
     "DECIDERS",

@@ -1,7 +1,7 @@
 r"""Touch problems as files of Cassandra's ``.pomdp`` format, for other solvers: pomdp-solve, SARSOP, POMDPs.jl.
 
 A file holds everything as plain numbers: discount, states, actions, observations, the start, and full tables
-T(s' | a, s), O(o | a, s') and R(s, a). States are those of :mod:`planners.solve.stages` and one that is terminal:
+T(s' | a, s), O(o | a, s') and R(s, a). States are those of :mod:`planners.pomdp.stages` and one that is terminal:
 absorbing, and worth nothing. Labels are made of letters, digits, ``-`` and ``_`` and begin with a letter, which all
 parsers of the format take.
 
@@ -30,8 +30,8 @@ import numpy as np
 
 from belief.errors import CorruptFile, InvalidArgument
 from belief.problem import Floats
-from planners.solve.problem import SearchTouchProblem, TouchProblem
-from planners.solve.stages import StagedProblem, staged
+from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.stages import StagedProblem, staged
 
 _MAX_NUMBERS = 4_000_000
 _SEAL = "# sha256 of the lines below: "

@@ -39,8 +39,8 @@ from pomdp_py.utils.templates import SimpleAction, SimpleObservation, SimpleStat
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
+from planners.continuation_value import prob_missed, target_chances
 from planners.decider import Decision, InformationState, require_fit
-from planners.rest import prob_missed, target_chances
 
 _ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is the process's
 

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject
-from belief.encoding import ENCODINGS, NO_ACTION, Situation, frame_probs
 from belief.errors import ActiveTouchError
+from belief.policy_state import ENCODINGS, NO_ACTION, Situation, frame_probs
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
 
@@ -46,7 +46,7 @@ class PolicyCard:
     """What a policy is and what it was trained for; the file's header.
 
     Attributes:
-        state: what it sees, a key of :data:`belief.encoding.ENCODINGS`.
+        state: what it sees, a key of :data:`belief.policy_state.ENCODINGS`.
         target: shape it looks for.
         shape_labels, pose_labels: of the scene it was trained on.
         touch_limit: T_max, touches of one object.

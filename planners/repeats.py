@@ -48,7 +48,7 @@ class LeastUsedFirst:
 class CorrelatedRepeats:
     """Touches in one pose correlate by ρ: the n-th adds what n touches are worth beyond n - 1.
 
-    Worth is counted in independent touches, :func:`belief.observation_model.repeats.effective_touches`.
+    Worth is counted in independent touches, :func:`belief.observation_model.repeat_discount.effective_touches`.
 
     Attributes:
         correlation: ρ, in [0, 1].

@@ -16,8 +16,8 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
-from belief.chance import deciding_rng, touch_rng
 from belief.observation_model import ObservationModel
+from belief.seeding import deciding_rng, touch_rng
 from planners.answers import checked_decision
 from planners.decider import Decider, InformationState
 from planners.episode import Episode, Outcome, Step

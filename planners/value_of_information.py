@@ -1,8 +1,9 @@
 r"""Stop when no plan of one or two more touches is worth its cost: Bayes-risk stopping without thresholds.
 
 Stopping at a belief b is worth S(b) = max(c · b, r · b), where c pays +1 for confirming the target and -1 for anything
-else, and r is what going on with the search is worth after rejecting each shape (:mod:`planners.rest`). One more touch
-in a pose is worth E S(b') - λ; two are worth E max(S(b'), max_pose E S(b'') - λ) - λ. Looking one touch ahead fails
+else, and r is what going on with the search is worth after rejecting each shape (:mod:`planners.continuation_value`).
+One more touch in a pose is worth E S(b') - λ; two are worth E max(S(b'), max_pose E S(b'') - λ) - λ. Looking one touch
+ahead fails
 where poses tell something only together: then no single touch is worth its cost, and it never touches. Looking two
 ahead finds these (Krause & Guestrin 2009 call the value of information non-submodular). With a sensor so poor that a
 decision takes many touches, two are not enough either: thresholds then return more (docs/planners.md).
@@ -26,9 +27,9 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from planners.continuation_value import RestValues
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
-from planners.rest import RestValues
 from planners.stopping import require_count
 
 _TIE = 1e-12  # differences that rounding can make

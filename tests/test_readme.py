@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 LONG = {
     "04_a_mesh_of_your_own.py"
-}  # trains for minutes; tests/experiments/test_own_shape.py goes the same way in small
+}  # trains for minutes; tests/experiments/sensor/test_own_shape.py goes the same way in small
 
 
 @pytest.mark.mujoco
@@ -87,9 +87,9 @@ BOUND_IS_TOLD_IN = (
     "README.md",
     "docs/planners.md",
     "docs/ppo.md",
-    "experiments/compare.py",
-    "experiments/sheets.py",
-    "experiments/verdict.py",
+    "experiments/search/compare.py",
+    "experiments/search/tables.py",
+    "experiments/search/verdict.py",
 )
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from activetouch.envs.touches import LiveTouches, Objects, Press, Touches
+from activetouch.envs.touch_source import LiveTouches, Objects, Press, Touches
 from activetouch.world import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, Touch
-from belief.chance import arrangement_rng, checked_key, touch_rng
-from belief.encoding import NO_ACTION, Situation, frame_probs, paper_state
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
+from belief.policy_state import NO_ACTION, Situation, frame_probs, paper_state
+from belief.seeding import arrangement_rng, checked_key, touch_rng
 
 State = NDArray[np.float32]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
-from activetouch.envs.touches import Touches
-from activetouch.scenes import SCENES, NamedScene
+from activetouch.envs.touch_source import Touches
+from activetouch.named_scenes import SCENES, NamedScene
 from belief import Composition, SearchProblem
-from belief.encoding import TOUCH_LIMIT
+from belief.policy_state import TOUCH_LIMIT
 from belief.synthetic import sample_arrangement
 
 
@@ -55,7 +55,7 @@ class ObjectSearchEnv(TouchEnv):
     - `touch_cost=0.02`: λ, in units of a success.
     - `num_objects=None`, `composition=None`: the scene's by default.
     - `touch_limit=None`: of the whole search; 12 an object by default.
-    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touches.Touches`.
+    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touch_source.Touches`.
     - `render_mode=None`: or `"rgb_array"`.
 
     ## Version History

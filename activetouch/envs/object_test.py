@@ -6,9 +6,9 @@ import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
 from activetouch.envs.priors import ObjectPriors, TargetProb
-from activetouch.envs.touches import Touches
+from activetouch.envs.touch_source import Touches
 from belief import Belief, Composition, SearchProblem
-from belief.encoding import TOUCH_LIMIT
+from belief.policy_state import TOUCH_LIMIT
 
 
 class ObjectTestEnv(TouchEnv):
@@ -70,7 +70,7 @@ class ObjectTestEnv(TouchEnv):
     - `touch_limit=12`: T_max.
     - `target_prob=0.5`: how often the object is the target (decision 0030); or a range such as `(0.05, 0.95)`, from
       which every episode draws its own (decision 0024).
-    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touches.Touches`.
+    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touch_source.Touches`.
     - `render_mode=None`: or `"rgb_array"`.
 
     ## Version History

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from activetouch.envs.touches import LiveTouches, Press, Touches
+from activetouch.envs.touch_source import LiveTouches, Press, Touches
 from activetouch.errors import UnstablePress
 from belief import Belief
 
@@ -28,7 +28,7 @@ def _blank() -> NDArray[np.uint8]:
 def _scene(touches: Touches, press: Press | None) -> NDArray[np.uint8]:
     if press is None or not isinstance(touches, LiveTouches):
         return _blank()
-    from activetouch.picture import press_picture  # loads MuJoCo
+    from activetouch.view.picture import press_picture  # loads MuJoCo
 
     scene, rng = touches.sensor.scene, deepcopy(press.rng)
     while True:

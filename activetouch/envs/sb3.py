@@ -10,12 +10,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from activetouch.envs.episodes import BankEpisodes
-from belief.chance import keyed_rng
+from activetouch.envs.batched_episodes import BankEpisodes
+from belief.seeding import keyed_rng
 
 
 class BankVecEnv(VecEnv):
-    """:class:`activetouch.envs.episodes.BankEpisodes` for learners of Stable-Baselines3.
+    """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners of Stable-Baselines3.
 
     The dictionaries of episodes that end have ``episode`` (return with shaping, length), ``is_success`` and what SB3
     asks for; the others are empty. An episode that is truncated counts as ended for good: T_max is part of the paper's

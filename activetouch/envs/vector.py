@@ -11,11 +11,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from activetouch.envs.base import BadOption
-from activetouch.envs.episodes import BankEpisodes
+from activetouch.envs.batched_episodes import BankEpisodes
 
 
 class BankVectorEnv(VectorEnv):
-    """:class:`activetouch.envs.episodes.BankEpisodes` for learners that speak Gymnasium.
+    """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that speak Gymnasium.
 
     An episode that ends is begun anew in the same step: its last observation is in ``infos["final_obs"]``. ``infos``
     also has ``is_success`` and ``num_touches`` of every episode, as they were before that.

@@ -17,8 +17,8 @@ from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
 from activetouch.envs.base import TouchEnv
-from belief.encoding import certainty, posterior_state
 from belief.errors import ActiveTouchError
+from belief.policy_state import certainty, posterior_state
 
 _SMALLEST = 36  # pixels that the convolutions of common libraries need
 
@@ -56,7 +56,7 @@ def _touch_env(env: gymnasium.Env) -> TouchEnv:
 
 
 class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
-    """What the touches add up to: :func:`belief.encoding.posterior_state`, a ``Box(-1, 1)`` of K + P + 2 numbers.
+    """What the touches add up to: :func:`belief.policy_state.posterior_state`, a ``Box(-1, 1)`` of K + P + 2 numbers.
 
     The belief about the current object, the log-odds of the target squashed to [-1, 1], for each pose how worn it is
     (n/(n + 1) after n touches), the time; and of a whole search the share of objects left.
@@ -114,7 +114,7 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
 class BeliefShaping(gymnasium.Wrapper, RecordConstructorArgs):
     """A small reward for becoming sure: the paper's β, which it names and does not define (decision 0031).
 
-    F = β (γ Φ(s') - Φ(s)) with Φ = |:func:`belief.encoding.certainty`|, and Φ = 0 once the episode has terminated:
+    F = β (γ Φ(s') - Φ(s)) with Φ = |:func:`belief.policy_state.certainty`|, and Φ = 0 once the episode has terminated:
     a difference of potentials, which leaves the best policy the best (Ng, Harada & Russell 1999).
 
     Args:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from activetouch.contact import Contact
-from activetouch.pad import Pad
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.pad import Pad
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from activetouch.contact import Contact
+from activetouch.pressing.contact import Contact
 
 _AZIMUTHS = np.deg2rad([90.0, 210.0, 330.0])  # of the red, green and blue light
 

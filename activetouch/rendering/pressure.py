@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.contact import Contact
+from activetouch.pressing.contact import Contact
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.contact import Contact
 from activetouch.errors import WrongRenderer
+from activetouch.pressing.contact import Contact
 
 _RULE = "a renderer gives floating-point images in [0, 1], (n, n) in grey or (n, n, 3) in colour"
 _SLACK = 1e-6  # below 0, of rounding

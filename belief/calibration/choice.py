@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from belief.calibration.base import Calibration
 from belief.calibration.inputs import labelled_logits
 from belief.calibration.table import CALIBRATIONS
-from belief.folds import object_folds
+from belief.cross_validation import object_folds
 
 
 @dataclass(frozen=True, eq=False)

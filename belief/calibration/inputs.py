@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.rows import as_real, unmasked
+from belief.validation import as_real, unmasked
 
 _MOST_POSES = 1000  # unless there are more touches than that
 

@@ -15,7 +15,7 @@ from belief.calibration.serialisation import read_json, write_json
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.table import CALIBRATIONS
 from belief.problem import Floats
-from belief.rows import unmasked
+from belief.validation import unmasked
 
 
 @dataclass(frozen=True, eq=False)

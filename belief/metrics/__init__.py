@@ -19,10 +19,10 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.brier import BrierDecomposition, brier_decomposition, brier_score
-from belief.metrics.chance import null_quantile
 from belief.metrics.claims import ClaimsAtStop, StopScore, claims_at_stop
 from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
 from belief.metrics.interval import bias_corrected_interval
+from belief.metrics.null_distribution import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import accuracy, negative_log_likelihood

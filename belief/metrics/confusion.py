@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.metrics.inputs import checked_pair
-from belief.rows import unmasked
+from belief.validation import unmasked
 
 
 def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:

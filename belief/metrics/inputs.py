@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from belief.rows import as_real, unmasked
+from belief.validation import as_real, unmasked
 
 _TOLERANCE = 2e-3  # of a row's sum: float16 probabilities of a dozen shapes err by half of that
 

@@ -19,8 +19,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.metrics.chance import Metric, evaluated
 from belief.metrics.inputs import checked_pair
+from belief.metrics.null_distribution import Metric, evaluated
 from belief.statistics.inputs import require_fraction, require_resamples
 
 

@@ -15,8 +15,8 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.brier import BrierDecomposition, brier_decomposition
-from belief.metrics.chance import Metric, null_quantile
 from belief.metrics.inputs import checked_pair
+from belief.metrics.null_distribution import Metric, null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.scores import accuracy, negative_log_likelihood
 from belief.metrics.smooth import smooth_calibration_error

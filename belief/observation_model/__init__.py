@@ -4,18 +4,19 @@ A classifier's softmax is a *posterior* under its training set, and over-confide
 prior once per touch. An observation model turns touches into a likelihood instead. The likelihood takes all touches of
 one object at once, so that a model may discount touches that repeat each other.
 
-To add a model, derive from :class:`ArrayModel`, and enter it in :data:`belief.selection.OBSERVATION_MODELS`.
+To add a model, derive from :class:`ArrayModel`, and enter it in
+:data:`belief.observation_model.selection.OBSERVATION_MODELS`.
 """
 
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.embedding import FeatureEmbedding, LogitEmbedding
-from belief.observation_model.files import read_observation_model, read_origin
 from belief.observation_model.gaussian import GaussianModel
+from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.plda import PLDAModel
 from belief.observation_model.quantisation import information_of_touch
-from belief.observation_model.ratio import RatioModel
+from belief.observation_model.serialisation import read_observation_model, read_origin
 from belief.observation_model.signature import SignatureModel
 
 __all__ = [

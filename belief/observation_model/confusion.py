@@ -13,13 +13,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.batch import TouchBatch
 from belief.calibration import TemperatureScaling
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
 
 
 @dataclass(frozen=True, eq=False)

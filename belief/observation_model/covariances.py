@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats
 
 MEAN_POOLING = 30.0

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from belief.batch import TouchBatch
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
+from belief.touch_batch import TouchBatch
 
 _LARGEST = 1e300  # sums and differences of a few thousand such numbers are finite
 _MOST_UNITS = 3.0

@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.batch import TouchBatch
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.covariances import (
     PoseStatistics,
     pooled,
@@ -30,12 +30,12 @@ from belief.observation_model.covariances import (
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
-from belief.rows import as_real
+from belief.touch_batch import TouchBatch
+from belief.validation import as_real
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from typing import Any, ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.batch import TouchBatch
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
 
 _BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alone has more
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from belief.batch import TouchBatch
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.covariances import (
     PoseStatistics,
     pooled,
@@ -35,13 +35,13 @@ from belief.observation_model.covariances import (
 )
 from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
 from belief.observation_model.variance_components import Components, estimate_components
 from belief.problem import Floats, Touch
-from belief.rows import as_real
+from belief.touch_batch import TouchBatch
+from belief.validation import as_real
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import log_softmax
 
-from belief.batch import TouchBatch
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats
+from belief.touch_batch import TouchBatch
 
 if TYPE_CHECKING:
     from belief.observation_model.model import ArrayModel

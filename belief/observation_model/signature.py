@@ -20,14 +20,14 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.batch import TouchBatch
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.labelled import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.repeats import ASSUMED_CORRELATION, fit_correlation, repeats
+from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, fit_correlation, repeats
 from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.covariances import pooled
-from belief.observation_model.labelled import LabelledTouches
 from belief.problem import Floats
 
 

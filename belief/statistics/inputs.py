@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.rows import unmasked
+from belief.validation import unmasked
 
 LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overflow
 

@@ -16,10 +16,10 @@ from typing import overload
 
 import numpy as np
 
-from planners.solve.exact import finite_horizon_value
-from planners.solve.files import load_policy, save_policy
+from planners.pomdp.finite_horizon import finite_horizon_value
+from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 from planners.solve.policy import SearchPolicy, TouchPolicy, solve_search, solve_touch
-from planners.solve.problem import SearchTouchProblem, TouchProblem
+from planners.solve.policy_files import load_policy, save_policy
 
 __all__ = [
     "SearchPolicy",
@@ -52,7 +52,7 @@ def solve(
     rng: np.random.Generator | None = None,
     rounds: Sequence[int] | None = None,
 ) -> TouchPolicy | SearchPolicy:
-    """Point-based value iteration; see :mod:`planners.solve.point_based`.
+    """Point-based value iteration; see :mod:`planners.pomdp.solver`.
 
     Args:
         problem: one object, or a search.

@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.rows import SUM_TOLERANCE, as_real
-from planners.solve.bounds import touch_bound
-from planners.solve.plans import Plans
-from planners.solve.point_based import point_based
-from planners.solve.problem import SearchTouchProblem, TouchProblem
-from planners.solve.search_bounds import search_bound
-from planners.solve.stages import staged
+from belief.validation import SUM_TOLERANCE, as_real
+from planners.bounds.object import touch_bound
+from planners.bounds.search import search_bound
+from planners.pomdp.alpha_vectors import Plans
+from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.solver import point_based
+from planners.pomdp.stages import staged
 
 _BLOCK = 256  # beliefs whose worth under all plans fits a processor's cache
 
@@ -106,7 +106,7 @@ class SearchPolicy:
     Attributes:
         problem: what was solved.
         stages: plans for the first object, the second, and so on; over the hidden states of
-            :mod:`planners.solve.stages`.
+            :mod:`planners.pomdp.stages`.
     """
 
     problem: SearchTouchProblem
@@ -133,7 +133,7 @@ class SearchPolicy:
         return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
     def action(self, object_index: int, belief: ArrayLike) -> int:
-        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.solve.stages.stage_belief`.
+        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.pomdp.stages.stage_belief`.
 
         Raises:
             InvalidArgument: there is no such object, or the belief is none.

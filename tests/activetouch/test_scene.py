@@ -10,8 +10,8 @@ import pytest
 from activetouch import SCENES, SHAPES, Quasistatic, Scene
 from activetouch.distributions import Constant, LogUniform, Normal, Uniform
 from activetouch.errors import BadMesh
+from activetouch.orientations import Resampled, Tumbled, Upright
 from activetouch.poses import to_matrix
-from activetouch.presentation import Resampled, Tumbled, Upright
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
 from activetouch.shapes import Mesh

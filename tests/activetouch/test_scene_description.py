@@ -11,11 +11,11 @@ import pytest
 from activetouch import POSES, SCENES, SHAPES, Quasistatic, Scene
 from activetouch.distributions import Uniform
 from activetouch.errors import WrongScene
-from activetouch.guarded_move import GuardedMove
-from activetouch.pad import Pad
-from activetouch.presentation import Upright
+from activetouch.orientations import Upright
+from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.robot import Robot
 from activetouch.rendering import GelSightRenderer, Noise, PressureRenderer
-from activetouch.robot import Robot
 from activetouch.scene import Variation
 from activetouch.scene_description import require_scene, scene_differences, scene_fields
 from activetouch.shapes import Mesh

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, Quasistatic, TactileSensor, TouchWorld
-from activetouch.contact import Contact
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
-from activetouch.stage import Stage
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.setup import Stage
 from activetouch.world import TouchTime
 
 pytestmark = pytest.mark.torch

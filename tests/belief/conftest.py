@@ -18,7 +18,7 @@ from belief.observation_model import (
     RatioModel,
     SignatureModel,
 )
-from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.variance_components import Components
 from belief.synthetic import random_model
 

@@ -23,15 +23,15 @@ from belief import (
     ZeroPriorTarget,
 )
 from belief.arrangement import arrangement_marginals, log_arrangement_evidence, log_arrangement_marginals
-from belief.batch import TouchBatch
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 from belief.calibration import TemperatureScaling
-from belief.folds import object_folds
+from belief.cross_validation import object_folds
 from belief.metrics import accuracy, expected_calibration_error
 from belief.novelty import auroc, energy_score
 from belief.observation_model import ConfusionModel, OutcomeTable
-from belief.rows import normalise_log_probs, normalise_probs
 from belief.statistics import mcnemar_test, paired_bootstrap, wilson_interval
+from belief.touch_batch import TouchBatch
+from belief.validation import normalise_log_probs, normalise_probs
 
 LABELS = ("a", "b", "c")
 

@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
-from belief.batch import TouchBatch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.frozen import FrozenArrays, frozen
 from belief.metrics import reliability_curve
@@ -24,12 +23,13 @@ from belief.observation_model import (
     RatioModel,
     SignatureModel,
 )
-from belief.observation_model.labelled import LabelledTouches
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.tabular import TabularModel
 from belief.observation_model.variance_components import Components
 from belief.synthetic import random_model
-from belief.tabular import TabularModel
+from belief.touch_batch import TouchBatch
+from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import TouchProblem
-from planners.solve.problem import SearchTouchProblem
 
 LABELS = ("ball", "cube")
 ROWS = np.array([[2.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.5, 3.0]])

@@ -31,8 +31,8 @@ from belief import (
     synthetic,
     tabular,
 )
-from belief.batch import TouchBatch
 from belief.observation_model.variance_components import Components
+from belief.touch_batch import TouchBatch
 
 EXTREMES = (0.0, -0.0, 1.0, 0.5, 1 / 3, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
 LABELS = ("ball", "cube", "cone")

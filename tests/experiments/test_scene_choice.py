@@ -1,10 +1,10 @@
 import pytest
 
 from activetouch import Dynamic, Quasistatic
-from activetouch.guarded_move import GuardedMove
-from activetouch.presentation import Upright
+from activetouch.named_scenes import SCENES
+from activetouch.orientations import Upright
+from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.rendering import GelSightRenderer
-from activetouch.scenes import SCENES
 from belief.errors import UnknownName
 from experiments.scene_choice import DuplicateShape, SceneChoice
 

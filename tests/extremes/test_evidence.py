@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from belief import Touch
-from belief.batch import TouchBatch
 from belief.calibration import (
     DirichletCalibration,
     StructuredMatrixScaling,
@@ -43,7 +42,7 @@ from belief.observation_model import (
     read_observation_model,
     read_origin,
 )
-from belief.selection import OBSERVATION_MODELS, choose_observation_model
+from belief.observation_model.selection import OBSERVATION_MODELS, choose_observation_model
 from belief.statistics import (
     clopper_pearson_interval,
     cluster_bootstrap,
@@ -55,7 +54,8 @@ from belief.statistics import (
     wilson_interval,
 )
 from belief.synthetic import random_model
-from experiments.stress_cases import Case, Expectation, Verdict, answers, equal_to, judge, refuses, such_that
+from belief.touch_batch import TouchBatch
+from experiments.extremes.cases import Case, Expectation, Verdict, answers, equal_to, judge, refuses, such_that
 
 _NAN = math.nan
 _CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)

@@ -13,16 +13,16 @@ import pytest
 
 from belief import Composition, Counts, ImpossibleObservation, Probe, SearchProblem, Touch
 from belief.calibration import TemperatureScaling
-from belief.chance import keyed_rng
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
+from belief.seeding import keyed_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.stress_cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
+from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
+from planners.registry import TRAINED
 from planners.stopping import ConsecutiveFrames, PosteriorThresholds
-from planners.table import TRAINED
 
 _LABELS = ("cube", "cone", "sphere")
 _POSES = ("front", "side")

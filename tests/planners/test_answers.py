@@ -11,8 +11,8 @@ from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld
 from planners import Decision, search
 from planners.answers import BadDecision
-from planners.confident import Confident
 from planners.probing import FixedOrder
+from planners.stop_override import Confident
 from planners.stopping import PosteriorThresholds
 
 

@@ -8,10 +8,10 @@ n / (1 + (n - 1) ρ) of their mean exactly, which is what :class:`RatioModel` sa
 import numpy as np
 import pytest
 
-from belief.batch import TouchBatch
 from belief.bayes import target_information_gain
 from belief.calibration import TemperatureScaling
 from belief.observation_model import RatioModel
+from belief.touch_batch import TouchBatch
 from planners.repeats import CorrelatedRepeats
 
 NUM_SHAPES, NUM_POSES, MOST, SPREAD = 3, 3, 12, 1.5

@@ -18,11 +18,11 @@ from belief import (
     SearchProblem,
 )
 from belief.observation_model import OutcomeTable
+from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
-from belief.tabular import TabularModel
 from planners import DECIDERS, InformationState, Outcome, search_lockstep
 from planners import make_decider as make_any_decider
-from planners.table import TRAINED
+from planners.registry import TRAINED
 
 # Confirming at random and the paper's rule on single frames use no belief, and are held to the laws of those that do
 # nowhere.

@@ -9,8 +9,8 @@ import pytest
 
 from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
+from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
-from belief.tabular import TabularModel
 from planners import InformationState, make_decider, search_lockstep
 
 adapter = pytest.importorskip("pomdp_py") and pytest.importorskip("planners.pomdp_py_adapter")

@@ -9,7 +9,7 @@ from safetensors.numpy import save
 
 from belief import Confirm, Probe, Reject, SearchProblem, Touch
 from belief.categorical import Belief
-from belief.encoding import ENCODINGS
+from belief.policy_state import ENCODINGS
 from belief.synthetic import SyntheticWorld
 from planners import make_decider, search
 from planners.decider import InformationState
@@ -138,7 +138,7 @@ def test_confident_stopping_takes_the_policys_poses_and_nothing_else(tmp_path, m
 def test_a_policy_sees_in_a_search_what_it_saw_in_training(state, rng, model):
     # The environment's own observation, after the same touches of one object, gives the same scores.
     from activetouch.envs.object_test import ObjectTestEnv
-    from activetouch.envs.touches import SampledTouches
+    from activetouch.envs.touch_source import SampledTouches
     from activetouch.envs.wrappers import PosteriorState
 
     env = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_0", touch_limit=5)

@@ -10,7 +10,7 @@ from belief import Belief, Confirm, Probe, Reject, SceneBelief, SceneView, Searc
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, Decision, InformationState, make_decider, search
 from planners.decider import BadState
-from planners.table import TRAINED
+from planners.registry import TRAINED
 
 POSES = ("p0", "p1", "p2")
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, LogitEmbedding, PLDAModel, RatioModel, SignatureModel
-from belief.observation_model.repeats import effective_touches
+from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.variance_components import Components
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst, plda_correlation, repeat_discount
 

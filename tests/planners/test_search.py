@@ -12,7 +12,7 @@ from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import DECIDERS, Decision, Episode, Outcome, make_decider, search, search_lockstep
-from planners.table import TRAINED
+from planners.registry import TRAINED
 
 SIMULATIONS = 20  # enough to be legal, too few to be good
 UNTRAINED = [name for name in DECIDERS if name not in TRAINED]

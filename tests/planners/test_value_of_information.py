@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
+from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
-from belief.tabular import TabularModel
 from planners import InformationState, search_lockstep
+from planners.continuation_value import RestValues, prob_missed, target_chances
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst
-from planners.rest import RestValues, prob_missed, target_chances
 from planners.value_of_information import ValueOfInformation
 
 seeds = st.integers(0, 10_000)

@@ -9,9 +9,9 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
+from planners.registry import TRAINED, WrongType
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
-from planners.table import TRAINED, WrongType
 from planners.value_of_information import ValueOfInformation
 
 TABLE = np.array([[[0.9, 0.1], [0.1, 0.9]]])

@@ -1,0 +1,272 @@
+"""Recorded touches of many objects, split by object, in small shards that survive a killed run.
+
+A :class:`CollectionPlan` says how many objects each split has. Every object is touched in every pose, round after
+round, and draws from a generator keyed by (seed, split, object), so a shard's bytes depend on plan and scene alone: not
+on how many processes ran, nor on what was interrupted. An object is in one split only; nothing is ever split by image.
+
+Where a press does not settle, another object of the shape takes the place of the one that was pressed, and the shard
+says so (decision 0020).
+
+A shard is read as arrays of numbers only, never unpickled, and is used only if it holds the touches that the plan puts
+there, byte for byte as they were recorded (:mod:`activetouch.data.manifest`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
+from activetouch.errors import LabelMismatch, UnstablePress
+from activetouch.pressing.contact import Contact
+from activetouch.scene import Scene
+from belief.errors import CorruptFile, UnknownName
+from belief.files import atomic_path
+from belief.seeding import keyed_rng
+
+__all__ = [
+    "SPLITS",
+    "CollectionPlan",
+    "TouchSet",
+    "num_redrawn",
+    "object_rng",
+    "read_manifest",
+    "read_shard",
+    "read_split",
+    "record_shard",
+    "shard_path",
+    "write_manifest",
+]
+
+_NUMBERS = {
+    "shapes": np.int64,
+    "object_ids": np.int64,
+    "poses": np.int64,
+    "forces": np.float64,
+    "depths": np.float64,
+}
+_MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
+
+
+@dataclass(frozen=True, eq=False)
+class TouchSet:
+    """Touches of one split, N of them.
+
+    Attributes:
+        images: ``(N, H, W)`` or ``(N, H, W, 3)`` uint8.
+        shapes: shape index of the touched object, ``(N,)``.
+        object_ids: which object was touched, ``(N,)``.
+        poses: pose index, ``(N,)``.
+        forces: normal force in the pause [N], ``(N,)``.
+        depths: indentation of the deepest taxel [m], ``(N,)``.
+    """
+
+    images: NDArray[np.uint8]
+    shapes: NDArray[np.int64]
+    object_ids: NDArray[np.int64]
+    poses: NDArray[np.int64]
+    forces: NDArray[np.float64]
+    depths: NDArray[np.float64]
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.integer]) -> TouchSet:
+        """Some of the touches, by mask or by index."""
+        return TouchSet(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+    @classmethod
+    def join(cls, parts: Sequence[TouchSet]) -> TouchSet:
+        """The touches of several sets, in turn."""
+        columns = cls.__dataclass_fields__
+        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in columns})
+
+
+def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> np.random.Generator:
+    """The generator that one object of a collection, and all touches of it, draw from.
+
+    Args:
+        plan: of the collection.
+        split: the object is in.
+        number: of the object in its split.
+        draw: how many objects were drawn for this number before, and could not be pressed.
+    """
+    return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
+
+
+def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
+    """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
+
+    An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
+    has one more array, ``redrawn``: for each of its objects, how many were drawn in vain before it.
+
+    Raises:
+        UnstablePress: objects drawn one after the other for the same place could not be pressed.
+    """
+    images, rows, redrawn = [], [], []
+    for number in objects:
+        draw, shape, touches = _touch_object(scene, plan, split, number)
+        redrawn.append(draw)
+        for pose, contact, image in touches:
+            images.append(image)
+            rows.append((shape, number, pose, contact.force, contact.depth))
+    shapes, object_ids, poses, forces, depths = (np.array(column) for column in zip(*rows, strict=True))
+    with atomic_path(path) as temporary:
+        np.savez(
+            temporary,
+            images=np.stack(images),
+            shapes=shapes,
+            object_ids=object_ids,
+            poses=poses,
+            forces=forces,
+            depths=depths,
+            **({"redrawn": np.array(redrawn)} if any(redrawn) else {}),
+        )
+
+
+def _touch_object(
+    scene: Scene, plan: CollectionPlan, split: str, number: int
+) -> tuple[int, int, list[tuple[int, Contact, NDArray[np.uint8]]]]:
+    """Touch an object in all planned poses and rounds, or the next one drawn for its place.
+
+    Returns:
+        How many were drawn in vain, the shape, and pose, contact and image of each touch.
+    """
+    poses = list(range(len(scene.poses))) * plan.repeats
+    shape = number % len(scene.shapes)
+    for draw in range(_MOST_DRAWS):
+        rng = object_rng(plan, split, number, draw)
+        thing = scene.sample_object(shape, rng)
+        try:
+            return draw, shape, [(pose, *scene.press(thing, pose, rng)) for pose in poses]
+        except UnstablePress as error:
+            last = error
+    raise UnstablePress(
+        f"{_MOST_DRAWS} objects of the shape {scene.shape_labels[shape]!r} in turn had a press that did not settle, "
+        f"among {len(poses)} each, so this scene cannot be collected. The last one: {last}"
+    ) from last
+
+
+def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
+    """One shard, and the SHA-256 of its bytes, for the caller to compare with what was recorded.
+
+    Raises:
+        CorruptFile: it is damaged, or holds other touches than the plan puts there.
+        LabelMismatch: it names shapes or poses that the collection does not have.
+    """
+    path = shard_path(folder, split, shard)
+    remedy = f"Delete it and record it again {manifest.how(folder)}"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read ({error}). {remedy}") from error
+    digest = hashlib.sha256(data).hexdigest()
+    touches = _parse(data, path, remedy)
+    _require_planned(touches, manifest, objects, path, remedy)
+    return touches, digest
+
+
+def num_redrawn(path: Path) -> int:
+    """How many places of a shard went to another object, because a press of the first did not settle.
+
+    Raises:
+        CorruptFile: that cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as shard:
+            return int(np.count_nonzero(shard["redrawn"])) if "redrawn" in shard.files else 0
+    except Exception as error:  # as many kinds as in _parse
+        raise CorruptFile(f"{path} is truncated or damaged ({error})") from error
+
+
+def read_split(folder: Path, split: str) -> TouchSet:
+    """All touches of one split.
+
+    Raises:
+        CorruptFile: the folder holds no such shards, or one of them is damaged, foreign, or was changed after it was
+            recorded.
+        LabelMismatch: a shard names shapes or poses that the collection does not have.
+        UnknownName: there is no such split.
+    """
+    if split not in SPLITS:
+        raise UnknownName("split", split, list(SPLITS))
+    manifest = read_manifest(folder)
+    shards = [(shard, objects) for name, shard, objects in manifest.shards() if name == split]
+    if not shards:
+        raise CorruptFile(f"{folder} was planned without any {split} objects; collect into another folder, with some")
+    missing = [shard for shard, _ in shards if not shard_path(folder, split, shard).exists()]
+    if missing:
+        raise CorruptFile(
+            f"{len(missing)} of {len(shards)} shards are missing in {folder / split}; finish the collection "
+            f"{manifest.how(folder)}"
+        )
+    per_object = manifest.touches_per_object
+    total = shards[-1][1].stop * per_object
+    columns = {name: np.empty(total, dtype) for name, dtype in _NUMBERS.items()}
+    columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
+    for shard, objects in shards:
+        touches, digest = read_shard(folder, manifest, split, shard, objects)
+        path = shard_path(folder, split, shard)
+        recorded = manifest.digest(split, shard)
+        if digest != (recorded or digest):
+            raise CorruptFile(
+                f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, the manifest says "
+                f"{recorded[:12]}…. Delete it and record it again {manifest.how(folder)}"
+            )
+        for name, column in columns.items():
+            column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
+    return TouchSet(**columns)
+
+
+def _parse(data: bytes, path: Path, remedy: str) -> TouchSet:
+    """The arrays of an npz file, whose checksums ``zipfile`` checks."""
+    if not data.startswith(b"PK"):
+        raise CorruptFile(f"{path} is no shard: it does not begin like an npz file. {remedy}")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            contents = {name: io.BytesIO(archive.read(f"{name}.npy")) for name in TouchSet.__dataclass_fields__}
+            return TouchSet(**{n: np.lib.format.read_array(c, allow_pickle=False) for n, c in contents.items()})
+    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
+        raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error
+
+
+def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path: Path, remedy: str) -> None:
+    num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
+    per_object = manifest.touches_per_object
+    num_touches = len(objects) * per_object
+    expected = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
+    expected |= {name: ((num_touches,), dtype) for name, dtype in _NUMBERS.items()}
+    for name, (shape, dtype) in expected.items():
+        column = getattr(touches, name)
+        if column.shape != shape or column.dtype != dtype:
+            raise CorruptFile(
+                f"{path} is not of this collection: its {name} are {column.shape} {column.dtype}, the plan and the "
+                f"scene make them {shape} {np.dtype(dtype)}. {remedy}"
+            )
+    for name, labels in (("shapes", manifest.shape_labels), ("poses", manifest.pose_labels)):
+        column = getattr(touches, name)
+        beyond = column[(column < 0) | (column >= len(labels))]
+        if beyond.size:
+            raise LabelMismatch(
+                f"{path} names {name[:-1]} {beyond[0]}, but the collection has {len(labels)}, from 0: "
+                f"{', '.join(labels)}. {remedy}"
+            )
+    if not np.array_equal(touches.object_ids, np.repeat(objects, per_object)):
+        found = touches.object_ids
+        raise CorruptFile(
+            f"{path} is not the shard of that name: it holds objects {found.min()} to {found.max()}, the plan puts "
+            f"{objects.start} to {objects.stop - 1} there, {per_object} touches of each. {remedy}"
+        )
+    poses = np.tile(np.arange(num_poses), len(objects) * manifest.plan.repeats)
+    planned = {"shapes": touches.object_ids % num_shapes, "poses": poses}
+    for name, numbers in planned.items():
+        wrong = np.flatnonzero(getattr(touches, name) != numbers)
+        if wrong.size:
+            raise LabelMismatch(
+                f"{path} has wrong labels: {wrong.size} of {num_touches} {name} are not the planned ones, first that "
+                f"of object {touches.object_ids[wrong[0]]}. {remedy}"
+            )

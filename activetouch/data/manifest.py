@@ -1,0 +1,296 @@
+"""What a folder of recorded touches says about itself, in ``manifest.json``.
+
+Plan and scene decide what is recorded; versions and contact model tell why another machine may get other bytes; the
+SHA-256 of every shard, added when the last one is there, tells whether it did. Whatever is recorded stays what was
+recorded first: a collection may be finished with another NumPy, but not with another scene or other physics.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activetouch.data.solver_settings import contact_model
+from activetouch.errors import LabelMismatch
+from activetouch.scene import Scene, Symmetry
+from activetouch.scene_description import in_words, scene_differences, scene_fields
+from belief.errors import CorruptFile
+from belief.files import sealed_json, unsealed_json, write_text
+
+SPLITS = ("train", "calibration", "test")
+FORMAT = 3
+_OBJECTS_PER_SHARD = 48
+
+
+@dataclass(frozen=True)
+class CollectionPlan:
+    """How many objects to touch, each in every pose.
+
+    Attributes:
+        train, calibration, test: objects *per shape* in each split.
+        seed: of the whole collection, in ``[0, 2³²)``.
+        repeats: rounds of all poses that every object is touched in. One teaches a classifier most for the time; how
+            far touches of one object in one pose repeat each other shows in several only. The first round does not
+            depend on how many follow, unless a press of a later one does not settle (decision 0020).
+    """
+
+    train: int = 2700
+    calibration: int = 300
+    test: int = 500
+    seed: int = 0
+    repeats: int = 1
+
+    def __post_init__(self) -> None:
+        # A number of two words would make the key of one object that of another object under another seed.
+        if not all(isinstance(number, int) and 0 <= number < 2**32 for number in asdict(self).values()):
+            raise ValueError(f"a plan's numbers of objects and its seed must be whole and in [0, 2³²), got {self}")
+        if self.repeats < 1:
+            raise ValueError(f"a plan needs at least one round of touches, got repeats = {self.repeats}")
+
+    def shards(self, num_shapes: int) -> Iterator[tuple[str, int, range]]:
+        """The shards to record: (split, shard number, object numbers)."""
+        for split in SPLITS:
+            total = getattr(self, split) * num_shapes
+            for shard, first in enumerate(range(0, total, _OBJECTS_PER_SHARD)):
+                yield split, shard, range(first, min(first + _OBJECTS_PER_SHARD, total))
+
+
+def shard_path(folder: Path, split: str, shard: int) -> Path:
+    """Where a shard lives."""
+    return folder / split / f"{shard:05d}.npz"
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Everything a collection says about itself.
+
+    Attributes:
+        plan: how many objects, and the seed.
+        scene: fields of the whole scene (:func:`activetouch.scene_description.scene_fields`).
+        choice: the command line's words for that scene, from which it can be made again; None where a program of the
+            user's recorded it.
+        shape_labels, pose_labels: of the scene, in index order.
+        symmetry: of its images.
+        image_shape: of one image, ``(H, W)`` or ``(H, W, 3)``; all are uint8.
+        versions: of activetouch, mujoco, numpy and python that recorded it, as far as it is known.
+        contact_model: what MuJoCo's contacts were computed with (:mod:`activetouch.data.solver_settings`).
+        sha256: of every shard, by its path in the folder; None until all are there.
+        redrawn: objects that took the place of one with a press that did not settle; None until all shards are there.
+    """
+
+    plan: CollectionPlan
+    scene: Mapping[str, Any]
+    choice: Mapping[str, Any] | None
+    shape_labels: tuple[str, ...]
+    pose_labels: tuple[str, ...]
+    symmetry: Symmetry
+    image_shape: tuple[int, ...]
+    versions: Mapping[str, str]
+    contact_model: Mapping[str, Any]
+    sha256: Mapping[str, str] | None = None
+    redrawn: int | None = None
+
+    @classmethod
+    def of(cls, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None) -> Manifest:
+        """The manifest of a collection that this machine would begin now."""
+        return cls(
+            plan,
+            scene_fields(scene),
+            None if choice is None else json.loads(json.dumps(choice)),
+            scene.shape_labels,
+            scene.pose_labels,
+            scene.symmetry,
+            scene.image_shape,
+            _versions(),
+            contact_model(scene),
+        )
+
+    @property
+    def mujoco_version(self) -> str:
+        """MuJoCo that recorded it."""
+        return self.versions["mujoco"]
+
+    def shards(self) -> Iterator[tuple[str, int, range]]:
+        """The shards it consists of: (split, shard number, object numbers)."""
+        return self.plan.shards(len(self.shape_labels))
+
+    @property
+    def touches_per_object(self) -> int:
+        """Poses times rounds."""
+        return len(self.pose_labels) * self.plan.repeats
+
+    def digest(self, split: str, shard: int) -> str | None:
+        """SHA-256 recorded for a shard; None until all are there."""
+        return None if self.sha256 is None else self.sha256[shard_path(Path(), split, shard).as_posix()]
+
+    def how(self, folder: Path) -> str:
+        """How to go on with the collection in a folder, as the end of a sentence."""
+        return "with the program that began it" if self.choice is None else f"with: {self.command(folder)}"
+
+    def command(self, folder: Path) -> str:
+        """The command that goes on with the collection in a folder: it records what is missing and checks the rest.
+
+        It is for collections that the command ``collect`` began.
+        """
+        choice = {name.replace("_", "-"): value for name, value in (self.choice or {}).items()}
+        plan = {f"plan.{name}": value for name, value in asdict(self.plan).items()}
+        words = ["activetouch", "collect"]
+        for name, value in {**choice, **plan, "out": folder}.items():
+            if value is not None and value != []:
+                words += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
+        return shlex.join(words)
+
+    def differences(self, other: Manifest) -> str:
+        """How versions and contact model of ``other`` differ, in words; they decide bytes beyond scene and plan."""
+        mine, others = ({**manifest.versions, **manifest.contact_model} for manifest in (self, other))
+        told = [
+            f"{key} {mine.get(key, 'unknown')} there, {others.get(key, 'unknown')} here"
+            for key in sorted({*mine, *others})
+            if mine.get(key) != others.get(key)
+        ]
+        return "; ".join(told) or (
+            "the versions are the same. Another kind of processor rounds differently in the last bit (decision 0007), "
+            "or the code has changed"
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write ``manifest.json``, with a digest of its own, whole or not at all."""
+        told = asdict(self)
+        shards = told.pop("sha256")
+        write_text(folder / "manifest.json", sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n")
+
+
+class NoCollection(CorruptFile):
+    """There is no collection in a folder."""
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """What a folder of touches says about itself.
+
+    Args:
+        folder: of the collection, or the file of its manifest.
+
+    Raises:
+        NoCollection: there is no manifest.
+        CorruptFile: it cannot be read, or was changed after it was written.
+    """
+    path = folder if folder.is_file() else folder / "manifest.json"
+    try:
+        found = unsealed_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise NoCollection(f"{folder} holds no collection: {path.name} cannot be read ({error.strerror})") from error
+    except ValueError as error:
+        raise _damaged(path, error) from error
+    return _parse(found, path)
+
+
+def write_manifest(
+    folder: Path, scene: Scene, plan: CollectionPlan, choice: Mapping[str, Any] | None = None
+) -> Manifest:
+    """Begin a collection, or go on with the one that is there.
+
+    Returns:
+        What was recorded first.
+
+    Raises:
+        LabelMismatch: the folder holds a collection of another plan, scene or physics.
+        CorruptFile: its manifest cannot be read, or there are shards without one.
+    """
+    wanted = Manifest.of(scene, plan, choice)
+    if not (folder / "manifest.json").exists():
+        if unexplained := [path for split in SPLITS for path in (folder / split).glob("[0-9]*.npz")]:
+            raise CorruptFile(
+                f"{folder} holds {len(unexplained)} shards without a manifest.json, so nobody knows of which scene. "
+                "Restore it from a copy, or choose another folder"
+            )
+        wanted.write(folder)
+        return wanted
+    first = read_manifest(folder)
+    _require_same(folder, first, wanted)
+    return first
+
+
+def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
+    mine, asked = ({**asdict(manifest), "MuJoCo": manifest.mujoco_version} for manifest in (first, wanted))
+    decisive = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
+    if differing := [key for key in decisive if mine[key] != asked[key]]:
+        key = differing[0]
+        if key == "scene":
+            told = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
+        else:
+            told = f"{mine[key]} there, {asked[key]} here"
+        raise LabelMismatch(
+            f"{folder} holds a collection with other {', '.join(differing)} ({key}: {told}). Choose another folder, or "
+            "delete this one to record it anew."
+        )
+
+
+def _versions() -> dict[str, str]:
+    import importlib.metadata
+    import platform
+
+    import mujoco
+
+    own = importlib.metadata.version("activetouch")
+    return {
+        "activetouch": own,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
+    if isinstance(found.get("format"), int) and found["format"] > FORMAT:
+        raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
+    try:
+        if found["format"] != FORMAT:
+            raise ValueError(f"format {found['format']!r}, known is {FORMAT}")
+        told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
+        told["sha256"] = digests = found["shards"]
+        for name in ("shape_labels", "pose_labels", "image_shape"):
+            told[name] = tuple(told[name])
+        told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
+        manifest = Manifest(**told)
+        for name in ("scene", "versions", "contact_model"):
+            if not isinstance(told[name], Mapping):
+                raise TypeError(f"{name} is {told[name]!r}")
+        if not all(isinstance(label, str) for label in (*manifest.shape_labels, *manifest.pose_labels)):
+            raise TypeError("a label that is no text")
+        _ = manifest.mujoco_version
+        names = {shard_path(Path(), split, shard).as_posix() for split, shard, _ in manifest.shards()}
+        if digests is not None and not (
+            digests.keys() == names and all(re.fullmatch("[0-9a-f]{64}", digest) for digest in digests.values())
+        ):
+            raise ValueError("it does not list the SHA-256 of the shards of the plan")
+        redrawn = manifest.redrawn
+        if redrawn is not None and not (type(redrawn) is int and redrawn >= 0):
+            raise TypeError(f"redrawn is {redrawn!r}")
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _damaged(path, f"{type(error).__name__}: {error}") from error
+    return manifest
+
+
+def _damaged(path: Path, why: object) -> CorruptFile:
+    return CorruptFile(f"{path} is damaged ({why}). Restore it from a copy, or record the touches anew elsewhere")
+
+
+def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:
+    """Write what all shards say into the manifest of a collection that has become complete.
+
+    Args:
+        folder: of the collection.
+        manifest: so far.
+        sha256: of every shard, by its path in the folder.
+        redrawn: objects that took the place of one that could not be pressed.
+    """
+    sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
+    sealed.write(folder)
+    return sealed

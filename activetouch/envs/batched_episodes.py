@@ -1,0 +1,198 @@
+"""Many tests of single objects at once, their touches from a bank: the paper's task as arithmetic on arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from activetouch.envs.priors import ObjectPriors, TargetProb
+from activetouch.envs.running_evidence import evidence_of
+from activetouch.envs.touch_bank import TouchBank
+from belief.bayes import update
+from belief.errors import UnknownName
+from belief.observation_model import ArrayModel
+from belief.policy_state import ENCODINGS, NO_ACTION, TOUCH_LIMIT, Situation, certainty, frame_probs
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+class Result(NamedTuple):
+    """What a step of B episodes brought, each ``(B,)``.
+
+    Attributes:
+        reward: with shaping, if any.
+        terminated, truncated: as Gymnasium has them.
+        success: whether it ended with the right decision.
+    """
+
+    reward: NDArray[np.float64]
+    terminated: Bools
+    truncated: Bools
+    success: Bools
+
+
+class BankEpisodes:
+    """B episodes of :class:`activetouch.envs.object_test.ObjectTestEnv`, played in lockstep on recorded touches.
+
+    The first R touches of an object in a pose are R different rounds of the bank, from a random one on; after that the
+    rounds come again.
+
+    Args:
+        bank: the touches.
+        model: what turns them into evidence.
+        target: label of the shape sought.
+        num_envs: B.
+        state: what observations are, a key of :data:`belief.policy_state.ENCODINGS`.
+        touch_cost: λ.
+        touch_limit: T_max.
+        target_prob: how often the object is the target, or a range from which every episode draws this.
+        beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; none at 0.
+        discount: γ of the learner, for the shaping.
+
+    Attributes:
+        objects: which object of the bank each episode is about, ``(B,)``.
+        uses: how often it was touched in each pose, ``(B, P)``.
+        log_probs: its log posterior, ``(B, K)``.
+
+    Raises:
+        UnknownName: target or state.
+        LabelMismatch: bank and model are about different shapes or poses.
+    """
+
+    def __init__(
+        self,
+        bank: TouchBank,
+        model: ArrayModel,
+        target: str,
+        num_envs: int,
+        state: str = "paper",
+        touch_cost: float = 0.02,
+        touch_limit: int = TOUCH_LIMIT,
+        target_prob: TargetProb = 0.5,
+        beta: float = 0.0,
+        discount: float = 1.0,
+    ) -> None:
+        if target not in bank.shape_labels:
+            raise UnknownName("target", target, list(bank.shape_labels))
+        if state not in ENCODINGS:
+            raise UnknownName("state", state, list(ENCODINGS))
+        bank.require_labels(model.shape_labels, model.num_poses)
+        self.bank, self.num_envs, self.touch_limit = bank, num_envs, touch_limit
+        self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
+        self.num_poses, self.target = len(bank.pose_labels), bank.shape_labels.index(target)
+        self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
+        self._priors = ObjectPriors.of(len(bank.shape_labels), self.target, target_prob)
+        self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
+        self._frames = frame_probs(bank.logits)  # (N, R, P, K)
+        self._evidence = evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
+        shape = (num_envs, len(bank.shape_labels))
+        self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
+        self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle)), (num_envs, 1))
+        self.log_probs = self._log_priors.copy()
+        self._first_rounds = np.zeros_like(self.uses)
+        self._frame_probs = np.full(shape, 1.0 / shape[1])
+        self._previous = np.full(num_envs, NO_ACTION)
+        self._num_touches = np.zeros(num_envs, np.int64)
+        self._potential = self._potential_of(self.log_probs)
+
+    @property
+    def num_touches(self) -> Ints:
+        """Touches made, ``(B,)``; a copy."""
+        return self._num_touches.copy()
+
+    @property
+    def num_actions(self) -> int:
+        """The poses, CONFIRM and REJECT."""
+        return self.num_poses + 2
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """All that changes, by name: who writes into these arrays puts the episodes back to where they were."""
+        names = ("objects", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
+        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential")}
+        return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
+
+    def reset(self, rows: Ints, rng: np.random.Generator) -> None:
+        """Begin new episodes in these rows."""
+        target_probs = self._priors.draw(rng, len(rows))
+        shapes = _choose(self._priors.probs(target_probs), rng)
+        place = rng.random(len(rows))
+        objects = np.empty(len(rows), np.int64)
+        for shape, members in enumerate(self._of_shape):
+            here = shapes == shape
+            objects[here] = members[(place[here] * len(members)).astype(np.int64)]
+        first_rounds = rng.integers(self.bank.num_rounds, size=(len(rows), self.num_poses))
+        self.begin(rows, objects, first_rounds, target_probs)
+
+    def begin(
+        self, rows: Ints, objects: Ints, first_rounds: Ints | int = 0, target_probs: ArrayLike | None = None
+    ) -> None:
+        """Begin the episodes about these objects.
+
+        Args:
+            rows: which, ``(n,)``.
+            objects: of the bank, ``(n,)``.
+            first_rounds: which round each pose's touches are from, at first, ``(n, P)``.
+            target_probs: where their beliefs begin, ``(n,)``; the middle of the range if not given.
+        """
+        start = self._priors.middle if target_probs is None else target_probs
+        self._log_priors[rows] = np.log(self._priors.probs(start))
+        self.objects[rows], self._first_rounds[rows] = objects, first_rounds
+        self.uses[rows] = 0
+        self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]
+        self._previous[rows], self._num_touches[rows] = NO_ACTION, 0
+        self._potential[rows] = self._potential_of(self.log_probs[rows])
+        self._evidence.forget(rows)
+
+    def situation(self) -> Situation:
+        """Where the episodes stand."""
+        time = self._num_touches / self.touch_limit
+        return Situation(self._frame_probs, self.log_probs, self._previous, self.uses, time)
+
+    def observe(self) -> NDArray[np.float32]:
+        """The states, ``(B, S)``."""
+        return self._encode(self.situation(), self.target).astype(np.float32)
+
+    def action_masks(self) -> Bools:
+        """Which actions make sense, ``(B, P + 2)``."""
+        masks = np.ones((self.num_envs, self.num_actions), np.bool_)
+        masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
+        return masks
+
+    def step(self, actions: Ints) -> Result:
+        """One action in each episode; those that end stay as they are until they are begun anew."""
+        probes = actions < self.num_poses
+        allowed = probes & (self._num_touches < self.touch_limit)
+        rows = np.flatnonzero(allowed)
+        if rows.size:
+            self._touch(rows, actions[rows])
+        is_target = self._shapes[self.objects] == self.target
+        success = ~probes & ((actions == self.num_poses) == is_target)
+        reward = np.where(probes, -self._touch_cost, np.where(success, 1.0, -1.0))
+        if self._beta:
+            potential = np.where(probes, self._potential_of(self.log_probs), 0.0)
+            reward = reward + self._beta * (self._discount * potential - self._potential)
+            self._potential = potential
+        self._previous = np.where(probes & ~allowed, self._previous, actions)
+        return Result(reward, ~probes, probes & ~allowed, success)
+
+    def _touch(self, rows: Ints, poses: Ints) -> None:
+        objects = self.objects[rows]
+        rounds = (self._first_rounds[rows, poses] + self.uses[rows, poses]) % self.bank.num_rounds
+        self._evidence.add(rows, objects, rounds, poses)
+        self._frame_probs[rows] = self._frames[objects, rounds, poses]
+        self.uses[rows, poses] += 1
+        self._num_touches[rows] += 1
+        self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods())
+
+    def _potential_of(self, log_probs: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.abs(certainty(log_probs, self.target))
+
+
+def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
+    """A shape for each of the distributions ``(n, K)``; as ``rng.choice`` does for one."""
+    up_to = probs.cumsum(axis=1)
+    return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)

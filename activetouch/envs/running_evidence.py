@@ -1,0 +1,156 @@
+"""What many objects' touches add up to, while they come in: log-likelihoods ``(B, K)`` kept up to date by arrays."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.observation_model import ArrayModel
+from belief.observation_model.directional_discount import centred
+from belief.touch_batch import TouchBatch
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Evidence(Protocol):
+    """The evidence about B objects, each in its own episode."""
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """Take in a touch of each of some rows."""
+
+    def forget(self, rows: Ints) -> None:
+        """New objects in these rows."""
+
+    def log_likelihoods(self) -> Floats:
+        """Log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row."""
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """All that changes, by name: who writes into these arrays puts the evidence back to where it was."""
+
+
+def evidence_of(
+    logits: NDArray[np.floating],
+    model: ArrayModel,
+    num_envs: int,
+    touch_limit: int,
+    features: NDArray[np.floating] | None = None,
+) -> Evidence:
+    """The evidence that a model needs, as it says by :meth:`belief.observation_model.ArrayModel.worth_of_sums`.
+
+    Args:
+        logits: of the bank, ``(N, R, P, K)``.
+        model: any.
+        num_envs: B.
+        touch_limit: touches of a row, at most.
+        features: of the bank, for models that read them.
+    """
+    worth = model.worth_of_sums(np.arange(touch_limit + 1))
+    if worth is None:
+        return RecomputedEvidence(logits, model, num_envs, touch_limit, features)
+    return SummedEvidence(logits, model, num_envs, worth, features)
+
+
+class SummedEvidence:
+    """For models whose evidence is a sum over poses of what the sum of a pose's touches is worth.
+
+    Args:
+        logits: of the bank, ``(N, R, P, K)``.
+        model: gives the log-likelihoods of single touches.
+        num_envs: B.
+        worth: of sums of 0, 1, … touches: factors ``(n,)``, or matrices ``(n, K, K)`` for centred log-likelihoods.
+        features: of the bank, for models that read them.
+    """
+
+    def __init__(
+        self,
+        logits: NDArray[np.floating],
+        model: ArrayModel,
+        num_envs: int,
+        worth: Floats,
+        features: NDArray[np.floating] | None = None,
+    ) -> None:
+        num_objects, num_rounds, num_poses, num_shapes = logits.shape
+        poses = np.broadcast_to(np.arange(num_poses), (num_objects, num_rounds, num_poses)).reshape(-1, 1)
+        read = None if features is None else np.asarray(features).reshape(len(poses), 1, -1)
+        alone = TouchBatch(poses, logits.reshape(-1, 1, num_shapes), read)
+        single = model.log_likelihood_batch(alone).reshape(logits.shape)
+        self._single = single if worth.ndim == 1 else centred(single)
+        self._worth = worth
+        self._sums = np.zeros((num_envs, num_poses, num_shapes))
+        self._counts = np.zeros((num_envs, num_poses), np.int64)
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """See :class:`Evidence`."""
+        self._sums[rows, poses] += self._single[objects, rounds, poses]
+        self._counts[rows, poses] += 1
+
+    def forget(self, rows: Ints) -> None:
+        """See :class:`Evidence`."""
+        self._sums[rows] = 0.0
+        self._counts[rows] = 0
+
+    def log_likelihoods(self) -> Floats:
+        """See :class:`Evidence`."""
+        worth = self._worth[self._counts]
+        if worth.ndim == 2:
+            return np.asarray((worth[:, None, :] @ self._sums)[:, 0])
+        return np.asarray((worth @ self._sums[..., None]).sum(axis=1)[..., 0])
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """See :class:`Evidence`."""
+        return {"sums": self._sums, "counts": self._counts}
+
+
+class RecomputedEvidence:
+    """For any model: all touches of a row are kept, and their likelihood computed anew after each.
+
+    Args:
+        logits: of the bank, ``(N, R, P, K)``.
+        model: any.
+        num_envs: B.
+        touch_limit: touches of a row, at most.
+        features: of the bank, for models that read them.
+    """
+
+    def __init__(
+        self,
+        logits: NDArray[np.floating],
+        model: ArrayModel,
+        num_envs: int,
+        touch_limit: int,
+        features: NDArray[np.floating] | None = None,
+    ) -> None:
+        self._logits, self._features, self._model = logits, features, model
+        self._touched = np.zeros((3, num_envs, touch_limit), np.int64)  # object, round, pose
+        self._counts = np.zeros(num_envs, np.int64)
+        self._found = np.zeros((num_envs, logits.shape[3]))
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """See :class:`Evidence`."""
+        self._touched[:, rows, self._counts[rows]] = objects, rounds, poses
+        self._counts[rows] += 1
+        for number in np.unique(self._counts[rows]).tolist():
+            some = rows[self._counts[rows] == number]
+            index = tuple(self._touched[:, some, :number])
+            features = None if self._features is None else np.asarray(self._features[index])
+            batch = TouchBatch(index[2], np.asarray(self._logits[index], np.float64), features)
+            self._found[some] = self._model.log_likelihood_batch(batch)
+
+    def forget(self, rows: Ints) -> None:
+        """See :class:`Evidence`."""
+        self._counts[rows] = 0
+        self._found[rows] = 0.0
+
+    def log_likelihoods(self) -> Floats:
+        """See :class:`Evidence`."""
+        return self._found.copy()
+
+    @property
+    def arrays(self) -> dict[str, NDArray]:
+        """See :class:`Evidence`."""
+        return {"touched": self._touched, "counts": self._counts, "found": self._found}

@@ -1,0 +1,1 @@
+"""The networks that read tactile images, and their training."""

@@ -1,0 +1,213 @@
+"""Train the classifier: AdamW, cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from activetouch.data.dataset import TouchSet
+from activetouch.errors import LabelMismatch, TrainingDiverged
+from activetouch.perception.augmentation import augment
+from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.recipe import TrainingRecipe
+from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.scene import Symmetry
+from belief.errors import CorruptFile
+
+
+@dataclass(frozen=True)
+class EpochReport:
+    """How one epoch ended: mean training loss, and loss [nats] and accuracy on the calibration split."""
+
+    epoch: int
+    training_loss: float
+    calibration_loss: float
+    calibration_accuracy: float
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return (
+            f"epoch {self.epoch}: training loss {self.training_loss:.4f}, on the calibration split loss "
+            f"{self.calibration_loss:.4f} and accuracy {self.calibration_accuracy:.4f}"
+        )
+
+
+def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+    """Mean negative log-likelihood [nats] and accuracy of the raw softmax."""
+    network.eval()
+    loss = correct = 0.0
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+        for first in range(0, len(touches.images), 256):
+            logits, _ = network(torch.from_numpy(touches.images[first : first + 256]))
+            labels = torch.from_numpy(touches.shapes[first : first + 256])
+            loss += nn.functional.cross_entropy(logits.float(), labels, reduction="sum").item()
+            correct += (logits.argmax(1) == labels).sum().item()
+    return loss / len(touches.images), correct / len(touches.images)
+
+
+class Trainer:
+    """Trains a classifier's network epoch by epoch, resuming from its state file where there is one.
+
+    Args:
+        classifier: whose network to train, in place.
+        recipe: how.
+        train: what to learn from.
+        calibration: touches of other objects, for the reports and for stopping early.
+        state: file of the training's state, written after every epoch.
+        symmetry: of the scene.
+
+    Raises:
+        CorruptFile: the state file is damaged.
+        LabelMismatch: it belongs to another training.
+        ValueError: a shape has no image.
+    """
+
+    def __init__(
+        self,
+        classifier: TouchClassifier,
+        recipe: TrainingRecipe,
+        train: TouchSet,
+        calibration: TouchSet,
+        state: Path,
+        symmetry: Symmetry = Symmetry.NONE,
+    ) -> None:
+        self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
+        self.train, self.calibration = train, calibration
+        self._task = json.dumps([asdict(recipe), asdict(classifier.card), len(train.images), symmetry])
+        network = classifier.network
+        decayed = [p for p in network.parameters() if p.ndim > 1]
+        plain = [p for p in network.parameters() if p.ndim <= 1]
+        self.optimizer = torch.optim.AdamW(
+            [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}],
+            lr=recipe.learning_rate,
+        )
+        counts = np.bincount(train.shapes, minlength=len(classifier.card.shape_labels))
+        if (counts == 0).any():
+            absent = [label for label, n in zip(classifier.card.shape_labels, counts, strict=True) if n == 0]
+            raise ValueError(f"there is no image of {', '.join(absent)} to learn from")
+        weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
+        self.class_weights = torch.tensor(weights, dtype=torch.float32)
+        self.steps_per_epoch = -(-len(train.images) // recipe.batch_size)
+        self.reports: list[EpochReport] = []
+        self._best: dict[str, Tensor] = {}
+        if state.exists():
+            self._resume()
+
+    @property
+    def epochs_done(self) -> int:
+        """Epochs behind this training, those of earlier runs included."""
+        return len(self.reports)
+
+    @property
+    def best_epoch(self) -> int:
+        """Number, from 1, of the epoch after which the loss on the calibration split was lowest."""
+        return min(self.reports, key=lambda report: report.calibration_loss).epoch
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether all epochs are done, or patience is at its end."""
+        if self.epochs_done == self.recipe.epochs:
+            return True
+        patience = self.recipe.patience
+        return patience is not None and self.epochs_done > 0 and self.epochs_done - self.best_epoch >= patience
+
+    def finish(self) -> TouchClassifier:
+        """The trained classifier: that of the best epoch where the recipe is patient, else of the last."""
+        if self.recipe.patience is not None:
+            self.classifier.network.load_state_dict(self._best)
+        self.classifier.network.eval()
+        return self.classifier
+
+    def learning_rate(self, epoch: float) -> float:
+        """Learning rate after a (fractional) number of epochs: linear rise, then a cosine to zero."""
+        peak, warmup, epochs = self.recipe.learning_rate, self.recipe.warmup, self.recipe.epochs
+        if epoch < warmup:
+            return peak * (epoch + 1 / self.steps_per_epoch) / warmup
+        return peak * 0.5 * (1 + math.cos(math.pi * (epoch - warmup) / (epochs - warmup)))
+
+    def run_epoch(self, tick: Callable[[int], None] = lambda _: None) -> EpochReport:
+        """One pass over the training split; ``tick`` is told how many images each step took.
+
+        Raises:
+            TrainingDiverged: a gradient is not finite; the state file holds the epoch before.
+        """
+        recipe, network, train = self.recipe, self.classifier.network, self.train
+        generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
+        order = torch.randperm(len(train.images), generator=generator).numpy()
+        network.train()
+        total = 0.0
+        for first in range(0, len(order), recipe.batch_size):
+            index = np.sort(order[first : first + recipe.batch_size])
+            images = augment(torch.from_numpy(train.images[index]), self.symmetry, recipe.rotation, generator)
+            with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
+                logits, _ = network(images)
+            shapes = torch.from_numpy(train.shapes[index])
+            loss = nn.functional.cross_entropy(logits.float(), shapes, weight=self.class_weights)
+            self.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            if not torch.isfinite(norm):
+                raise TrainingDiverged(
+                    f"epoch {self.epochs_done + 1}: after {first} images the loss is {loss.item():g} and the gradient "
+                    f"{norm.item():g}. Train with a lower --change.learning-rate, or, if that does not help, in single "
+                    "precision (--change.bf16 False): bfloat16 fails on the smallest images"
+                )
+            for group in self.optimizer.param_groups:
+                group["lr"] = self.learning_rate(self.epochs_done + first / len(order))
+            self.optimizer.step()
+            total += loss.item() * len(index)
+            tick(len(index))
+        measured = evaluate(network, self.calibration, recipe.bf16)
+        self.reports.append(EpochReport(self.epochs_done + 1, total / len(order), *measured))
+        if recipe.patience is not None and self.best_epoch == self.epochs_done:
+            self._best = {name: value.clone() for name, value in network.state_dict().items()}
+        self._save()
+        return self.reports[-1]
+
+    def _moments(self) -> dict[str, Tensor]:
+        return {
+            f"{moment}.{name}": self.optimizer.state[parameter][moment]
+            for name, parameter in self.classifier.network.named_parameters()
+            for moment in ("exp_avg", "exp_avg_sq")
+        }
+
+    def _save(self) -> None:
+        tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
+        tensors |= {f"best.{name}": value for name, value in self._best.items()} | self._moments()
+        fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
+        write_tensors(self.state, {name: value.numpy() for name, value in tensors.items()}, fields)
+
+    def _resume(self) -> None:
+        try:
+            arrays, header = read_tensors(self.state)
+        except CorruptFile as error:
+            raise CorruptFile(f"{error}; delete it to start anew") from error
+        tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        if header.get("task") != self._task:
+            raise LabelMismatch(
+                f"{self.state} belongs to another training (recipe, network, start or data): {header.get('task')}, not "
+                f"{self._task}. Choose another folder, or delete this file to start anew."
+            )
+        network = self.classifier.network
+        network.load_state_dict(_with_prefix(tensors, "model."))
+        self._best = _with_prefix(tensors, "best.")
+        self.reports = [EpochReport(**report) for report in header["reports"]]
+        steps = torch.tensor(float(self.epochs_done * self.steps_per_epoch))
+        for name, parameter in network.named_parameters():
+            self.optimizer.state[parameter] = {
+                "step": steps.clone(),
+                "exp_avg": tensors[f"exp_avg.{name}"],
+                "exp_avg_sq": tensors[f"exp_avg_sq.{name}"],
+            }
+
+
+def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

@@ -1,0 +1,230 @@
+"""The MuJoCo model of a press: a soft pad, an object on a linear guide, and what else the stage asks for.
+
+On the default stage that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
+pressed object are a contact pair, so what cannot touch is never tested for contact. Parked objects are fixed to the
+world: there is one model for each object that can be active, and to park it is to go on with another's model. A model
+is compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:
+MuJoCo's bounding volumes then stay conservative, and contacts are those of a freshly compiled model.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import WrongMujoco
+from activetouch.placement import Placement
+from activetouch.poses import Quaternion
+from activetouch.pressing.robot import attach_robot
+from activetouch.pressing.setup import Stage
+from activetouch.pressing.trace import Phase, Trace
+from activetouch.shapes import Shape
+
+_OLDEST = (4, 0, 1)
+if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
+    raise WrongMujoco(
+        f"MuJoCo {mujoco.__version__} is installed; 4.0.1 or newer is needed (older cylinder-edge contacts are "
+        "faulty). A package that depends on `mujoco` may have overwritten `mujoco-core`. Repair: "
+        "pip uninstall -y mujoco mujoco-core && pip install 'mujoco-core>=4.0.1,<5'"
+    )
+
+_MASS = 0.5  # of object and guide together [kg]; with the pad's contact it gives 1.5-2.4 mm at 2 N
+_SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
+_PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
+LARGEST_SCALE = 2.0
+"""Size at which an object is compiled, relative to nominal; it can be pressed at any size up to that."""
+_PARKING = (0.10, 0.25, 0.10)  # x [m] and first y [m] of the parking area, and distance between its places [m]
+_DARK, _GREY, _ORANGE, _BLUE = (0.15, 0.16, 0.2, 1), (0.6, 0.62, 0.66, 1), (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
+_NO_CONTACT = {"contype": 0, "conaffinity": 0}
+# Half-extents of the finger's segments [m] (paper §5.2): the base stands on the floor's origin, the tip on it.
+_FINGER_BASE, _FINGER_TIP = (0.02, 0.02, 0.05), (0.02, 0.02, 0.02)
+# A contact sensor that reports force and position of all contacts together (MuJoCo manual, "contact" sensor).
+_FORCE_AND_POSITION, _NET_FORCE = (1 << 1) | (1 << 4), 3
+
+_GEOM_TYPES = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
+}
+
+
+def build_spec(
+    stage: Stage, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
+) -> mujoco.MjSpec:
+    """The model of a stage and one object at its largest size, ready to compile."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = timestep
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    pad, world = stage.pad, spec.worldbody
+    world.add_geom(
+        name="pad",
+        type=_GEOM_TYPES["box"],
+        size=[pad.half_thickness, pad.half_width, pad.half_width],
+        pos=[-pad.half_thickness, 0.0, stage.height],
+        rgba=_DARK,
+        **_NO_CONTACT,
+    )
+    if stage.finger:
+        # Wider than the pad but a pad's thickness behind its face, where no object comes: it needs no contact pair.
+        x, z = -2 * pad.half_thickness - _FINGER_TIP[0], stage.height - _FINGER_TIP[2] - _FINGER_BASE[2]
+        for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, stage.height)):
+            position = [x, 0.0, height]
+            world.add_geom(
+                name=f"finger_{name}", type=_GEOM_TYPES["box"], size=size, pos=position, rgba=_GREY, **_NO_CONTACT
+            )
+    guide = world.add_body(name="guide", pos=[0.0, 0.0, stage.height])
+    guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
+    body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
+    contact = {} if stage.robot is not None and stage.robot.collisions else _NO_CONTACT
+    add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
+    softness = [pad.contact_time, pad.damping_ratio]
+    spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
+    actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
+    for place, parked in enumerate(stage.loaded):
+        if parked != shape:
+            position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], stage.height]
+            add_solid(spec, world, f"parked{place}", parked, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
+    if traced:
+        kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
+        sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
+        sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
+    if stage.robot is not None:
+        attach_robot(spec, stage.robot, (0.0, 0.0, stage.height))
+    return spec
+
+
+def add_solid(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, shape: Shape, scale: float, **properties: object
+) -> None:
+    """Give a body the geom of a shape."""
+    geom = shape.geom
+    if geom.vertices is not None:
+        spec.add_mesh(name=name, uservert=(geom.vertices * scale).ravel())
+        body.add_geom(name=name, type=_GEOM_TYPES[geom.type], meshname=name, **properties)
+    else:
+        body.add_geom(name=name, type=_GEOM_TYPES[geom.type], size=np.asarray(geom.size) * scale, **properties)
+
+
+class Rig:
+    """A compiled stage with one object, placed and pressed again and again.
+
+    Args:
+        stage: the pad and what else is modelled.
+        shape: of the object.
+        timestep: of the simulation [s].
+        traced: whether force vector and contact point are sensed in every step.
+        largest_scale: size up to which the object can be placed. Rays are cast against the bounding volumes of that
+            size, so a model to be looked at must be compiled at the size that is placed.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        shape: Shape,
+        timestep: float,
+        traced: bool = False,
+        largest_scale: float = LARGEST_SCALE,
+    ) -> None:
+        self.model = build_spec(stage, shape, timestep, traced, largest_scale).compile()
+        self._largest_scale = largest_scale
+        self.data = mujoco.MjData(self.model)
+        self._height, self._traced = stage.height, traced
+        self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
+        mesh = self.model.geom_dataid[self._geom]
+        first, count = (self.model.mesh_vertadr[mesh], self.model.mesh_vertnum[mesh]) if mesh >= 0 else (0, 0)
+        self._vertices = self.model.mesh_vert[first : first + count]
+        joint = self.model.joint("guide")
+        self._position = self.data.qpos[joint.qposadr[0] :]
+        self._reaction = self.data.qfrc_constraint[joint.dofadr[0] :]
+        self._control = self.data.ctrl[self.model.actuator("guide").id :]
+        self._sensors = self.data.sensordata
+        servos = self.model.actuator_trnid[1:, 0]  # a robot's, one for each of its joints
+        self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
+        size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
+        # The centre of mass too: where a mesh lies in its body's inertial frame, MuJoCo takes its place from there.
+        self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
+        self._rows: list[tuple[float, NDArray[np.float64]]] = []
+        self._phases: list[Phase] = []
+
+    def place(self, position: float, placement: Placement) -> None:
+        """Put the object at rest, its centre ``position`` [m] in front of the pad."""
+        factor = placement.scale / self._largest_scale
+        if not 0.0 < factor <= 1.0:
+            raise ValueError(f"scale must be in (0, {self._largest_scale}], got {placement.scale}")
+        model = self.model
+        mujoco.mj_resetData(model, self.data)
+        self._rows.clear()
+        self._phases.clear()
+        size, centre, mass_centre, vertices = self._largest
+        model.geom_size[self._geom], model.geom_pos[self._geom] = size * factor, centre * factor
+        model.body_ipos[self._body] = mass_centre * factor
+        self._vertices[:] = vertices * factor
+        model.pair_friction[0, :2] = placement.friction
+        model.body_pos[self._body, 1:] = placement.offset
+        self.turn(placement.orientation)
+        self._position[0] = self._control[0] = position
+        self._control[1:] = self._stance
+
+    def turn(self, orientation: Quaternion) -> None:
+        """Give the object another orientation."""
+        self.model.body_quat[self._body] = orientation
+
+    def step(self, position: float, phase: Phase) -> float:
+        """Command the guide to ``position`` [m], advance one timestep, and return the pad's push [N]."""
+        self._control[0] = position
+        mujoco.mj_step(self.model, self.data)
+        if self._traced:
+            self._rows.append((self._position[0], self._sensors.copy()))
+            self._phases.append(phase)
+        return self.force
+
+    def relabel(self, num_steps: int, phase: Phase) -> None:
+        """Correct the phase of the last steps."""
+        if self._traced:
+            self._phases[-num_steps:] = [phase] * num_steps
+
+    def trace(self) -> Trace | None:
+        """What was sensed since the object was placed; None without sensors."""
+        if not self._traced:
+            return None
+        num_steps = len(self._rows)
+        sensed = np.array([row for _, row in self._rows]).reshape(num_steps, -1)
+        time = self.model.opt.timestep * np.arange(1, num_steps + 1)
+        y, z = self.model.body_pos[self._body, 1:]
+        position = np.tile([0.0, y, z + self._height], (num_steps, 1))
+        position[:, 0] = [x for x, _ in self._rows]
+        force = sensed[:, :3]
+        point = np.where(force.any(axis=1, keepdims=True), sensed[:, 4:6] - (0.0, self._height), 0.0)
+        return Trace(time, position, force, point, tuple(self._phases))
+
+    @property
+    def force(self) -> float:
+        """Normal force between pad and object [N]: contact is all that constrains the guide.
+
+        An object that has slipped past the rim is pushed on, away from the face; on the face itself that is no force.
+        """
+        return max(float(self._reaction[0]), 0.0)
+
+    @property
+    def num_warnings(self) -> int:
+        """MuJoCo warnings since the object was placed."""
+        return int(self.data.warning.number.sum())
+
+
+@lru_cache(maxsize=64)
+def shared_rig(stage: Stage, shape: Shape, timestep: float, traced: bool) -> Rig:
+    """The process's rig for a shape on a stage, compiled when first needed.
+
+    Every press sets everything it depends on, so a press does not remember the one before; but a process can run only
+    one at a time.
+    """
+    return Rig(stage, shape, timestep, traced)

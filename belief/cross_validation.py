@@ -1,0 +1,72 @@
+"""Objects of touches, and folds of whole objects: touches of one object never sit on both sides."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.validation import unmasked
+
+
+def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Objects numbered from 0 in rising order of their ids.
+
+    Args:
+        shapes: true shape of each touch, ``(n,)``, integers.
+        object_ids: which object it is of, ``(n,)``; any labels that can be sorted.
+
+    Returns:
+        The object of each touch, ``(n,)``, and the shape of each object, ``(N,)``.
+
+    Raises:
+        ValueError: an object of two shapes, shapes that are no integers, ids that are NaN or cannot be sorted, or
+            lengths that differ.
+
+    >>> objects, shape_of = numbered_objects([0, 1, 0], ["mug", "ball", "mug"])
+    >>> objects.tolist(), shape_of.tolist()
+    ([1, 0, 1], [1, 0])
+    """
+    truth, ids = unmasked(shapes, "shapes"), unmasked(object_ids, "object ids")
+    if truth.ndim != 1 or truth.shape != ids.shape:
+        raise ValueError(f"need a shape and an object id for every touch, got {truth.shape} and {ids.shape}")
+    if not np.issubdtype(truth.dtype, np.integer):
+        raise ValueError(f"shapes must be integers, got {truth.dtype}")
+    if ids.dtype.kind in "fc" and np.isnan(ids).any():
+        raise ValueError(f"row {int(np.isnan(ids).argmax())} has no object: its id is NaN")
+    try:
+        unique, first, owner = np.unique(ids, return_index=True, return_inverse=True)
+    except TypeError as error:
+        raise ValueError(f"object ids must be of one kind that can be sorted: {error}") from error
+    shape_of = truth[first]
+    wrong = shape_of[owner] != truth
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise ValueError(
+            f"object {unique[owner[row]]} has shape {shape_of[owner[row]]}, and in row {row} shape {truth[row]}"
+        )
+    return owner.astype(np.int64), shape_of.astype(np.int64)
+
+
+def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> NDArray[np.intp]:
+    """Which fold each touch is in, ``(n,)``, in [0, num_folds).
+
+    Objects are dealt out shape by shape, in rising order of their ids: every fold gets its share of every shape, and
+    the order of the touches changes nothing.
+
+    Args:
+        shapes: true shape of each touch, ``(n,)``.
+        object_ids: which object it is of, ``(n,)``.
+        num_folds: at least 2 (or 1: all together), at most the number of objects.
+
+    Raises:
+        ValueError: too few objects for the folds, and what :func:`numbered_objects` refuses.
+
+    >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
+    array([0, 0, 0, 1, 1])
+    """
+    owner, shape_of = numbered_objects(shapes, object_ids)
+    if not 1 <= num_folds <= len(shape_of):
+        raise ValueError(f"need between 2 and {len(shape_of)} folds for {len(shape_of)} objects, got {num_folds}")
+    fold_of = np.empty(len(shape_of), np.intp)
+    fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds
+    return fold_of[owner]

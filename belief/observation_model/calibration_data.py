@@ -1,0 +1,114 @@
+"""Calibration touches: what observation models are fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.calibration.inputs import pose_count
+from belief.cross_validation import numbered_objects
+from belief.frozen import FrozenArrays
+from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
+from belief.validation import unmasked
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledTouches(FrozenArrays):
+    """Touches of known objects, n of them.
+
+    Attributes:
+        batch: all touches as one sequence.
+        shapes: true shape of each, ``(n,)``.
+        objects: which object each is of, ``(n,)``, from 0 without gaps.
+        shape_of_object: ``(N,)``.
+        shape_labels: names of the K shapes.
+        num_poses: P.
+
+    Example:
+        >>> touches = [Touch(0, np.array([2.0, 0.0])), Touch(2, np.array([0.0, 1.0]))]
+        >>> data = LabelledTouches.of(touches, [0, 1], ["mug", "ball"])
+        >>> data.num_poses, data.objects.tolist(), data.shape_labels
+        (3, [1, 0], ('shape_0', 'shape_1'))
+    """
+
+    batch: TouchBatch
+    shapes: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    shape_of_object: NDArray[np.int64]
+    shape_labels: tuple[str, ...]
+    num_poses: int
+
+    @classmethod
+    def of(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike | None,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+    ) -> LabelledTouches:
+        """From touches and what is known about them.
+
+        Args:
+            touches: at least one.
+            shapes: true shape index of each, ``(n,)``.
+            object_ids: which object was touched, ``(n,)``, any labels; by default every touch is of another one.
+            shape_labels: names; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose seen.
+
+        Raises:
+            ValueError: no touches, fewer than two shapes, shapes or poses out of range, lengths that do not fit, names
+                that do not fit or are the same, or an object of two shapes.
+        """
+        truth = unmasked(shapes, "shapes")
+        ids = np.arange(len(touches)) if object_ids is None else unmasked(object_ids, "object_ids")
+        if len(touches) == 0 or truth.shape != (len(touches),) or ids.shape != truth.shape:
+            raise ValueError(
+                f"need at least one touch, and one shape and object for each, got {len(touches)} touches, "
+                f"{truth.shape} shapes and {ids.shape} objects"
+            )
+        batch = TouchBatch.of([touches])
+        num_shapes = batch.num_shapes
+        if num_shapes < 2:
+            raise ValueError("need logits of at least two shapes, or there is nothing to tell apart; got one")
+        if not np.issubdtype(truth.dtype, np.integer) or truth.min() < 0 or truth.max() >= num_shapes:
+            raise ValueError(
+                f"shapes must be integers in [0, {num_shapes}), got {truth.dtype} from {truth.min()} to {truth.max()}"
+            )
+        objects, shape_of_object = numbered_objects(truth, ids)
+        labels = tuple(shape_labels) if shape_labels is not None else tuple(f"shape_{k}" for k in range(num_shapes))
+        if len(labels) != num_shapes:
+            raise ValueError(f"the touches have {num_shapes} logits, shape_labels names {len(labels)}: {list(labels)}")
+        if len(set(labels)) < num_shapes:
+            raise ValueError(f"shape_labels must differ from each other, got {list(labels)}")
+        size = pose_count(batch.poses[0], num_poses)
+        return cls(batch, truth.astype(np.int64), objects, shape_of_object, labels, size)
+
+    @property
+    def logits(self) -> Floats:
+        """``(n, K)``."""
+        return self.batch.logits[0]
+
+    @property
+    def poses(self) -> NDArray[np.int64]:
+        """``(n,)``."""
+        return self.batch.poses[0]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.batch.num_shapes
+
+    @property
+    def num_objects(self) -> int:
+        """N."""
+        return len(self.shape_of_object)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Touches of each shape, ``(K,)``."""
+        return np.bincount(self.shapes, minlength=self.num_shapes)

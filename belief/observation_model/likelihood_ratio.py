@@ -1,0 +1,335 @@
+r"""From a calibrated posterior to a likelihood: divide by the training prior, and discount repeats.
+
+    log p(x | k) = log q(k | x) - log π_k + log p(x)                     (Bayes' rule, read backwards)
+
+No density over images or logits is needed, and one touch is exactly as trustworthy as the calibration q. Touches of one
+object in *different* poses are taken for independent given the shape; n touches in *one* pose, which show the same face
+again, count as n / (1 + (n - 1) ρ) touches of their mean: one number ρ, fitted to objects that were touched repeatedly,
+or one for each direction of evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
+from belief.cross_validation import object_folds
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.directional_discount import centred, discounts, fit_directions
+from belief.observation_model.evidence import SummarisedEvidence
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, fit_correlation, repeats
+from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
+
+Status: TypeAlias = Literal["ok", "no_repeats"]
+_REFERENCES = 500  # touches kept of each pose
+_MOST_KEPT = 100  # numbers of touches whose discounts are kept
+_POOLING = 100.0  # weight of all poses' table in one pose's, in touches
+
+
+@dataclass(frozen=True, eq=False)
+class RatioModel(ArrayModel):
+    """Calibrated posterior over training prior, with repeats discounted.
+
+    Attributes:
+        shape_labels: names of the K shapes.
+        calibration: from logits to q(shape | touch).
+        training_prior: π, shares of the shapes among the touches that the calibration was fitted on, ``(K,)``.
+        correlation: ρ, between touches of an object in one pose, in [0, 1).
+        directions: how far each direction of evidence repeats, ``(K, K)``, if not all as ρ says: see
+            :mod:`belief.observation_model.directional_discount`.
+        references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
+            tabulate only.
+        status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
+
+    Raises:
+        ValueError: a prior, correlation, references or status that cannot be; the message says which.
+
+    Example:
+        >>> rng = np.random.default_rng(0)
+        >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3       # three touches of each object
+        >>> logits = 2.0 * np.eye(2)[shapes] + rng.normal(size=(300, 2))[ids]    # that are one and the same
+        >>> model = RatioModel.fit([Touch(0, row) for row in logits], shapes, ids)
+        >>> model.status, bool(model.correlation > 0.9)
+        ('ok', True)
+    """
+
+    name: ClassVar[str] = "ratio"
+
+    shape_labels: tuple[str, ...]
+    calibration: Calibration
+    training_prior: Floats
+    correlation: float
+    references: Floats
+    status: Status = "ok"
+    directions: Floats | None = None
+
+    def __post_init__(self) -> None:
+        prior = np.asarray(self.training_prior, np.float64)
+        num_shapes = len(self.shape_labels)
+        if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > 2e-3:
+            raise ValueError(f"training_prior must be {num_shapes} positive shares that sum to one, got {prior}")
+        if not 0.0 <= self.correlation < 1.0:
+            raise ValueError(f"correlation must be in [0, 1), got {self.correlation}")
+        references = np.asarray(self.references, np.float64)
+        if references.ndim != 3 or references.shape[2] != num_shapes or references.size == 0:
+            raise ValueError(f"references must be (P, N, {num_shapes}), none of them empty, got {references.shape}")
+        if not np.isfinite(references).all():
+            raise ValueError("references must be finite logits")
+        if self.calibration.num_shapes not in (None, num_shapes):
+            raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
+        if self.status not in get_args(Status):
+            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        if self.directions is not None:
+            directions = np.asarray(self.directions, np.float64)
+            if directions.shape != (num_shapes, num_shapes) or not np.isfinite(directions).all():
+                raise ValueError(f"directions must be {num_shapes} × {num_shapes} finite numbers, got {directions}")
+            shared = np.linalg.eigvals(directions).real
+            if not (shared > -1e-6).all():
+                raise ValueError(f"directions must not have an eigenvalue below zero, got {shared.min()}")
+            object.__setattr__(self, "directions", directions)
+        # What is normalised already keeps its last bit, as on reload.
+        object.__setattr__(self, "training_prior", prior / prior.sum() if abs(prior.sum() - 1.0) > 1e-12 else prior)
+        object.__setattr__(self, "references", references)
+        self.freeze()
+
+    @classmethod
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike | None = None,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+        calibration: Calibration | None = None,
+        num_folds: int = 5,
+        by_direction: bool = False,
+    ) -> RatioModel:
+        """Fit the calibration on all touches, and ρ on posteriors of objects that their calibration did not see.
+
+        Args:
+            touches: calibration touches, of objects the classifier was not trained on; touch some of them several
+                times in one pose, or ρ can only be assumed (see ``status``).
+            shapes: true shape index of each, ``(n,)``.
+            object_ids: which object was touched, ``(n,)``; every touch of another one by default.
+            shape_labels: names; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose seen.
+            calibration: which kind; structured matrix scaling by default.
+            num_folds: in which ρ is cross-fitted.
+            by_direction: fit ``directions`` as well; they take a few hundred objects to be known.
+
+        Raises:
+            ValueError: see :meth:`LabelledTouches.of`.
+        """
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        unfitted = calibration if calibration is not None else StructuredMatrixScaling()
+        calibrated = unfitted.fit(data.logits, data.shapes)
+        prior = _training_prior(calibrated, data)
+        found, correlation, directions = repeats(data), ASSUMED_CORRELATION, None
+        if found is not None:
+            log_ratio = _cross_fitted(unfitted, data, num_folds) - np.log(prior)
+            sums = np.where((found.rows >= 0)[..., None], log_ratio[found.rows], 0.0).cumsum(axis=1)[:, 1:]
+            number = np.arange(2, sums.shape[1] + 2)
+            correlation = fit_correlation(lambda rho: sums * (effective_touches(number, rho) / number)[:, None], found)
+            directions = fit_directions(log_ratio, found, correlation) if by_direction else None
+        return cls(
+            data.shape_labels,
+            calibrated,
+            prior,
+            correlation,
+            _references(data),
+            "no_repeats" if found is None else "ok",
+            directions,
+        )
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return len(self.references)
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        """See :class:`ArrayModel`."""
+        log_ratio = self._log_ratio(batch)
+        if batch.num_touches == 1:
+            return log_ratio[:, 0]
+        membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
+        counts = membership.sum(axis=1)
+        if self.directions is not None:
+            sums = np.swapaxes(membership, 1, 2).astype(np.float64) @ centred(log_ratio)  # (S, P, K)
+            total = np.zeros((len(batch), sums.shape[2]))
+            for n in sorted(set(counts.ravel().tolist()) - {0}):
+                total += np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ self._discount(n).T
+            return total
+        weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
+        return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
+
+    def start(self) -> SummarisedEvidence:
+        """See :class:`ArrayModel`."""
+        return SummarisedEvidence(self)
+
+    def statistics_with(self, statistics: _Means | None, touch: Touch) -> _Means:
+        """The mean log ratio of every pose that was touched in, in the order of their first touches."""
+        batch = self.alone(touch)
+        log_ratio, pose = self._log_ratio(batch)[0], int(batch.poses[0, 0])
+        if statistics is None:
+            return _Means((pose,), np.ones(1), log_ratio)
+        poses, counts, means = statistics
+        if pose not in poses:
+            return _Means((*poses, pose), np.append(counts, 1.0), np.concatenate([means, log_ratio]))
+        place, counts, means = poses.index(pose), counts.copy(), means.copy()
+        counts[place] += 1.0
+        means[place] += (log_ratio[0] - means[place]) / counts[place]
+        return _Means(poses, counts, means)
+
+    def log_likelihood_of(self, statistics: _Means) -> Floats:
+        """The sum over poses of their means, each as often as its touches count."""
+        counts, means = statistics.counts, statistics.means
+        if self.directions is None or counts.sum() == 1.0:
+            return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
+        sums = counts[:, None] * centred(means)
+        return np.asarray(
+            sum(sums[counts == n].sum(axis=0) @ self._discount(int(n)).T for n in np.unique(counts).tolist())
+        )
+
+    def _log_ratio(self, batch: TouchBatch) -> Floats:
+        return self.calibration.predict_log_proba(batch.logits) - self._log_prior
+
+    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
+        """See :class:`ArrayModel`; a matrix each where directions of evidence repeat differently."""
+        if self.directions is not None:
+            return discounts(num_touches, self.directions)
+        return effective_touches(num_touches, self.correlation) / np.maximum(num_touches, 1)
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        """See :class:`ArrayModel`; references, drawn in proportion to what they say for the shape.
+
+        They are drawn independently of each other: how touches repeat is in ``correlation`` as a discount on evidence,
+        not as a density that could be sampled.
+        """
+        cumulative = self._weights[:, :, shape].cumsum(axis=1)  # (P, N)
+        drawn = np.empty(poses.shape, np.int64)
+        for pose in np.unique(poses).tolist():
+            here = poses == pose
+            drawn[here] = np.searchsorted(cumulative[pose], rng.random(here.sum()) * cumulative[pose, -1], "right")
+        return TouchBatch(poses, self.references[poses, np.minimum(drawn, self.references.shape[1] - 1)])
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        """See :class:`ArrayModel`; the references, clustered by what they tell, each pose's shrunk towards all."""
+        log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
+        log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
+        table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
+        number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
+        pooled = smoothed(table.mean(axis=0), self.num_poses * number)
+        return OutcomeTable((number * table + _POOLING * pooled) / (number + _POOLING))
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`."""
+        return {
+            "calibration": {"name": self.calibration.name, **self.calibration.to_fields()},
+            "training_prior": self.training_prior.tolist(),
+            "correlation": self.correlation,
+            "status": self.status,
+            **({} if self.directions is None else {"directions": self.directions.tolist()}),
+            # In single precision, as they were chosen; written with as few digits as tell them apart.
+            "references": [
+                [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
+            ],
+        }
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RatioModel:
+        """See :class:`ArrayModel`."""
+        kind = fields["calibration"]["name"]
+        if kind not in CALIBRATIONS:
+            raise ValueError(f"unknown calibration {kind!r}")
+        return cls(
+            shape_labels,
+            CALIBRATIONS[kind].from_fields(fields["calibration"]),
+            np.array(fields["training_prior"], np.float64),
+            float(fields["correlation"]),
+            np.array(fields["references"], np.float32).astype(np.float64),
+            fields["status"],
+            np.array(fields["directions"], np.float64) if "directions" in fields else None,
+        )
+
+    def _discount(self, num_touches: int) -> Floats:
+        """What turns a sum of so many log ratios into what they are worth, ``(K, K)``; kept, as few numbers occur."""
+        assert self.directions is not None
+        if num_touches > _MOST_KEPT:
+            return discounts(num_touches, self.directions)
+        if num_touches not in self._discounts:
+            self._discounts[num_touches] = discounts(num_touches, self.directions)
+        return self._discounts[num_touches]
+
+    @cached_property
+    def _discounts(self) -> dict[int, Floats]:
+        return {}
+
+    @cached_property
+    def _log_prior(self) -> Floats:
+        return np.log(self.training_prior)
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """Share of each reference in the touches of each shape, ``(P, N, K)``; sums to one over N."""
+        probs = self.calibration.predict_proba(self.references)
+        return np.asarray(probs / probs.sum(axis=1, keepdims=True))
+
+
+class _Means(NamedTuple):
+    """The ``poses`` that were touched in, how often each, ``(p,)``, and their mean log ratios, ``(p, K)``."""
+
+    poses: tuple[int, ...]
+    counts: Floats
+    means: Floats
+
+
+def _within_floats(log_likelihoods: Floats) -> Floats:
+    """Sums of finite numbers; beyond the largest float they stay at it, so that nothing is impossible."""
+    return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
+
+
+def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
+    """Shares of the shapes, ``(K,)``; for a shape without touches, the share that the calibration takes it to have.
+
+    So its likelihood ratio is one on average, as any likelihood's is, and not whatever is divided by next to nothing.
+    """
+    claimed = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
+    shares = np.where(data.counts > 0, data.counts / len(data.shapes), claimed)
+    return np.asarray(shares / shares.sum())
+
+
+def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) -> Floats:
+    """Log probabilities ``(n, K)`` of touches, each calibrated by other objects than its own, if there are others."""
+    folds = object_folds(data.shapes, data.objects, min(num_folds, data.num_objects))
+    found = np.empty_like(data.logits)
+    for fold in np.unique(folds).tolist():
+        kept, held = folds != fold, folds == fold
+        fitted = unfitted.fit(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
+        found[held] = fitted.predict_log_proba(data.logits[held])
+    return found
+
+
+def _references(data: LabelledTouches) -> Floats:
+    """As many touches of each pose, evenly spread over those there are, in single precision; all for an unseen pose."""
+    rows = []
+    for pose in range(data.num_poses):
+        here = np.flatnonzero(data.poses == pose)
+        here = here if here.size else np.arange(len(data.poses))
+        rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
+    chosen = data.logits[np.stack(rows)]
+    # Beyond single precision only what logits are below their row's largest is kept, which is all a softmax feels.
+    with np.errstate(over="ignore"):
+        below = np.maximum(chosen - chosen.max(axis=-1, keepdims=True), np.finfo(np.float32).min)
+    fits = (np.abs(chosen) <= np.finfo(np.float32).max).all(axis=-1, keepdims=True)
+    return np.where(fits, chosen, below).astype(np.float32).astype(np.float64)

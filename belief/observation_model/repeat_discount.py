@@ -1,0 +1,95 @@
+"""How many independent touches some touches in one pose are worth, and how to estimate that from objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from belief.bayes import update
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.problem import Floats
+
+ASSUMED_CORRELATION = 0.5  # where no object was touched twice in a pose
+_LARGEST = 0.999
+_LONGEST = 12  # touches of a group that count: by then it shows how they repeat, and one long group costs no memory
+
+
+def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
+    """What n touches in one pose are worth when any two of them correlate by ρ: n / (1 + (n - 1) ρ).
+
+    It is the weight of their mean in generalised least squares under equal correlation; between 1 (ρ = 1, or one
+    touch) and n (ρ = 0), and never above 1/ρ.
+
+    >>> effective_touches([1, 2, 6], correlation=0.4).round(2)
+    array([1.  , 1.43, 2.  ])
+    """
+    n = np.asarray(num_touches, np.float64)
+    return n / (1.0 + np.maximum(n - 1.0, 0.0) * correlation)
+
+
+class Repeats(NamedTuple):
+    """Touches of one object in one pose, as G groups of at most n ≤ 12; shorter ones are filled up.
+
+    Attributes:
+        rows: index of each touch, ``(G, n)``; -1 where there is none.
+        shapes: true shape of each group's object, ``(G,)``.
+    """
+
+    rows: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+
+
+def repeats(data: LabelledTouches) -> Repeats | None:
+    """The groups of at least two touches of one object in one pose, in the order they came; of each the first twelve.
+
+    None if there are none of at least two shapes, as then nothing is learnt of what repeats do to telling them apart.
+
+    >>> from belief import Touch
+    >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1, 0)]
+    >>> repeats(LabelledTouches.of(touches, [1, 1, 1, 0, 1, 0], ["mug", "mug", "mug", "ball", "mug", "ball"])).rows
+    array([[3, 5],
+           [0, 2],
+           [1, 4]])
+    """
+    _, group = np.unique(data.objects * data.num_poses + data.poses, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    sizes = np.bincount(group)
+    first = np.concatenate([[0], sizes.cumsum()[:-1]])
+    kept = np.flatnonzero(sizes > 1)
+    if np.unique(data.shapes[order[first[kept]]]).size < 2:
+        return None
+    steps = np.arange(min(sizes.max(), _LONGEST))
+    inside = steps < sizes[kept, None]
+    rows = np.where(inside, order[np.minimum(first[kept, None] + steps, len(order) - 1)], -1)
+    return Repeats(rows, data.shapes[rows[:, 0]])
+
+
+def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) -> float:
+    """The ρ in [0, 1) under which groups of repeated touches predict best which of their shapes they are of.
+
+    Shapes of no group do not compete: what a model makes of a shape that it never saw would spoil the measure.
+
+    Args:
+        log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
+        found: the groups.
+
+    >>> pairs = Repeats(np.array([[0, 1], [2, 3]]), shapes=np.array([0, 1]))
+    >>> sums = 3.0 * np.array([[[1.0, 0.0]], [[1.0, 0.0]]])         # the second pair is taken for the first shape
+    >>> fit_correlation(lambda rho: sums * effective_touches(2, rho) / 2, pairs)
+    0.999
+    """
+    inside = (found.rows >= 0)[:, 1:]
+    seen, shapes = np.unique(found.shapes, return_inverse=True)
+    truth = shapes[np.nonzero(inside)[0]]
+
+    def loss(correlation: float) -> float:
+        values = log_likelihoods(correlation)[inside][:, seen]
+        log_posterior, _ = update(np.full(values.shape[1], -np.log(values.shape[1])), values)
+        return -float(log_posterior[np.arange(len(values)), truth].mean())
+
+    best = minimize_scalar(loss, bounds=(0.0, _LARGEST), method="bounded", options={"xatol": 1e-4})
+    return min((0.0, float(best.x), _LARGEST), key=loss)

@@ -1,0 +1,209 @@
+"""Choose between observation models by how well they predict objects they have not seen, touch after touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.bayes import update
+from belief.cross_validation import object_folds
+from belief.observation_model import ArrayModel, ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
+
+Fit = Callable[..., ArrayModel]
+"""Builds a model from touches, shapes and object ids; takes ``shape_labels`` and ``num_poses`` too."""
+
+_EDGES = (0.6, 0.9, 0.99)
+
+
+NUM_FOLDS = 5
+"""Of whole objects, in which models are compared unless told otherwise."""
+
+OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
+    {
+        "confusion": ConfusionModel.fit,
+        "confusion × confidence": partial(ConfusionModel.fit, confidence_edges=_EDGES),
+        "signature": partial(SignatureModel.fit, confidence_edges=_EDGES),
+        "gaussian": GaussianModel.fit,
+        "plda": PLDAModel.fit,
+        "ratio": RatioModel.fit,
+        "ratio by direction": partial(RatioModel.fit, by_direction=True),
+    }
+)
+"""What :func:`choose_observation_model` chooses from, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelChoice:
+    """An observation model and why it was chosen.
+
+    Attributes:
+        name: of the candidate, a key of ``losses``.
+        model: fitted to all touches.
+        losses: sequence NLL out of fold of every candidate [nats]; the chosen one has the least.
+    """
+
+    name: str
+    model: ArrayModel
+    losses: Mapping[str, float]
+
+
+def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
+    """Log posterior after each sequence of touches of one object, under a uniform prior, ``(S, K)``.
+
+    >>> from belief.synthetic import random_model
+    >>> model = random_model(np.random.default_rng(0), num_shapes=2)
+    >>> once, twice = (TouchBatch.of([[Touch(0, np.array([1.0, 0.0]))] * n]) for n in (1, 2))
+    >>> np.exp(log_posteriors(model, once)).round(2).tolist(), np.exp(log_posteriors(model, twice)).round(2).tolist()
+    ([[0.83, 0.17]], [[0.96, 0.04]])
+    """
+    log_likelihoods = model.log_likelihood_batch(batch)
+    num_shapes = log_likelihoods.shape[1]
+    return update(np.full(num_shapes, -np.log(num_shapes)), log_likelihoods)[0]
+
+
+def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
+    """Touches sorted into the sequences they belong to, each in the order it came.
+
+    Args:
+        batch: all touches as one sequence, n of them.
+        groups: to which sequence each belongs, ``(n,)``; any labels.
+
+    Yields:
+        The sequences of one length, for every length there is, and the rows of their touches, ``(S, length)``.
+
+    >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
+    >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
+    [[[1], [3]], [[0, 2, 4]]]
+    """
+    _, index, sizes = np.unique(np.asarray(groups), return_inverse=True, return_counts=True)
+    order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
+    for size in np.unique(sizes).tolist():
+        rows = order[first[sizes == size][:, None] + np.arange(size)]
+        features = None if batch.features is None else batch.features[0, rows]
+        yield TouchBatch(batch.poses[0, rows], batch.logits[0, rows], features), rows
+
+
+def sequence_nll(
+    model: ArrayModel, batch: TouchBatch, shapes: ArrayLike, object_ids: ArrayLike, max_touches: int = 12
+) -> float:
+    """Mean negative log posterior of the true shape after one touch of an object, two, and so on [nats].
+
+    Early touches count as much as late ones: with a good sensor the posterior in the end is certain under any model.
+    Half of it is about an object's touches in the order they came, half about those in one pose, which repeat.
+
+    Args:
+        model: what to measure, under a uniform prior.
+        batch: all touches as one sequence, n of them.
+        shapes: true shape of each, ``(n,)``.
+        object_ids: which object each is of, ``(n,)``; any labels.
+        max_touches: longest beginning of a sequence that counts.
+
+    >>> from belief.synthetic import random_model
+    >>> useless = random_model(np.random.default_rng(0), num_shapes=2, sharpness=0.0)
+    >>> batch = TouchBatch.of([useless.sample(0, [0, 1], np.random.default_rng(0))])
+    >>> sequence_nll(useless, batch, shapes=[0, 0], object_ids=["mug", "mug"]) > 0.0
+    True
+    """
+    truth = np.asarray(shapes)
+    _, objects = np.unique(np.asarray(object_ids), return_inverse=True)
+    kinds = (objects, objects * (int(batch.poses.max()) + 1) + batch.poses[0])
+    return float(np.mean([_mean_nll(model, batch, truth, kind, max_touches) for kind in kinds]))
+
+
+def _mean_nll(
+    model: ArrayModel, batch: TouchBatch, truth: NDArray[np.int64], groups: NDArray[np.int64], max_touches: int
+) -> float:
+    losses = []
+    for some, rows in grouped(batch, groups):
+        for n in range(1, min(some.num_touches, max_touches) + 1):
+            found = log_posteriors(model, some.first(n))
+            losses.append(-found[np.arange(len(found)), truth[rows[:, 0]]])
+    return float(np.concatenate(losses).mean())
+
+
+def cross_validated_nll(
+    fit: Callable[[Sequence[Touch], NDArray[np.int64], NDArray[np.int64]], ArrayModel],
+    touches: Sequence[Touch],
+    shapes: ArrayLike,
+    object_ids: ArrayLike,
+    num_folds: int = NUM_FOLDS,
+) -> float:
+    """:func:`sequence_nll` of objects that the model was not fitted to, on average over folds of whole objects.
+
+    Args:
+        fit: builds a model from touches, shapes and object ids.
+        touches: calibration touches.
+        shapes: true shape of each, ``(n,)``.
+        object_ids: which object each belongs to, ``(n,)``.
+        num_folds: number of folds, at least 2, at most the number of objects.
+
+    Raises:
+        ValueError: too few objects or folds, or what the fit refuses.
+
+    >>> from belief.synthetic import random_model
+    >>> rng = np.random.default_rng(0)
+    >>> source = random_model(rng, num_shapes=2)
+    >>> touches = [source.sample(i % 2, [0], rng)[0] for i in range(100)]
+    >>> round(cross_validated_nll(lambda *_: source, touches, np.arange(100) % 2, np.arange(100)), 2)
+    0.39
+    """
+    truth, ids = np.asarray(shapes), np.asarray(object_ids)
+    if num_folds < 2:
+        raise ValueError(f"cross-validation needs at least 2 folds, got {num_folds}")
+    folds = object_folds(truth, ids, num_folds)
+    batch = TouchBatch.of([touches])
+    losses = []
+    for fold in range(num_folds):
+        kept, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+        model = fit([touches[i] for i in kept.tolist()], truth[kept], ids[kept])
+        losses.append(sequence_nll(model, batch.touches(held), truth[held], ids[held]))
+    return float(np.mean(losses))
+
+
+def choose_observation_model(
+    touches: Sequence[Touch],
+    shapes: ArrayLike,
+    object_ids: ArrayLike,
+    *,
+    shape_labels: Sequence[str],
+    num_poses: int,
+    candidates: Mapping[str, Fit] = OBSERVATION_MODELS,
+    num_folds: int = NUM_FOLDS,
+) -> ModelChoice:
+    """The candidate that predicts unseen objects best, fitted to all touches.
+
+    Args:
+        touches: calibration touches, of objects the classifier was not trained on.
+        shapes: true shape of each, ``(n,)``.
+        object_ids: which object each belongs to, ``(n,)``.
+        shape_labels: names of the K shapes.
+        num_poses: P.
+        candidates: what to choose from, by name.
+        num_folds: of the cross-validation.
+
+    Example:
+        >>> from belief.synthetic import random_model
+        >>> rng = np.random.default_rng(0)
+        >>> source, ids = random_model(rng, num_shapes=2, num_poses=2), np.arange(400) // 4
+        >>> touches = [touch for i in range(100) for touch in source.sample(i % 2, [0, 1, 0, 1], rng)]
+        >>> some = {name: OBSERVATION_MODELS[name] for name in ("confusion", "ratio")}
+        >>> choice = choose_observation_model(
+        ...     touches, ids % 2, ids, shape_labels=("cube", "cone"), num_poses=2, candidates=some
+        ... )
+        >>> choice.name == min(choice.losses, key=choice.losses.get)
+        True
+    """
+    if not candidates:
+        raise ValueError("there is no candidate to choose from")
+    options = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
+    fits = {name: partial(fit, **options) for name, fit in candidates.items()}
+    losses = {name: cross_validated_nll(fit, touches, shapes, object_ids, num_folds) for name, fit in fits.items()}
+    name = min(losses, key=losses.__getitem__)
+    return ModelChoice(name, fits[name](touches, shapes, object_ids), losses)

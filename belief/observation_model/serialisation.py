@@ -1,0 +1,64 @@
+"""Observation models from files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from belief.files import unsealed_json
+from belief.observation_model.confusion import ConfusionModel
+from belief.observation_model.gaussian import GaussianModel
+from belief.observation_model.likelihood_ratio import RatioModel
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.plda import PLDAModel
+from belief.observation_model.signature import SignatureModel
+
+_KINDS: dict[str, type[ArrayModel]] = {
+    kind.name: kind for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel)
+}
+
+
+def read_observation_model(text: str) -> ArrayModel:
+    """The model from :meth:`ArrayModel.to_json`.
+
+    Raises:
+        ValueError: the text is no observation model, or was changed since; the message says what is wrong with it.
+
+    >>> from belief.files import sealed_json
+    >>> read_observation_model(sealed_json({"model": "oracle"}))
+    Traceback (most recent call last):
+    ...
+    ValueError: not an observation model: unknown kind 'oracle', known are confusion, gaussian, plda, ratio, signature
+    """
+    try:
+        fields = unsealed_json(text)
+        if fields["model"] not in _KINDS:
+            raise ValueError(f"unknown kind {fields['model']!r}, known are {', '.join(_KINDS)}")
+        labels = fields["shape_labels"]
+        if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
+            raise ValueError(f"shape_labels must be a list of names, got {labels!r}")
+        if len(set(labels)) < len(labels):
+            raise ValueError(f"shape_labels must differ from each other, got {labels}")
+        return _KINDS[fields["model"]].from_fields(tuple(labels), fields)
+    except ValueError as error:
+        raise ValueError(f"not an observation model: {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:
+        raise ValueError(f"not an observation model: {error!r}") from error
+
+
+def read_origin(text: str) -> dict[str, Any] | None:
+    """What the touches come from that a model was fitted to, as :meth:`ArrayModel.to_json` was given it.
+
+    Returns:
+        JSON types; None if nobody said.
+
+    Raises:
+        ValueError: the text was changed after it was written.
+
+    >>> from belief.files import sealed_json
+    >>> read_origin(sealed_json({"model": "plda", "origin": {"objects": 300}}))
+    {'objects': 300}
+    """
+    origin = unsealed_json(text).get("origin")
+    if not (origin is None or isinstance(origin, dict)):
+        raise ValueError(f"the origin of a model must be a JSON object, got {origin!r}")
+    return origin

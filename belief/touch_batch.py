@@ -1,0 +1,145 @@
+"""Touches of many objects as arrays, which is how observation models compute."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.frozen import FrozenArrays
+from belief.problem import Floats, Touch
+from belief.validation import as_real
+
+
+@dataclass(frozen=True, eq=False)
+class TouchBatch(FrozenArrays):
+    """S sequences of n touches each; the touches of one sequence are of one object. All arrays are read-only.
+
+    Attributes:
+        poses: ``(S, n)``.
+        logits: ``(S, n, K)``, finite; any float type is taken, and kept as float64.
+        features: ``(S, n, F)``, finite, or None where they were not kept.
+
+    Raises:
+        ValueError: the arrays do not fit each other, or hold NaN, infinities or a negative pose; the message names the
+            touch.
+
+    Example:
+        >>> batch = TouchBatch.of([[Touch(0, np.array([2.0, 0.0])), Touch(1, np.array([1.0, 0.5]))]])
+        >>> batch.logits.shape, len(batch), [touch.pose for touch in batch.sequence(0)]
+        ((1, 2, 2), 1, [0, 1])
+        >>> batch.first(1).poses.tolist(), batch.touches(slice(None, None, -1)).poses.tolist()
+        ([[0]], [[1, 0]])
+    """
+
+    poses: NDArray[np.int64]
+    logits: Floats
+    features: NDArray[np.floating] | None = None
+
+    def __post_init__(self) -> None:
+        poses, logits = np.asarray(self.poses), np.asarray(as_real(self.logits, "logits"), np.float64)
+        if poses.ndim != 2 or logits.ndim != 3 or logits.shape[:2] != poses.shape or logits.shape[2] == 0:
+            raise ValueError(f"need poses (S, n) and logits (S, n, K), got {poses.shape} and {logits.shape}")
+        if not np.issubdtype(poses.dtype, np.integer):
+            raise ValueError(f"poses must be integers, got {poses.dtype}")
+        if poses.size and poses.min() < 0:
+            sequence, touch = (int(i) for i in np.argwhere(poses < 0)[0])
+            raise ValueError(f"touch {touch} of sequence {sequence} has pose {poses[sequence, touch]}, below 0")
+        _require_finite("logits", logits)
+        if self.features is not None:
+            features = as_real(self.features, "features")
+            if features.ndim != 3 or features.shape[:2] != poses.shape:
+                raise ValueError(f"features must be (S, n, F) with the poses' {poses.shape}, got {features.shape}")
+            _require_finite("features", features)
+            object.__setattr__(self, "features", features)
+        object.__setattr__(self, "poses", poses.astype(np.int64, copy=False))
+        object.__setattr__(self, "logits", logits)
+        self.freeze()
+
+    @classmethod
+    def of(cls, sequences: Sequence[Sequence[Touch]]) -> TouchBatch:
+        """The batch of sequences of equal length, at least one touch in all; features only where all touches have them.
+
+        Raises:
+            ValueError: no touch, lengths or logits that differ in shape, or values that are not finite; the message
+                names the touch.
+        """
+        lengths = {len(sequence) for sequence in sequences}
+        if len(lengths) != 1 or lengths == {0}:
+            raise ValueError(f"need sequences of equal length with at least one touch, got lengths {sorted(lengths)}")
+        shape = (len(sequences), lengths.pop())
+        touches = [touch for sequence in sequences for touch in sequence]
+        rows = [touch.features for touch in touches]
+        features = None if any(row is None for row in rows) else _stacked("features", rows, shape)
+        poses = np.array([touch.pose for touch in touches])
+        if poses.dtype.kind not in "iu":
+            odd = [i for i, touch in enumerate(touches) if not isinstance(touch.pose, int | np.integer)]
+            where = _at(odd[0], shape) if odd else "a touch"
+            raise ValueError(f"{where} needs an integer pose, got {touches[odd[0]].pose if odd else poses.tolist()!r}")
+        logits = np.asarray(_stacked("logits", [touch.logits for touch in touches], shape), np.float64)
+        return cls(poses.reshape(shape), logits, features)
+
+    def __len__(self) -> int:
+        """S, the number of sequences."""
+        return len(self.poses)
+
+    @property
+    def num_touches(self) -> int:
+        """Touches in each sequence, n."""
+        return self.poses.shape[1]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.logits.shape[2]
+
+    def sequence(self, row: int) -> list[Touch]:
+        """One sequence as touches."""
+        features = [None] * self.num_touches if self.features is None else list(self.features[row])
+        return [Touch(int(p), z, f) for p, z, f in zip(self.poses[row], self.logits[row], features, strict=True)]
+
+    def touches(self, columns: NDArray[np.integer] | slice) -> TouchBatch:
+        """Some touches of every sequence."""
+        features = None if self.features is None else self.features[:, columns]
+        return TouchBatch(self.poses[:, columns], self.logits[:, columns], features)
+
+    def sequences(self, rows: NDArray[np.integer] | slice) -> TouchBatch:
+        """Some sequences, whole."""
+        features = None if self.features is None else self.features[rows]
+        return TouchBatch(self.poses[rows], self.logits[rows], features)
+
+    def first(self, num_touches: int) -> TouchBatch:
+        """The first so many touches of every sequence."""
+        return self.touches(slice(0, num_touches))
+
+
+def _stacked(name: str, rows: Sequence[Any], shape: tuple[int, int]) -> NDArray[np.floating]:
+    """Rows of touches as ``(S, n, …)``."""
+    try:
+        values = as_real(rows, name)
+        if values.ndim == 2:
+            return values.reshape(*shape, -1)
+    except ValueError:
+        pass  # some row is at fault; which one?
+    expected = np.shape(rows[0])
+    for index, row in enumerate(rows):
+        values = np.asarray(row)
+        if values.ndim != 1 or values.shape != expected or values.dtype.kind not in "fiub":
+            raise ValueError(
+                f"{_at(index, shape)} needs a row of {name}, real numbers, as many as the first touch has, got {row!r}"
+            )
+    raise ValueError(f"{name} must be rows of real numbers, got {rows!r:.200}")
+
+
+def _require_finite(name: str, values: NDArray[np.floating]) -> None:
+    if not np.isfinite(values).all():
+        sequence, touch = (int(i) for i in np.argwhere(~np.isfinite(values).all(axis=2))[0])
+        raise ValueError(f"touch {touch} of sequence {sequence} needs finite {name}, got {values[sequence, touch]}")
+
+
+def _at(index: int, shape: tuple[int, int]) -> str:
+    sequence, touch = divmod(index, shape[1])
+    return f"touch {touch} of sequence {sequence}"

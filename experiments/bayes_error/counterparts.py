@@ -1,0 +1,286 @@
+"""Twins: a proof by construction that a touch is ambiguous.
+
+A twin of a touch is a press of *another* shape, within the scene's ranges of size, offset and force and in any
+orientation, whose noise-free image differs from the touch's by less than noise hides. With Gaussian noise σ on every
+taxel, the distance
+
+    d = min over the gain g in its range of  ‖image - g · twin‖ / σ
+
+is all that matters: whoever is told that it was either this press or that one, both equally likely, errs at least
+Φ(-d/2) of the time, however the image is read (Neyman and Pearson; saturation and rounding only hide more). A twin
+says that such a press *exists*. It does not say how likely a scene is to bring it forth, so shares of touches with
+twins are no error rates.
+
+A search starts from the presses of the other shape whose images are nearest in a bank, compared as coarse averages,
+the touch turned and mirrored where that is as likely; then the press is refined by Gauss-Newton steps with differences
+for derivatives, first on a coarse pad, where a press costs a fifth, then on the pad itself. It finds what it finds:
+asked for presses of the touch's *own* shape, of which there is always one, it shows how many it misses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import norm
+
+from activetouch.distributions import Constant, Distribution, LogUniform, Normal, Uniform
+from activetouch.placement import Placement
+from activetouch.poses import Quaternion, multiply
+from activetouch.pressing.press import Quasistatic
+from activetouch.rendering import Gain, Noise
+from activetouch.scene import Scene, Symmetry, Variation
+from belief.seeding import keyed_rng
+from experiments.bayes_error.held_out import Stream, split_at_noise
+from experiments.bayes_error.image_bank import UnknownLikelihood, symmetric_views
+
+Floats = NDArray[np.float64]
+
+BANK_EDGE = 16
+"""Averages along an edge that images are compared by at first."""
+SKETCH_EDGE = 32
+"""Taxels along an edge of the coarse pad."""
+_TOLERANCE, _MOST_STEPS = 1e-4, 40
+# Steps for differences: turn [rad], size, offset [m], force [N], stiffness; below what noise shows, above rounding.
+_STEPS = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 2e-3, 1e-3])
+
+
+@dataclass(frozen=True, eq=False)
+class Pressing:
+    """An object and the force it is pressed with [N]."""
+
+    placement: Placement
+    force: float
+
+    def image(self, scene: Scene) -> Floats:
+        """The ideal image of it."""
+        return scene.renderer(Quasistatic().press(scene.stage, self.placement, self.force))
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What a twin is looked for.
+
+    Attributes:
+        image: noise-free and amplified, at full resolution.
+        sketch: the same from the coarse pad.
+    """
+
+    image: Floats
+    sketch: Floats
+
+    @classmethod
+    def of(cls, scene: Scene, pressing: Pressing, gain: float) -> Target:
+        """A press and the gain it was read with."""
+        return cls(gain * pressing.image(scene), gain * pressing.image(sketched(scene, SKETCH_EDGE)))
+
+    def views(self, symmetry: Symmetry) -> list[Target]:
+        """All targets that are as likely, this one first."""
+        both = (symmetric_views(image[None], symmetry)[0] for image in (self.image, self.sketch))
+        return [Target(image, sketch) for image, sketch in zip(*both, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """The press of another shape found to look most alike.
+
+    Attributes:
+        distance: d, in units of the noise.
+        pressing: what to press, and how hard.
+        image: of it, noise-free and amplified.
+        touch: the image it is alike, turned as it was when it was found.
+    """
+
+    distance: float
+    pressing: Pressing
+    image: Floats
+    touch: Floats
+
+    @property
+    def least_error(self) -> float:
+        """Least share of errors, between this and the touch, both as likely."""
+        return float(norm.cdf(-self.distance / 2))
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What hides differences between ideal images: amplification within ``1 ± gain``, then noise ``std``."""
+
+    gain: float
+    std: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> Sensing:
+        """Of a scene's sensor.
+
+        Raises:
+            UnknownLikelihood: there is no noise, or more than a gain before it.
+        """
+        before, after = split_at_noise(scene.faults)
+        match list(before), list(after[:1]):
+            case [], [Noise(std=std)] if std > 0.0:
+                return cls(0.0, std)
+            case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
+                return cls(gain, std)
+        raise UnknownLikelihood(f"distances are known for a Gain at most, and then Noise; got {scene.faults}")
+
+    def fit_gain(self, image: Floats, ideal: Floats) -> float:
+        """The gain in its range that brings an ideal image nearest to ``image``."""
+        square = float(np.vdot(ideal, ideal))
+        return float(np.clip(np.vdot(image, ideal) / square if square else 1.0, 1.0 - self.gain, 1.0 + self.gain))
+
+    def distance(self, image: Floats, ideal: Floats) -> float:
+        """How many noise units an amplified image is from an ideal one, gain fitted."""
+        return float(np.linalg.norm(image - self.fit_gain(image, ideal) * ideal) / self.std)
+
+
+def sketched(scene: Scene, edge: int) -> Scene:
+    """The scene with a pad whose image has ``edge`` taxels along an edge, and noise that tells as much of the whole."""
+    found = scene.image_shape[0]
+    finer = scene.pad.num_taxels // found
+    faults = tuple(
+        replace(fault, std=fault.std * edge / found) if isinstance(fault, Noise) else fault for fault in scene.faults
+    )
+    return replace(scene, pad=replace(scene.pad, num_taxels=edge * finer), faults=faults)
+
+
+def block_means(images: Floats, edge: int) -> Floats:
+    """Images ``(..., n, n)`` averaged down to ``edge`` along an edge."""
+    block = images.shape[-1] // edge
+    return images.reshape(*images.shape[:-2], edge, block, edge, block).mean(axis=(-3, -1))
+
+
+def bank_slice(
+    scene: Scene, shape: int, number: int, count: int, seed: int
+) -> tuple[int, int, list[Pressing], NDArray[np.float32]]:
+    """Presses of a shape as the scene draws them, on a coarse pad: shape, number, presses and their coarse images."""
+    rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
+    coarse, pressings, images = sketched(scene, SKETCH_EDGE), [], []
+    for index in range(count):
+        placement = scene.place(scene.sample_object(shape, rng), index % len(scene.poses), rng)
+        pressings.append(Pressing(placement, scene.variation.force.sample(rng)))
+        images.append(coarse_means(pressings[-1].image(coarse)))
+    return shape, number, pressings, np.stack(images).astype(np.float32)
+
+
+def coarse_means(image: Floats) -> Floats:
+    """An image of one or three channels as one row of averages, :data:`BANK_EDGE` along an edge."""
+    return block_means(np.moveaxis(np.atleast_3d(image), 2, 0), BANK_EDGE).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a search begins: a press, and the target in the view it is like."""
+
+    target: Target
+    pressing: Pressing
+
+
+def nearest_starts(
+    targets: Sequence[Target], pressings: Sequence[Pressing], images: NDArray[np.float32], sensing: Sensing, count: int
+) -> list[Start]:
+    """The ``count`` pairs of a view and a press that are most alike as coarse averages, each with its best gain."""
+    rows = np.stack([coarse_means(target.sketch) for target in targets]).astype(np.float32)  # (V, D)
+    product, square = rows @ images.T, np.einsum("ij,ij->i", images, images)  # (V, B), (B,)
+    gain = np.clip(product / np.maximum(square, np.finfo(np.float32).tiny), 1.0 - sensing.gain, 1.0 + sensing.gain)
+    differences = (square * gain - 2 * product) * gain
+    views, presses = np.unravel_index(np.argsort(differences, axis=None, kind="stable")[:count], differences.shape)
+    return [Start(targets[v], pressings[b]) for v, b in zip(views, presses, strict=True)]
+
+
+def find_twin(scene: Scene, starts: Sequence[Start], num_polished: int = 2) -> Twin:
+    """The nearest press that refinement reaches from some starts.
+
+    Args:
+        scene: with ranges, pad, renderer and noise.
+        starts: presses of the other shape.
+        num_polished: how many of those that are best on the coarse pad are refined on the pad itself.
+    """
+    coarse = sketched(scene, SKETCH_EDGE)
+    drafts = []
+    for start in starts:
+        rough = refine(coarse, start.target.sketch, start.pressing, stride=10.0)
+        drafts.append((refine(coarse, start.target.sketch, rough.pressing), start.target))
+    drafts.sort(key=lambda draft: draft[0].distance)
+    polished = [refine(scene, target.image, twin.pressing) for twin, target in drafts[:num_polished]]
+    return min(polished, key=lambda twin: twin.distance)
+
+
+def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) -> Twin:
+    """Move a press, within the scene's ranges, to where its image is nearest to ``image``; never further away.
+
+    Args:
+        scene: with ranges, pad, renderer and noise.
+        image: to come near to, noise-free and amplified.
+        start: within the ranges.
+        stride: factor on the steps of the differences; longer ones see past the grain of the taxels.
+    """
+    sensing, around = Sensing.of(scene), start.placement
+    low, high = _ranges(scene.variation)
+    origin = np.array([0.0, 0.0, 0.0, around.scale, *around.offset, start.force, around.stiffness])
+    free, steps = high > low, stride * _STEPS
+    low, high, steps = low[free], high[free], steps[free]
+
+    def pressing(values: Floats) -> Pressing:
+        x = origin.copy()
+        x[free] = values
+        turned = multiply(_turn(x[:3]), around.orientation)
+        placement = replace(around, orientation=turned, scale=float(x[3]), offset=x[4:6], stiffness=float(x[7]))
+        return Pressing(placement, float(x[6]))
+
+    def difference(values: Floats) -> Floats:
+        ideal = pressing(values).image(scene)
+        return (sensing.fit_gain(image, ideal) * ideal - image).ravel() / sensing.std
+
+    def slopes(values: Floats) -> Floats:
+        here = difference(values)
+        moves = np.diag(np.where(values + steps <= high, steps, -steps))
+        return np.stack([(difference(values + move) - here) / move.sum() for move in moves], axis=1)
+
+    def twin(found: Pressing) -> Twin:
+        ideal = found.image(scene)
+        return Twin(sensing.distance(image, ideal), found, sensing.fit_gain(image, ideal) * ideal, image)
+
+    inside = 1e-6 * (high - low)
+    solution = least_squares(
+        difference,
+        np.clip(origin[free], low + inside, high - inside),
+        jac=slopes,
+        bounds=(low, high),
+        x_scale=100 * _STEPS[free],
+        ftol=_TOLERANCE,
+        xtol=1e-9,
+        max_nfev=_MOST_STEPS,
+    )
+    return min(twin(start), twin(pressing(solution.x)), key=lambda candidate: candidate.distance)
+
+
+def _ranges(variation: Variation) -> tuple[Floats, Floats]:
+    drawn = (variation.size, variation.offset, variation.offset, variation.force, variation.stiffness)
+    low, high = np.array([support(distribution) for distribution in drawn]).T
+    return np.concatenate([[-np.pi] * 3, low]), np.concatenate([[np.pi] * 3, high])
+
+
+def support(distribution: Distribution) -> tuple[float, float]:
+    """Smallest and largest value a distribution gives.
+
+    Raises:
+        TypeError: it is none of the known ones.
+    """
+    match distribution:
+        case Constant(value=value):
+            return value, value
+        case Uniform(low=low, high=high) | LogUniform(low=low, high=high):
+            return low, high
+        case Normal(mean=mean, std=std, limit=limit):
+            return mean - limit * std, mean + limit * std
+    raise TypeError(f"the range is known of Constant, Uniform, LogUniform and Normal, got {distribution}")
+
+
+def _turn(vector: Floats) -> Quaternion:
+    """The rotation about ``vector`` by its length [rad]."""
+    angle = np.linalg.norm(vector)
+    return np.array([np.cos(angle / 2), *(0.5 * np.sinc(angle / (2 * np.pi)) * vector)])

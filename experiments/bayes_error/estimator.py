@@ -1,0 +1,163 @@
+"""What an estimate of the ambiguity limit is made from, and what it comes to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from activetouch.scene import Scene
+from activetouch.world import TactileSensor
+from belief.files import write_text
+from belief.observation_model.selection import log_posteriors
+from belief.statistics import paired_bootstrap, wilson_interval
+from belief.touch_batch import TouchBatch
+from experiments.bayes_error.held_out import Stream, fresh_readings
+from experiments.parallel import run_tasks
+from experiments.sensor.scores import read_logits
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A sensor in its scene, and how much to measure.
+
+    Attributes:
+        sensor: the classifier that is compared with the limit.
+        touches: fresh ones, each of another object.
+        seed: of everything.
+        jobs: processes; the results do not depend on it.
+        folder: for figures.
+    """
+
+    sensor: TactileSensor
+    touches: int
+    seed: int
+    jobs: int
+    folder: Path
+
+    @property
+    def scene(self) -> Scene:
+        """Where touches come from."""
+        return self.sensor.scene
+
+    @property
+    def shapes(self) -> NDArray[np.int64]:
+        """Of the test touches, in turn, ``(N,)``."""
+        return np.arange(self.touches) % len(self.scene.shapes)
+
+    def read(self) -> NDArray[np.uint8]:
+        """Readings of the test touches, ``(N, H, W)`` or ``(N, H, W, 3)``."""
+        tasks = [
+            partial(fresh_readings, self.scene, self.seed, Stream.TEST, numbers) for numbers in chunks(self.touches, 50)
+        ]
+        parts = sorted(run_tasks(tasks, self.jobs, "touching fresh objects"), key=lambda part: part[0])
+        return np.concatenate([readings for _, readings in parts])
+
+    def classify(self, readings: NDArray[np.uint8]) -> Floats:
+        """Calibrated log probabilities of the classifier, ``(N, K)``."""
+        logits = read_logits(self.sensor.classifier, readings, "reading by the classifier")
+        poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as fresh_touch has them
+        return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None]))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table: columns of words to the left, of numbers to the right."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+    @property
+    def is_word(self) -> list[bool]:
+        """By column: the first, and those in which most cells begin with a letter."""
+        columns = zip(*self.rows, strict=True)
+        letters = [2 * sum(cell[:1].isalpha() for cell in column) > len(self.rows) for column in columns]
+        return [True, *letters[1:]] if letters else [not n for n in range(len(self.headings))]
+
+    def rich(self) -> Table:
+        """For a terminal."""
+        table = Table(title=self.title, box=box.SIMPLE_HEAD, title_justify="left")
+        for heading, is_word in zip(self.headings, self.is_word, strict=True):
+            table.add_column(heading, justify="left" if is_word else "right")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+    def markdown(self) -> str:
+        """For a file."""
+        rule = tuple("---" if is_word else "---:" for is_word in self.is_word)
+        lines = [f"| {' | '.join(row)} |" for row in (self.headings, rule, *self.rows)]
+        return "\n".join([f"**{self.title}**", "", *lines])
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What an estimate came to.
+
+    Attributes:
+        title: one line.
+        sentences: what was done, why so, and what it means.
+        grids: tables.
+        numbers: all of it, for machines.
+    """
+
+    title: str
+    sentences: Sequence[str]
+    grids: Sequence[Grid]
+    numbers: dict[str, Any]
+
+    def write(self, folder: Path, identity: dict[str, Any]) -> None:
+        """Write ``limit.json`` and ``limit.md``."""
+        write_text(folder / "limit.json", json.dumps({**identity, **self.numbers}, indent=1) + "\n")
+        text = "\n\n".join([f"# {self.title}", *self.sentences, *(grid.markdown() for grid in self.grids)])
+        write_text(folder / "limit.md", text + "\n")
+
+
+class Estimator(Protocol):
+    """A way to find out how well any reader of single touches could do."""
+
+    def measure(self, study: Study) -> Findings:
+        """Measure, and draw figures into the study's folder."""
+
+
+def chunks(count: int, size: int) -> list[range]:
+    """The numbers below ``count`` in order, ``size`` at a time."""
+    return [range(first, min(first + size, count)) for first in range(0, count, size)]
+
+
+def share(right: NDArray[np.bool_]) -> dict[str, Any]:
+    """A proportion of independent touches, with its 95 % Wilson interval."""
+    return {"value": float(right.mean()), "interval": wilson_interval(int(right.sum()), len(right))}
+
+
+def paired_difference(first: NDArray, second: NDArray, seed: int) -> dict[str, Any]:
+    """Mean of ``first - second`` over the same touches, with its 95 % bootstrap interval."""
+    mean, low, high = paired_bootstrap(first.astype(float), second.astype(float), np.random.default_rng(seed))
+    return {"value": mean, "interval": (low, high)}
+
+
+def words(entry: dict[str, Any], sign: str = "") -> str:
+    """A number with its interval."""
+    low, high = entry["interval"]
+    return f"{entry['value']:{sign}.4f} [{low:{sign}.4f}, {high:{sign}.4f}]"
+
+
+def curve_heading(sizes: Sequence[int]) -> str:
+    """Over a column of accuracies with so many known touches each."""
+    return f"with {', '.join(map(str, sizes))} known"
+
+
+def curve_cell(accuracies: Sequence[float]) -> str:
+    """Accuracies with more and more known touches, in one cell."""
+    return " ".join(f"{accuracy:.3f}" for accuracy in accuracies)

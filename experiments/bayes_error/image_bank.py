@@ -1,0 +1,177 @@
+"""The best reader of images of a few taxels: Bayes' rule with likelihoods from the simulator itself.
+
+A sensor whose faults are known gives the probability of a reading x from an ideal image m in closed form. Gain g,
+Gaussian noise σ, saturation and 8 bits make every taxel a censored Gaussian:
+
+    p(x | m, g) = Φ((½ - 255 g m) / 255σ)                 where x = 0
+                  1 - Φ((254½ - 255 g m) / 255σ)          where x = 255
+                  φ((x - 255 g m) / 255σ') / 255σ'        else, σ' with Sheppard's correction for the width of a level
+
+and the probability of the reading from a *shape* is the mean of that over a large bank of ideal images of the shape:
+over sizes, orientations, offsets, forces and gains, as the scene draws them. Where turned and mirrored images are as
+likely, every ideal image stands for all of them. The shape of the largest probability is then the guess no reader
+improves upon, but for the bank's finite size. That shows from two sides. Guesses from a small bank are those of some
+reader, so their accuracy is too low; its posterior claims too much, so the accuracy it *expects* is too high. Where
+the two meet, the limit lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
+from activetouch.scene import Scene, Symmetry
+from belief.errors import ActiveTouchError
+from belief.seeding import keyed_rng
+from experiments.bayes_error.held_out import Stream
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+IMAGES_PER_SLICE = 1000
+_READINGS_AT_ONCE, _IMAGES_AT_ONCE = 256, 2000  # blocks that stay in the processor's cache
+
+
+class UnknownLikelihood(ActiveTouchError, TypeError):
+    """A sensor has faults for which the probability of a reading is not known in closed form."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorNoise:
+    """How a sensor's grey reading comes from an ideal image.
+
+    Attributes:
+        gain: largest relative error of the amplification; uniform.
+        std: of the noise, relative to full scale.
+        live: which taxels read anything, ``(n, n)``.
+    """
+
+    gain: float
+    std: float
+    live: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, faults: Sequence[Fault], edge: int) -> SensorNoise:
+        """The noise of a sensor with these faults and ``edge`` taxels along an edge.
+
+        Raises:
+            UnknownLikelihood: they are not a gain, then noise, then dead taxels, where only the noise must be there.
+        """
+        match [fault for fault in faults if not isinstance(fault, DeadTaxels)]:
+            case [Gain(half_range=gain), Noise(std=std)] if std > 0.0:
+                pass
+            case [Noise(std=std)] if std > 0.0:
+                gain = 0.0
+            case _:
+                raise UnknownLikelihood(
+                    f"the probability of a reading is known for Gain, then Noise, then DeadTaxels; got {faults}"
+                )
+        live = np.ones((edge, edge), bool)
+        for number, fault in enumerate(faults):
+            if isinstance(fault, DeadTaxels):
+                if not any(isinstance(earlier, Noise) for earlier in faults[:number]):
+                    raise UnknownLikelihood(f"taxels that are dead before noise is added read the noise; got {faults}")
+                live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
+        return cls(gain, std, live)
+
+    def sample_means(self, ideals: Floats, rng: np.random.Generator) -> Floats:
+        """Amplified live taxels ``(B, T)`` of ideal images ``(B, n, n)``, a gain drawn for each."""
+        return rng.uniform(1.0 - self.gain, 1.0 + self.gain, (len(ideals), 1)) * ideals[:, self.live]
+
+    def log_sum_likelihood(self, readings: Bytes, means: Floats) -> Floats:
+        """Log ∑ p(reading | mean) over the means, for each reading, ``(N,)``.
+
+        Args:
+            readings: uint8 images ``(N, n, n)``.
+            means: from :meth:`sample_means`, ``(B, T)``.
+        """
+        total = np.full(len(readings), -np.inf)
+        read, offset = self._reading_terms(readings[:, self.live])
+        for first in range(0, len(means), _IMAGES_AT_ONCE):
+            terms = self._mean_terms(means[first : first + _IMAGES_AT_ONCE]).T
+            for row in range(0, len(readings), _READINGS_AT_ONCE):
+                rows = slice(row, row + _READINGS_AT_ONCE)
+                log_likelihood = read[rows] @ terms
+                highest = log_likelihood.max(axis=1)
+                log_likelihood -= highest[:, None]
+                total[rows] = np.logaddexp(
+                    total[rows], highest + np.log(np.exp(log_likelihood, out=log_likelihood).sum(axis=1))
+                )
+        return total + offset
+
+    # A log likelihood is a sum over taxels of products: of what is known of the reading and of what is known of the
+    # mean. So all readings times all means are one matrix product, of single precision: errors stay below 1e-3 nats.
+
+    def _reading_terms(self, levels: Bytes) -> tuple[NDArray[np.float32], Floats]:
+        """Factors ``(N, 4 T)`` and a constant ``(N,)``."""
+        low, high, x = levels == 0, levels == 255, levels / 255.0
+        between = ~(low | high)
+        variance = self._variance_of_level
+        constant = -0.5 * x**2 / variance - 0.5 * np.log(2 * np.pi * variance) - np.log(255.0)
+        factors = np.concatenate([low, high, between * x, between], axis=1).astype(np.float32)
+        return factors, np.where(between, constant, 0.0).sum(axis=1)
+
+    def _mean_terms(self, means: Floats) -> NDArray[np.float32]:
+        """Factors ``(B, 4 T)``."""
+        below = log_ndtr((0.5 / 255.0 - means) / self.std)
+        above = log_ndtr((means - 254.5 / 255.0) / self.std)
+        slope = means / self._variance_of_level
+        return np.concatenate([below, above, slope, -0.5 * means * slope], axis=1).astype(np.float32)
+
+    @property
+    def _variance_of_level(self) -> float:
+        return self.std**2 + (1.0 / 255.0) ** 2 / 12.0  # Sheppard: a level is as wide as a uniform error of one step
+
+
+def ideal_symmetry(scene: Scene) -> Symmetry:
+    """How ideal images of a scene may be turned, whatever its sensor's faults do to them afterwards."""
+    return replace(scene, faults=()).symmetry
+
+
+def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
+    """Images ``(B, V, n, n)`` as likely as ``images`` ``(B, n, n)``; V is 1, 4 or 8, and the given one comes first."""
+    quarters = 1 if symmetry is Symmetry.NONE else 4
+    views = [np.rot90(images, turns, axes=(1, 2)) for turns in range(quarters)]
+    if symmetry is Symmetry.ROTATIONS_AND_MIRROR:
+        views += [view[:, :, ::-1] for view in views]
+    return np.stack(views, axis=1)
+
+
+def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator) -> Floats:
+    """Ideal images of fresh objects of a shape, each touched once, ``(count, n, n)``."""
+    presses = (
+        scene.settled_contact(scene.sample_object(shape, rng), number % len(scene.poses), rng)
+        for number in range(count)
+    )
+    return np.stack([scene.image(contact) for _, contact, _ in presses])
+
+
+def log_evidence_of_slice(
+    scene: Scene, noise: SensorNoise, readings: Bytes, shape: int, number: int, seed: int
+) -> tuple[int, int, Floats]:
+    """What one slice of the bank of a shape says about the readings.
+
+    Slices are keyed by their number, so a smaller bank is the beginning of a larger one.
+
+    Returns:
+        Shape, number, and log of the mean likelihood over the slice, ``(N,)``.
+    """
+    rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
+    views = symmetric_views(ideal_images(scene, shape, IMAGES_PER_SLICE, rng), ideal_symmetry(scene))
+    means = noise.sample_means(views.reshape(-1, *views.shape[2:]), rng)
+    return shape, number, noise.log_sum_likelihood(readings, means) - np.log(len(means))
+
+
+def pool(log_evidence: Floats) -> Floats:
+    """Log likelihoods ``(N, K)`` from those of slices of equal size, ``(S, N, K)``."""
+    return np.logaddexp.reduce(log_evidence, axis=0) - np.log(len(log_evidence))
+
+
+def log_posterior(log_likelihood: Floats) -> Floats:
+    """Normalised over shapes that are equally likely beforehand, ``(N, K)``."""
+    return log_likelihood - np.logaddexp.reduce(log_likelihood, axis=1, keepdims=True)

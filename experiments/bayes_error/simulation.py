@@ -1,0 +1,169 @@
+"""The limit of images of a few taxels, by simulated Bayes (:mod:`experiments.bayes_error.image_bank`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.pressing.press import Press, Quasistatic
+from experiments.bayes_error.estimator import Findings, Grid, Study, paired_difference, share, words
+from experiments.bayes_error.image_bank import (
+    IMAGES_PER_SLICE,
+    SensorNoise,
+    ideal_symmetry,
+    log_evidence_of_slice,
+    log_posterior,
+    pool,
+)
+from experiments.command_line.arguments import Count, CountOrNone
+from experiments.parallel import run_tasks
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SimulatedBayes:
+    """Bayes' rule with a bank of ideal images for every shape."""
+
+    bank: Count = 100_000
+    """Ideal images a shape, in thousands; each stands for all that are as likely by symmetry."""
+    checked: CountOrNone = 8_000
+    """Ideal images a shape of a second bank, pressed as the scene presses; 0 to leave it out."""
+
+    def measure(self, study: Study) -> Findings:
+        """See :class:`experiments.bayes_error.estimator.Estimator`."""
+        from experiments.bayes_error.figures import draw_convergence  # loads matplotlib
+
+        scene, shapes = study.scene, study.shapes
+        noise = SensorNoise.of(scene.faults, scene.image_shape[0])  # or say what it lacks, before anything is pressed
+        readings = study.read()
+        classifier = study.classify(readings)
+        evidence = self._evidence(study, noise, readings, Quasistatic(), self.bank)  # (S, N, K)
+        sizes = [size for part in (8, 4, 2, 1) if (size := len(evidence) // part)]
+        curve = [summary(log_posterior(pool(evidence[:size])), shapes, size) for size in dict.fromkeys(sizes)]
+        best = log_posterior(pool(evidence))
+        right, known = best.argmax(axis=1) == shapes, classifier.argmax(axis=1) == shapes
+        numbers: dict[str, Any] = {
+            "estimator": "simulated Bayes",
+            "taxels": len(noise.live),
+            "curve": curve,
+            "limit": share(right),
+            "classifier": {**share(known), "nll": nll(classifier, shapes)},
+            "difference": paired_difference(right, known, study.seed),
+            "nll_difference": paired_difference(log_loss(best, shapes), log_loss(classifier, shapes), study.seed),
+            "same_guess": float(np.mean(best.argmax(axis=1) == classifier.argmax(axis=1))),
+            "limit_by_shape": by_shape(right, shapes, scene.shape_labels),
+            "classifier_by_shape": by_shape(known, shapes, scene.shape_labels),
+        }
+        if self.checked:
+            pressed = self._evidence(study, noise, readings, scene.press_model, self.checked)
+            first, second = (
+                log_posterior(pool(part)).argmax(axis=1) == shapes for part in (pressed, evidence[: len(pressed)])
+            )
+            numbers["pressed_as_the_scene_does"] = {"images_per_shape": self.checked, **share(first)}
+            numbers["pressed_against_quasistatic"] = paired_difference(first, second, study.seed)
+        draw_convergence(
+            study.folder,
+            [row["images_per_shape"] for row in curve],
+            {
+                "simulated Bayes": [row["accuracy"] for row in curve],
+                "what it expects of itself": [row["expected_accuracy"] for row in curve],
+            },
+            numbers["classifier"],
+            "ideal images a shape",
+        )
+        return Findings("The ambiguity limit, by simulated Bayes", self._say(study, numbers), _grids(numbers), numbers)
+
+    def _evidence(
+        self, study: Study, noise: SensorNoise, readings: NDArray[np.uint8], press: Press, images: int
+    ) -> Floats:
+        """Log likelihoods by slice of the bank, touch and shape, ``(S, N, K)``."""
+        scene = study.scene
+        num_slices = max(1, images // IMAGES_PER_SLICE)
+        tasks: list[Callable[[], tuple[int, int, Floats]]] = [
+            partial(
+                log_evidence_of_slice, replace(scene, press_model=press), noise, readings, shape, number, study.seed
+            )
+            for number in range(num_slices)
+            for shape in range(len(scene.shapes))
+        ]
+        evidence = np.empty((num_slices, len(readings), len(scene.shapes)))
+        for shape, number, values in run_tasks(tasks, study.jobs, f"bank of ideal images, {type(press).__name__}"):
+            evidence[number, :, shape] = values
+        return evidence
+
+    def _say(self, study: Study, numbers: dict[str, Any]) -> list[str]:
+        edge, last, views = numbers["taxels"], numbers["curve"][-1], ideal_symmetry(study.scene)
+        lines = [
+            f"Why this estimator: the images have {edge} × {edge} taxels and the sensor's faults a closed-form "
+            "likelihood, so the best possible reader can be computed: Bayes' rule, with the likelihood of every shape "
+            f"averaged over {last['images_per_shape']} ideal images from the simulator (taken in all positions that "
+            f"are as likely: {views}).",
+            f"{study.touches} fresh touches, each of another object, seed {study.seed}. The limit is "
+            f"{words(numbers['limit'])}; it expects {last['expected_accuracy']:.4f} of itself. A finite bank makes the "
+            "first too low and the second too high, so the limit lies between them, up to the sampling of touches.",
+            f"The classifier has {words(numbers['classifier'])} on the same touches; Bayes minus classifier "
+            f"{words(numbers['difference'], '+')}, NLL {last['nll']:.4f} against {numbers['classifier']['nll']:.4f} "
+            f"({words(numbers['nll_difference'], '+')}). Both guess the same shape in "
+            f"{numbers['same_guess']:.1%} of touches.",
+        ]
+        if "pressed_against_quasistatic" in numbers:
+            lines.append(
+                "The bank is pressed quasistatically, the touches are not. A bank of "
+                f"{numbers['pressed_as_the_scene_does']['images_per_shape']} ideal images a shape, pressed as the "
+                "scene presses, differs in accuracy from a quasistatic one of that size by "
+                f"{words(numbers['pressed_against_quasistatic'], '+')}."
+            )
+        return lines
+
+
+def summary(log_probs: Floats, shapes: NDArray[np.int64], num_slices: int) -> dict[str, float]:
+    """How a bank of so many slices does: accuracy, the accuracy it expects, NLL."""
+    return {
+        "images_per_shape": num_slices * IMAGES_PER_SLICE,
+        "accuracy": float(np.mean(log_probs.argmax(axis=1) == shapes)),
+        "expected_accuracy": float(np.exp(log_probs.max(axis=1)).mean()),
+        "nll": nll(log_probs, shapes),
+    }
+
+
+def log_loss(log_probs: Floats, shapes: NDArray[np.int64]) -> Floats:
+    """Minus log probability of what it was, for each touch [nats]."""
+    return -log_probs[np.arange(len(shapes)), shapes]
+
+
+def nll(log_probs: Floats, shapes: NDArray[np.int64]) -> float:
+    """Mean of :func:`log_loss`."""
+    return float(log_loss(log_probs, shapes).mean())
+
+
+def by_shape(right: NDArray[np.bool_], shapes: NDArray[np.int64], labels: tuple[str, ...]) -> dict[str, float]:
+    """Share of right guesses for touches of each shape."""
+    return {label: float(right[shapes == k].mean()) for k, label in enumerate(labels)}
+
+
+def _grids(numbers: dict[str, Any]) -> list[Grid]:
+    known = numbers["classifier"]
+    rows = [
+        (
+            f"{row['images_per_shape']} images a shape",
+            f"{row['accuracy']:.4f}",
+            f"{row['expected_accuracy']:.4f}",
+            f"{row['nll']:.4f}",
+        )
+        for row in numbers["curve"]
+    ]
+    rows.append(("the classifier", f"{known['value']:.4f}", "", f"{known['nll']:.4f}"))
+    shapes = [
+        (label, f"{limit:.4f}", f"{numbers['classifier_by_shape'][label]:.4f}")
+        for label, limit in numbers["limit_by_shape"].items()
+    ]
+    return [
+        Grid("Convergence with the bank", ("reader", "accuracy", "expects", "NLL"), rows),
+        Grid("Touches read right, by shape", ("shape", "limit", "classifier"), shapes),
+    ]

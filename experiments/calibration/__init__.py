@@ -1,0 +1,1 @@
+"""``calibration-report``: how well stated probabilities agree with observed frequencies."""

@@ -1,0 +1,186 @@
+"""``activetouch calibration-report``: can a sensor's probabilities be trusted, of one touch, of many, at the stop?"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from activetouch.data.dataset import read_split
+from activetouch.data.manifest import Manifest
+from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.errors import ActiveTouchError
+from belief.files import require_writable, write_text
+from belief.observation_model import RatioModel
+from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.seeding import keyed_rng
+from experiments.calibration.measurements import Measurements
+from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
+from experiments.calibration.sequences import KINDS, Rounds
+from experiments.calibration.touches import CALIBRATION_FITS, score_touches
+from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs, run_tasks
+from experiments.scene_choice import named_scene, repeats_folder
+from experiments.sensor.scores import read_logits
+from experiments.sensor_choice import open_collection, require_collection
+
+if TYPE_CHECKING:
+    from experiments.calibration.sections import Section
+
+
+class NoRepeats(ActiveTouchError, ValueError):
+    """A collection touches no object twice in a pose."""
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """Measure how far single touches, fused touches, and searches that stop when they are sure can be trusted.
+
+    Fits all calibrations and observation models to the calibration split of a collection whose objects were touched
+    several times in every pose, and measures all of them on the test split. The first paragraph is the verdict.
+
+    For example:
+
+        activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+        activetouch calibration-report --scene coarse
+        activetouch calibration-report --data data/mug-repeats --sensor runs/sensor-mug --out runs/calibration-mug
+    """
+
+    scene: str = "coarse"
+    """The scene it is for: decides the next three where they are not given."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE-repeats by default."""
+    sensor: Path | None = None
+    """Folder of the classifier; the shipped sensor of the scene by default."""
+    out: Path | None = None
+    """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
+    confidence_level: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] = 0.95
+    """Posterior at which a search stops."""
+    resamples: Count = 500
+    """Of objects, behind the interval of a calibration error."""
+    seed: Seed = 0
+    """Of sequences, chance and intervals."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Processes; the results do not depend on it."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
+
+    def run(self) -> None:
+        """Measure, print and write."""
+        check_arguments(self)
+        from experiments.calibration.sections import sections  # loads matplotlib
+
+        named_scene(self.scene)  # or say which there are
+        data = self.data if self.data is not None else repeats_folder(self.scene)
+        folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
+        require_writable(folder)
+        manifest = open_collection(data, self.scene, repeats=True)
+        if manifest.plan.repeats < 2:
+            raise NoRepeats(
+                f"{data} touches every object once in a pose, so how far touches repeat each other cannot be seen. "
+                f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
+                f"{repeats_folder(self.scene)}"
+            )
+        found = self.measure(manifest, *self._read(data, manifest))
+        report = sections(found)
+        write(folder, found, report)
+        console = plain_console()
+        for section in report:
+            console.rule(section.title)
+            for sentence in section.sentences:
+                console.print(sentence)
+            for grid in section.grids[: None if section is report[0] else 0]:
+                console.print(grid.rich())
+        print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
+
+    def _read(self, data: Path, manifest: Manifest) -> list[Rounds]:
+        from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+        folder = self.sensor if self.sensor is not None else MODELS / self.scene
+        classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        found = []
+        for split in ("calibration", "test"):  # in turn, since their images take a gigabyte
+            touches = read_split(data, split)
+            logits = read_logits(classifier, touches.images, f"reading {split} touches")
+            found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
+        return found
+
+    def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
+        """All numbers, from what a classifier read."""
+        known, unseen = calibration.singles(), test.singles()
+        labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
+        touches = self._in_order(
+            [
+                partial(score_touches, name, known, unseen, labels, self._rng(0, index), self.resamples)
+                for index, name in enumerate(CALIBRATION_FITS)
+            ],
+            "single touches",
+        )
+        choices = {
+            choice.name: choice
+            for choice in self._in_order(
+                [partial(fit_model, name, known, manifest.shape_labels, num_poses) for name in OBSERVATION_MODELS],
+                "fitting observation models",
+            )
+        }
+        ratio = choices["ratio"].model
+        assert isinstance(ratio, RatioModel), "the table of models says so"
+        models = {name: (choice.model, choice.losses[name]) for name, choice in choices.items()}
+        models[INDEPENDENT] = (replace(ratio, correlation=0.0), None)
+        sequences = {kind: gather(test, self._rng(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
+        scores = self._in_order(
+            [
+                partial(score_model, name, *fitted, sequences, self.confidence_level, self._rng(2, index))
+                for index, (name, fitted) in enumerate(models.items())
+            ],
+            "fused touches",
+        )
+        chosen = min(choices.values(), key=lambda choice: choice.losses[choice.name])
+        return Measurements(
+            scene=self.scene,
+            seed=self.seed,
+            confidence=self.confidence_level,
+            num_objects={"calibration": calibration.num_objects, "test": test.num_objects},
+            num_rounds=test.num_rounds,
+            touches=touches,
+            models=scores,
+            correlation=ratio.correlation,
+            weights={
+                split: free_weights(ratio, rounds.one_pose(self._rng(3, index)))
+                for index, (split, rounds) in enumerate({"calibration": calibration, "test": test}.items())
+            },
+            kept=kept_information(chosen.model),
+        )
+
+    def _rng(self, *key: int) -> np.random.Generator:
+        return keyed_rng([self.seed, *key], is_fixed_length=True)
+
+    def _in_order(self, tasks: list, description: str) -> list:
+        """Results of tasks that say their name, in the order of the tasks whatever came first."""
+        found = {result.name: result for result in run_tasks(tasks, self.jobs, description)}
+        return [found[task.args[0]] for task in tasks]
+
+
+def write(folder: Path, found: Measurements, report: list[Section]) -> None:
+    """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder."""
+    from experiments.search.figures import INK
+
+    environment = Environment(
+        loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
+    )
+    html = environment.get_template("calibration.html").render(scene=found.scene, sections=report, ink=INK)
+    grids = [grid.markdown() for section in report for grid in (*section.grids, *section.more)]
+    write_text(folder / "report.html", html)
+    write_text(folder / "numbers.json", json.dumps(asdict(found), indent=1, default=np.ndarray.tolist) + "\n")
+    write_text(folder / "tables.md", "\n\n".join(grids) + "\n")
+    for section in report:
+        for picture in section.pictures:
+            picture.write(folder)

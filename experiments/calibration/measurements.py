@@ -1,0 +1,61 @@
+"""All that a calibration report measures, and which calibration and model cross-validation chose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from experiments.calibration.models import Kept, ModelScores, Weight
+from experiments.calibration.touches import RAW, TouchScores
+
+Scores = TypeVar("Scores", TouchScores, ModelScores)
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All of a report.
+
+    Attributes:
+        scene: name of the scene.
+        seed: of chance.
+        confidence: at which searches stop.
+        num_objects: in each split.
+        num_rounds: of poses that every object was touched in.
+        touches: by calibration, the raw softmax first.
+        models: in the order of the table of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
+        correlation: ρ of the ratio model.
+        weights: of touches in one pose, by split.
+        kept: information of the chosen model.
+    """
+
+    scene: str
+    seed: int
+    confidence: float
+    num_objects: Mapping[str, int]
+    num_rounds: int
+    touches: Sequence[TouchScores]
+    models: Sequence[ModelScores]
+    correlation: float
+    weights: Mapping[str, Sequence[Weight]]
+    kept: Kept
+
+    @property
+    def calibration(self) -> TouchScores:
+        """The one of least cross-validated NLL."""
+        return _best(self.touches)
+
+    @property
+    def model(self) -> ModelScores:
+        """The one of least cross-validated NLL."""
+        return _best(self.models)
+
+    @property
+    def raw(self) -> TouchScores:
+        """The softmax as it is."""
+        return next(scores for scores in self.touches if scores.name == RAW)
+
+
+def _best(candidates: Sequence[Scores]) -> Scores:
+    """Of those that were cross-validated, the one of least loss."""
+    return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll or 0.0)

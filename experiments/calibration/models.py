@@ -1,0 +1,175 @@
+"""How far a sensor's probabilities can be trusted when touches are fused, and when a search stops as it is sure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import softmax
+
+from belief import Touch
+from belief.metrics import CalibrationError, ClaimsAtStop, accuracy, claims_at_stop, negative_log_likelihood
+from belief.observation_model import ArrayModel, RatioModel, information_of_touch
+from belief.observation_model.repeat_discount import effective_touches
+from belief.observation_model.selection import OBSERVATION_MODELS, ModelChoice, choose_observation_model
+from belief.statistics import cluster_bootstrap
+from experiments.calibration.sequences import Sequences, stops
+from experiments.calibration.touches import classwise_error, top_error
+
+Floats = NDArray[np.float64]
+
+INDEPENDENT = "independent"
+"""The ratio model without its discount: touches in one pose are taken for as independent as any."""
+NUM_OUTCOMES = (4, 8, 12, 24, 48)
+_FUSED = 6  # touches, at most, that scores are given for
+
+
+@dataclass(frozen=True)
+class Fused:
+    """Posteriors after so many touches of one kind of sequence, under a uniform prior."""
+
+    num_touches: int
+    accuracy: float
+    nll: float
+    ece: CalibrationError
+    classwise: CalibrationError
+
+
+@dataclass(frozen=True)
+class StopScores:
+    """Sequences of one kind that stop when they are sure.
+
+    Attributes:
+        num_sequences: that might have stopped.
+        claims: claim against right, with Clopper-Pearson intervals; None if none stopped.
+        right: share right and its interval, resampling objects, whose sequences err together; None if none stopped.
+    """
+
+    num_sequences: int
+    claims: ClaimsAtStop | None
+    right: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class ModelScores:
+    """An observation model on test sequences, by kind.
+
+    Attributes:
+        name: of the model.
+        cross_validated_nll: of sequences of the calibration split [nats]; None for :data:`INDEPENDENT`.
+        fused: after one touch, two, …
+        stops: where searches stop.
+    """
+
+    name: str
+    cross_validated_nll: float | None
+    fused: Mapping[str, Sequence[Fused]]
+    stops: Mapping[str, StopScores]
+
+
+@dataclass(frozen=True)
+class Weight:
+    """Of the mean evidence of n touches in one pose, in touches.
+
+    Attributes:
+        num_touches: n.
+        free: that makes the true shapes likeliest.
+        low: bound of its 95 % interval, in which touches of one object may depend on each other.
+        high: the upper one.
+        discounted: n / (1 + (n - 1) ρ), what the ratio model takes.
+    """
+
+    num_touches: int
+    free: float
+    low: float
+    high: float
+    discounted: float
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Information about the shape, mean over poses, uniform prior [nats].
+
+    Attributes:
+        touch: in a touch itself.
+        tables: in its outcome, in tables of so many outcomes.
+    """
+
+    touch: float
+    tables: Mapping[int, float]
+
+
+def fit_model(name: str, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
+    """An observation model by name, fitted to touches of the calibration split, and its NLL on objects out of fold."""
+    batch = touches.batch
+    return choose_observation_model(
+        [Touch(int(pose), row) for pose, row in zip(batch.poses[:, 0], batch.logits[:, 0], strict=True)],
+        touches.shapes,
+        touches.object_ids,
+        shape_labels=shape_labels,
+        num_poses=num_poses,
+        candidates={name: OBSERVATION_MODELS[name]},
+    )
+
+
+def score_model(
+    name: str,
+    model: ArrayModel,
+    loss: float | None,
+    sequences: Mapping[str, Sequences],
+    confidence: float,
+    rng: np.random.Generator,
+) -> ModelScores:
+    """Posteriors of a model by number of touches, and at the stop, for every kind of sequence."""
+    fused, stopped = {}, {}
+    for kind, some in sequences.items():
+        log_probs = some.log_posteriors(model)
+        probs = np.exp(log_probs[:, :_FUSED])
+        fused[kind] = [_fused(n + 1, probs[:, n], some.shapes, rng) for n in range(probs.shape[1])]
+        stopped[kind] = _stops(log_probs, some, confidence, rng)
+    return ModelScores(name, loss, fused, stopped)
+
+
+def _fused(num_touches: int, probs: Floats, shapes: NDArray[np.int64], rng: np.random.Generator) -> Fused:
+    right, nll = accuracy(probs, shapes), negative_log_likelihood(probs, shapes)
+    return Fused(num_touches, right, nll, top_error(probs, shapes, rng), classwise_error(probs, shapes, rng))
+
+
+def _stops(log_probs: Floats, sequences: Sequences, confidence: float, rng: np.random.Generator) -> StopScores:
+    found = stops(log_probs, sequences.shapes, confidence)
+    if not len(found.sequences):
+        return StopScores(len(sequences), None, None)
+    right = cluster_bootstrap(found.correct, sequences.object_ids[found.sequences], rng)
+    return StopScores(len(sequences), claims_at_stop(found.claims, found.correct, found.num_touches), right)
+
+
+def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
+    """What touches in one pose are worth in these sequences, beside what the model takes them for.
+
+    Intervals are those of a maximum-likelihood estimate from clusters, the objects (White 1982; Liang & Zeger 1986).
+    """
+    alone, found = replace(model, correlation=0.0), []
+    for n in range(1, sequences.batch.num_touches + 1):
+        evidence = alone.log_likelihood_batch(sequences.batch.first(n)) / n
+        evidence -= np.take_along_axis(evidence, sequences.shapes[:, None], axis=1)  # against the true shape
+
+        def loss(weight: float, evidence: Floats = evidence) -> float:
+            return float(np.logaddexp.reduce(weight * evidence, axis=1).mean())
+
+        free = float(minimize_scalar(loss, bounds=(0.0, 2.0 * n), method="bounded", options={"xatol": 1e-6}).x)
+        probs = softmax(free * evidence, axis=1)
+        slopes = (probs * evidence).sum(axis=1)
+        curvature = float(((probs * evidence**2).sum(axis=1) - slopes**2).sum())
+        spread = float(np.sqrt((np.bincount(sequences.object_ids, slopes) ** 2).sum()))
+        reach = 1.96 * spread / curvature if curvature > 0.0 else np.inf
+        found.append(Weight(n, free, free - reach, free + reach, float(effective_touches(n, model.correlation))))
+    return found
+
+
+def kept_information(model: ArrayModel) -> Kept:
+    """How much of what a touch tells is left in tables of few outcomes."""
+    tables = {m: float(model.outcome_table(m).information().mean()) for m in NUM_OUTCOMES}
+    return Kept(float(information_of_touch(model).mean()), tables)

@@ -1,0 +1,169 @@
+"""Sequences of touches that a search might feel, put together from objects touched in every pose in several rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.data.dataset import TouchSet
+from belief.observation_model import ArrayModel
+from belief.observation_model.selection import log_posteriors
+from belief.touch_batch import TouchBatch
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rounds:
+    """What a classifier read of N objects, each touched in every one of P poses in each of R rounds.
+
+    Attributes:
+        logits: ``(N, R, P, K)``.
+        shapes: of the objects, ``(N,)``.
+    """
+
+    logits: Floats
+    shapes: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, touches: TouchSet, logits: Floats, num_poses: int) -> Rounds:
+        """The touches of a collection's split, whose objects lie one after the other, round by round."""
+        num_objects = len(np.unique(touches.object_ids))
+        by_object = (num_objects, -1, num_poses)
+        return cls(logits.reshape(*by_object, logits.shape[1]), touches.shapes.reshape(by_object)[:, 0, 0])
+
+    @property
+    def num_objects(self) -> int:
+        """N."""
+        return self.logits.shape[0]
+
+    @property
+    def num_rounds(self) -> int:
+        """R."""
+        return self.logits.shape[1]
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return self.logits.shape[2]
+
+    def singles(self) -> Sequences:
+        """Every touch by itself."""
+        touches, per_object = self.logits.reshape(-1, 1, self.logits.shape[3]), self.num_rounds * self.num_poses
+        poses = np.tile(np.arange(self.num_poses), self.num_objects * self.num_rounds)
+        return self._sequences(TouchBatch(poses[:, None], touches), per_object)
+
+    def distinct_poses(self, rng: np.random.Generator) -> Sequences:
+        """Every pose once, in random order, from random rounds: R sequences an object, which share no touch."""
+        rounds, poses = self._shuffled_rounds(rng), self._poses(self.num_rounds)
+        poses = rng.permuted(poses, axis=2)  # (N, R, P)
+        return self._pick(np.take_along_axis(rounds.swapaxes(1, 2), poses, axis=2), poses)
+
+    def one_pose(self, rng: np.random.Generator) -> Sequences:
+        """One pose again and again, rounds in random order: P sequences of R touches an object, one for each pose."""
+        rounds = self._shuffled_rounds(rng)  # (N, P, R)
+        return self._pick(rounds, np.broadcast_to(np.arange(self.num_poses)[:, None], rounds.shape))
+
+    def random_poses(self, rng: np.random.Generator, num_touches: int = 12) -> Sequences:
+        """Poses drawn with replacement, each at most R times, a fresh round each time: R sequences an object.
+
+        Args:
+            rng: chance.
+            num_touches: of a sequence, at most P · R.
+        """
+        rounds, left = self._shuffled_rounds(rng), np.full(self._poses(self.num_rounds).shape, self.num_rounds)
+        rounds = np.broadcast_to(rounds[:, None], (*left.shape, self.num_rounds))  # (N, R, P, R): each starts anew
+        poses, picked = [], []
+        for _ in range(min(num_touches, self.num_poses * self.num_rounds)):
+            pose = np.where(left > 0, rng.random(left.shape), -1.0).argmax(axis=2, keepdims=True)
+            times = self.num_rounds - np.take_along_axis(left, pose, axis=2)
+            here = np.take_along_axis(rounds, pose[..., None], axis=2)[:, :, 0]
+            poses.append(pose[..., 0])
+            picked.append(np.take_along_axis(here, times, axis=2)[..., 0])
+            np.put_along_axis(left, pose, self.num_rounds - times - 1, axis=2)
+        return self._pick(np.stack(picked, axis=2), np.stack(poses, axis=2))
+
+    def _poses(self, num_sequences: int) -> NDArray[np.int64]:
+        return np.tile(np.arange(self.num_poses), (self.num_objects, num_sequences, 1))
+
+    def _shuffled_rounds(self, rng: np.random.Generator) -> NDArray[np.int64]:
+        """For each object and pose, the rounds in random order, ``(N, P, R)``."""
+        return rng.permuted(np.tile(np.arange(self.num_rounds), (self.num_objects, self.num_poses, 1)), axis=2)
+
+    def _pick(self, rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> Sequences:
+        """Sequences from rounds and poses ``(N, sequences, touches)``."""
+        logits = self.logits[np.arange(self.num_objects)[:, None, None], rounds, poses]
+        length = poses.shape[2]
+        batch = TouchBatch(poses.reshape(-1, length), logits.reshape(-1, length, logits.shape[3]))
+        return self._sequences(batch, poses.shape[1])
+
+    def _sequences(self, batch: TouchBatch, per_object: int) -> Sequences:
+        object_ids = np.arange(self.num_objects).repeat(per_object)
+        return Sequences(batch, self.shapes[object_ids], object_ids)
+
+
+@dataclass(frozen=True, eq=False)
+class Sequences:
+    """S sequences of n touches, several of an object.
+
+    Attributes:
+        batch: the touches.
+        shapes: of the touched object, ``(S,)``.
+        object_ids: which it is, ``(S,)``.
+    """
+
+    batch: TouchBatch
+    shapes: NDArray[np.int64]
+    object_ids: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """S."""
+        return len(self.shapes)
+
+    def log_posteriors(self, model: ArrayModel) -> Floats:
+        """Log posterior after one touch, two, …, under a uniform prior, ``(S, n, K)``."""
+        found = [log_posteriors(model, self.batch.first(n)) for n in range(1, self.batch.num_touches + 1)]
+        return np.stack(found, axis=1)
+
+
+KINDS: Mapping[str, Callable[[Rounds, np.random.Generator], Sequences]] = {
+    "distinct poses": Rounds.distinct_poses,
+    "one pose": Rounds.one_pose,
+    "random poses": Rounds.random_poses,
+}
+"""Ways to go on touching an object, by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stops:
+    """The sequences that came to an end because one shape was likely enough, T of them.
+
+    Attributes:
+        sequences: which they are, rising, ``(T,)``.
+        claims: probability of the likeliest shape at the stop, ``(T,)``.
+        correct: whether it was the true one, ``(T,)``.
+        num_touches: made until then, ``(T,)``.
+    """
+
+    sequences: NDArray[np.int64]
+    claims: Floats
+    correct: NDArray[np.bool_]
+    num_touches: NDArray[np.int64]
+
+
+def stops(log_probs: Floats, shapes: NDArray[np.int64], confidence: float) -> Stops:
+    """Where searches stop that touch until the likeliest shape has at least this probability.
+
+    Args:
+        log_probs: log posteriors after one touch, two, …, ``(S, n, K)``.
+        shapes: the true ones, ``(S,)``.
+        confidence: in (1/K, 1).
+    """
+    reached = log_probs.max(axis=2) >= np.log(confidence)
+    sequences = np.flatnonzero(reached.any(axis=1))
+    touch = reached[sequences].argmax(axis=1)
+    last = log_probs[sequences, touch]
+    return Stops(sequences, np.exp(last.max(axis=1)), last.argmax(axis=1) == shapes[sequences], touch + 1)

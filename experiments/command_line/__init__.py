@@ -1,0 +1,1 @@
+"""What every command shares: ranges of arguments, signals, and what is printed."""

@@ -1,0 +1,1 @@
+"""``stress``: numerical and physical extremes."""

@@ -1,0 +1,385 @@
+"""Extremes of files: checkpoints, observation models, shards, manifests, meshes; truncated, foreign, tampered with."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from activetouch import Quasistatic, Scene, TactileSensor
+from activetouch.data.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
+from activetouch.data.manifest import read_manifest, seal
+from activetouch.errors import BadMesh, LabelMismatch
+from activetouch.named_scenes import SCENES
+from activetouch.pressing.pad import Pad
+from activetouch.shapes import Mesh
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from belief.calibration import TemperatureScaling
+from belief.errors import CorruptFile, UnknownName
+from belief.files import atomic_path, sealed_json, unsealed_json, write_text
+from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses
+
+Damage = Callable[[Path], None]
+_SHIPPED = MODELS / "coarse"
+_SCENE = Scene(press_model=Quasistatic(), pad=Pad(num_taxels=8))
+_PLAN = CollectionPlan(train=0, calibration=1, test=1)
+_BOOM = Path("activetouch-stress-was-unpickled")
+
+
+class _Boom:
+    """Leaves a file behind where it is unpickled."""
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return Path.touch, (_BOOM,)
+
+
+def _half(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _flipped(path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[-100] ^= 1
+    path.write_bytes(bytes(data))
+
+
+def _pickled(path: Path) -> None:
+    path.write_bytes(pickle.dumps(_Boom()))
+
+
+def _text(path: Path) -> None:
+    path.write_text("I am no file of yours\n")
+
+
+def _gone(path: Path) -> None:
+    path.unlink()
+
+
+_DAMAGES: dict[str, Damage] = {
+    "cut in half": _half,
+    "empty": _empty,
+    "one bit flipped": _flipped,
+    "a pickle": _pickled,
+    "a text": _text,
+    "missing": _gone,
+}
+
+
+def _sensor(damage: Damage, name: str) -> Callable[[], object]:
+    def load(folder: Path) -> object:
+        shutil.copytree(_SHIPPED, folder / "sensor")
+        damage(folder / "sensor" / name)
+        try:
+            return TactileSensor.load(folder / "sensor", SCENES["coarse"].scene)
+        finally:
+            if _BOOM.exists():
+                _BOOM.unlink()
+                raise AssertionError("code ran from the file")
+
+    return in_folder(load)
+
+
+def _changed(**changes: object) -> Damage:
+    """An observation model with other fields."""
+
+    def damage(path: Path) -> None:
+        path.write_text(sealed_json(unsealed_json(path.read_text()) | changes))
+
+    return damage
+
+
+def _of_sensors() -> list[Case]:
+    cases = [
+        refuses(
+            "TactileSensor.load",
+            f"a checkpoint that is {given}",
+            _sensor(damage, CLASSIFIER_FILE),
+            CorruptFile,
+            CLASSIFIER_FILE,
+        )
+        for given, damage in _DAMAGES.items()
+    ]
+    cases += [
+        refuses(
+            "TactileSensor.load",
+            f"an observation model that is {given}",
+            _sensor(damage, OBSERVATION_FILE),
+            CorruptFile,
+            OBSERVATION_FILE,
+        )
+        for given, damage in _DAMAGES.items()
+    ]
+    other = SCENES["hard"].scene
+    return [
+        *cases,
+        refuses(
+            "TactileSensor.load",
+            "an observation model of an unknown kind",
+            _sensor(_changed(model="oracle"), OBSERVATION_FILE),
+            CorruptFile,
+            "unknown kind 'oracle'",
+        ),
+        refuses(
+            "TactileSensor.load",
+            "an observation model of other shapes",
+            _sensor(_changed(shape_labels=["a", "b", "c", "d"]), OBSERVATION_FILE),
+            LabelMismatch,
+            "the scene has",
+        ),
+        refuses(
+            "TactileSensor.load",
+            "an observation model without shapes",
+            _sensor(_changed(shape_labels=None), OBSERVATION_FILE),
+            CorruptFile,
+            "no observation model",
+        ),
+        refuses(
+            "TactileSensor.load",
+            "the sensor of another scene",
+            lambda: TactileSensor.load(_SHIPPED, other),
+            LabelMismatch,
+            "classifier of its own",
+        ),
+        refuses(
+            "TactileSensor.load",
+            "a folder that is not there",
+            lambda: TactileSensor.load(Path("nowhere"), other),
+            CorruptFile,
+            "nowhere",
+        ),
+        refuses(
+            "TactileSensor.read",
+            "an image of floats",
+            lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 4, 4)), [0]),
+            ValueError,
+            "uint8",
+        ),
+        refuses(
+            "TactileSensor.read",
+            "an image of 7 × 7 for a network of 16 × 16",
+            lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 7, 7), np.uint8), [0]),
+            ValueError,
+            "multiple",
+        ),
+        refuses(
+            "TemperatureScaling.from_json",
+            "the text of another thing",
+            lambda: TemperatureScaling.from_json(sealed_json({"a": 1}), ["cube"]),
+            ValueError,
+            "not a calibration",
+        ),
+        refuses(
+            "TemperatureScaling.from_json",
+            "a temperature of zero",
+            lambda: TemperatureScaling.from_json(
+                sealed_json({**unsealed_json(TemperatureScaling(2.0, "ok").to_json(["a"])), "temperature": 0.0}), ["a"]
+            ),
+            ValueError,
+            "temperature > 0",
+        ),
+    ]
+
+
+def _collection(folder: Path) -> Path:
+    """A tiny collection, complete and sealed."""
+    import hashlib
+
+    manifest = write_manifest(folder, _SCENE, _PLAN)
+    digests = {}
+    for split, shard, objects in manifest.shards():
+        path = shard_path(folder, split, shard)
+        record_shard(_SCENE, _PLAN, split, objects, path)
+        digests[path.relative_to(folder).as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+    seal(folder, manifest, digests)
+    return folder
+
+
+def _shard(damage: Damage) -> Callable[[], object]:
+    def read(folder: Path) -> object:
+        damage(shard_path(_collection(folder), "test", 0))
+        return read_split(folder, "test")
+
+    return in_folder(read)
+
+
+def _swapped(path: Path) -> None:
+    shutil.copy(shard_path(path.parent.parent, "calibration", 0), path)
+
+
+def _relabelled(path: Path) -> None:
+    with np.load(path) as found:
+        arrays = dict(found)
+    arrays["shapes"] = arrays["shapes"][::-1]
+    np.savez(path, **arrays)
+
+
+def _objects(path: Path) -> None:
+    with np.load(path) as found:
+        arrays = dict(found)
+    arrays["forces"] = np.array([_Boom()] * len(arrays["forces"]), object)
+    np.savez(path, **arrays)
+
+
+def _manifest(damage: Damage) -> Callable[[], object]:
+    def read(folder: Path) -> object:
+        damage(_collection(folder) / "manifest.json")
+        return read_manifest(folder)
+
+    return in_folder(read)
+
+
+def _of_collections() -> list[Case]:
+    cases = [
+        refuses(
+            "read_split",
+            f"a shard that is {given}",
+            _shard(damage),
+            CorruptFile,
+            "Delete it and record it again|finish the collection",
+        )
+        for given, damage in _DAMAGES.items()
+    ]
+    cases += [
+        refuses("read_manifest", f"a manifest that is {given}", _manifest(damage), CorruptFile, "manifest.json")
+        for given, damage in _DAMAGES.items()
+    ]
+    return [
+        *cases,
+        refuses(
+            "read_split", "a shard of another split", _shard(_swapped), CorruptFile, "was changed after it was recorded"
+        ),
+        refuses("read_split", "a shard whose labels were reversed", _shard(_relabelled), LabelMismatch, "wrong labels"),
+        refuses(
+            "read_split", "a shard that holds pickled objects", _shard(_objects), CorruptFile, "Object arrays cannot"
+        ),
+        refuses(
+            "read_split",
+            "a split that is not planned",
+            in_folder(lambda folder: read_split(_collection(folder), "train")),
+            CorruptFile,
+            "planned without any train",
+        ),
+        refuses(
+            "read_split",
+            "a split of an unknown name",
+            in_folder(lambda folder: read_split(_collection(folder), "tset")),
+            UnknownName,
+            "Did you mean 'test'",
+        ),
+        refuses(
+            "write_manifest",
+            "a folder of another plan",
+            in_folder(lambda folder: write_manifest(_collection(folder), _SCENE, CollectionPlan(train=9))),
+            LabelMismatch,
+            "(?i)plan|another collection",
+        ),
+        refuses("CollectionPlan", "minus one object", lambda: CollectionPlan(train=-1), ValueError, "whole"),
+        refuses("CollectionPlan", "a seed of 2³²", lambda: CollectionPlan(seed=2**32), ValueError, "whole"),
+        answers(
+            "read_split",
+            "one object of each shape",
+            in_folder(lambda folder: read_split(_collection(folder), "test").images.shape),
+            equal_to([24, 8, 8]),
+        ),
+        answers(
+            "atomic_path", "an error in the middle of writing: the old file stays", in_folder(_torn), equal_to([1, 1])
+        ),
+    ]
+
+
+def _torn(folder: Path) -> tuple[bool, int]:
+    """Whether the old text is still there, and how many files are."""
+    file = folder / "it.txt"
+    write_text(file, "old")
+    try:
+        with atomic_path(file) as temporary:
+            temporary.write_text("ne")
+            raise OSError("the disk is full")
+    except OSError:
+        pass
+    return file.read_text() == "old", len(list(folder.iterdir()))
+
+
+_TETRAHEDRON = ["v 0 0 0", "v .02 0 0", "v 0 .02 0", "v 0 0 .02", "f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
+
+
+def _mesh(lines: list[str], name: str = "it.obj", scale: float = 1.0) -> Callable[[], object]:
+    def read(folder: Path) -> object:
+        (folder / name).write_text("\n".join(lines) + "\n")
+        return Mesh.from_file(folder / name, scale)
+
+    return in_folder(read)
+
+
+@cache
+def _radius(mirrored: bool) -> float:
+    faces = [f"f {a} {b} {c}" for a, b, c in ((1, 2, 3), (1, 4, 2), (2, 4, 3), (1, 3, 4))]
+    mesh = _mesh([*_TETRAHEDRON[:4], *(faces if mirrored else _TETRAHEDRON[4:])])()
+    return float(mesh.bounding_radius)  # type: ignore[attr-defined]
+
+
+def _of_meshes() -> list[Case]:
+    corners = _TETRAHEDRON[:4]
+    return [
+        answers(
+            "Mesh.from_file",
+            "faces that all look inwards: turned",
+            lambda: _radius(True) / _radius(False),
+            equal_to(1.0),
+        ),
+        refuses("Mesh.from_file", "an empty file", _mesh([]), BadMesh, "it.obj|it"),
+        refuses("Mesh.from_file", "corners and no faces", _mesh(corners), BadMesh, "it"),
+        refuses(
+            "Mesh.from_file",
+            "a hole: a face is missing",
+            _mesh(_TETRAHEDRON[:-1]),
+            BadMesh,
+            "(?i)closed|hole|open|watertight",
+        ),
+        refuses(
+            "Mesh.from_file",
+            "all corners in one plane",
+            _mesh(["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 1 1 0", *_TETRAHEDRON[4:]]),
+            BadMesh,
+            "(?i)volume|plane|flat",
+        ),
+        refuses(
+            "Mesh.from_file", "corners of NaN", _mesh(["v nan 0 0", *_TETRAHEDRON[1:]]), BadMesh, "(?i)finite|nan|read"
+        ),
+        refuses("Mesh.from_file", "corners of 1e300", _mesh(["v 1e300 0 0", *_TETRAHEDRON[1:]]), BadMesh, "it"),
+        refuses(
+            "Mesh.from_file", "millimetres taken for metres", _mesh(_TETRAHEDRON, scale=1000.0), BadMesh, "(?i)scale"
+        ),
+        refuses(
+            "Mesh.from_file", "a scale of zero", _mesh(_TETRAHEDRON, scale=0.0), ValueError, "scale must be positive"
+        ),
+        refuses(
+            "Mesh.from_file",
+            "a scale of NaN",
+            _mesh(_TETRAHEDRON, scale=float("nan")),
+            ValueError,
+            "scale must be positive",
+        ),
+        refuses(
+            "Mesh.from_file",
+            "a face with a corner that is not there",
+            _mesh([*_TETRAHEDRON, "f 1 2 99"]),
+            BadMesh,
+            "it",
+        ),
+        refuses("Mesh.from_file", "words in an STL file", _mesh(["solid nothing"], "it.stl"), BadMesh, "it"),
+        refuses("Mesh.from_file", "a format that is not read", _mesh(_TETRAHEDRON, "it.step"), BadMesh, ".stl, .obj"),
+        refuses("Mesh.from_file", "no file", lambda: Mesh.from_file(Path("nowhere.stl")), FileNotFoundError, "nowhere"),
+    ]
+
+
+CASES: tuple[Case, ...] = (*_of_sensors(), *_of_collections(), *_of_meshes())
+"""Of everything that is read from a file; a file that would run code if it were unpickled leaves a trace."""

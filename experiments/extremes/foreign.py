@@ -1,0 +1,148 @@
+"""Extremes of parts from elsewhere: sensors and collections of other scenes, renderers and deciders of a user's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activetouch.data.manifest import CollectionPlan
+from activetouch.errors import WrongScene
+from activetouch.world import CLASSIFIER_FILE, MODELS, TactileSensor
+from belief import Confirm, Probe, SearchProblem
+from belief.errors import ActiveTouchError
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from experiments.bayes_error.limit import Limit
+from experiments.calibration.calibration_report import CalibrationReport
+from experiments.extremes.cases import Case, in_folder, refuses
+from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.press.leak import Leak
+from experiments.robustness.robustness import Robustness
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.setting import Setting
+from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.collect import collect
+from planners import Decision, search
+from planners.answers import BadDecision
+
+_LABELS, _POSES = ("cube", "cone", "sphere"), ("front", "side")
+_DIFFERENCE = "made for another scene|made for other|knows the shapes|reads images"
+
+
+@dataclass(frozen=True)
+class _Decider:
+    """A decider of a user's own that always answers the same."""
+
+    answer: Any
+
+    def decide(self, state: object, rng: np.random.Generator) -> Any:
+        return self.answer
+
+
+def _decides(answer: Any) -> Callable[[], object]:
+    def searched() -> object:
+        rng = np.random.default_rng(0)
+        model, problem = random_model(rng, len(_LABELS), len(_POSES)), SearchProblem(_LABELS, _POSES, num_objects=2)
+        model = replace(model, shape_labels=_LABELS)
+        world = SyntheticWorld(model, sample_arrangement(problem, rng))
+        return search(world, _Decider(answer), problem, target=0, model=model, seed=(0,))
+
+    return searched
+
+
+def _compared(scene: str, sensor: str) -> Callable[[], object]:
+    setting = Setting(SceneChoice(scene), sensor=MODELS / sensor)
+    compare = Compare(("random_confirm",), targets=("cone",), episodes=1, setting=setting, jobs=1)
+    return in_folder(lambda folder: replace(compare, out=folder).play())
+
+
+def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
+    """A command and a small collection of the scene gel, for whoever is for another scene."""
+
+    def run(folder: Path) -> object:
+        choice = SceneChoice("gel", fidelity="quasistatic")
+        collect(choice, CollectionPlan(train=0, calibration=1, test=1, repeats=2), folder / "gel", jobs=1)
+        return command(folder / "gel", folder / "out").run()
+
+    return in_folder(run)
+
+
+def _sensors() -> list[Case]:
+    pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
+    cases = [
+        refuses(
+            "compare",
+            f"--scene {scene} and the sensor of {sensor}",
+            _compared(scene, sensor),
+            ActiveTouchError,
+            _DIFFERENCE,
+        )
+        for scene, sensor in pairs
+        if scene != sensor
+    ]
+    coarse, gel = SceneChoice("coarse"), MODELS / "gel"
+    commands = {
+        "limit": Limit(coarse, sensor=gel),
+        "leak": Leak(coarse, sensor=gel),
+        "robustness": Robustness(coarse, sensor=gel),
+    }
+    return (
+        cases
+        + [
+            refuses(name, "--scene coarse and the sensor of gel", command.run, WrongScene, _DIFFERENCE)
+            for name, command in commands.items()
+        ]
+        + [
+            refuses(
+                "TactileSensor.load",
+                "images of another renderer",
+                lambda: TactileSensor.load(MODELS / "coarse", SceneChoice("coarse", renderer="gelsight").named.scene),
+                ActiveTouchError,
+                _DIFFERENCE,
+            )
+        ]
+    )
+
+
+def _collections() -> list[Case]:
+    coarse = MODELS / "coarse"
+    commands: dict[str, Callable[[Path, Path], Any]] = {
+        "calibrate": lambda data, out: Calibrate("coarse", coarse / CLASSIFIER_FILE, data, out),
+        "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
+        "touch-bank": lambda data, out: MakeTouchBank("coarse", data, out=out),
+    }
+    return [
+        refuses(
+            name,
+            "--scene coarse and a collection of gel",
+            _with_gel(command),
+            ActiveTouchError,
+            "no collection of|of no use",
+        )
+        for name, command in commands.items()
+    ]
+
+
+def _deciders() -> list[Case]:
+    answers = {
+        "a word": "confirm",
+        "nothing": None,
+        "a number": 3,
+        "a pose that does not exist": Decision(Probe(9)),
+        "a decision on a word": Decision("confirm"),  # type: ignore[arg-type]
+        "a score of NaN": Decision(Confirm(), {"value": float("nan")}),
+    }
+    return [
+        refuses(
+            "search", f"a decider of one's own that answers {words}", _decides(answer), BadDecision, "_Decider answered"
+        )
+        for words, answer in answers.items()
+    ]
+
+
+CASES: tuple[Case, ...] = (*_sensors(), *_collections(), *_deciders())
+"""Each must be refused before any work, and the difference named."""

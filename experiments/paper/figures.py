@@ -1,0 +1,97 @@
+"""The paper's Figures 2 and 3, made here: a touch image of every shape; confusion matrix and success by shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from activetouch.data.dataset import TouchSet
+from belief.statistics import wilson_interval
+from experiments.paper import table1
+from experiments.paper.table2 import PAPER, Column
+from experiments.search.figures import INK, PALETTE, STYLE
+from experiments.tradeoff.figures import write_figure
+
+_IMAGES = 5  # of each shape
+
+
+def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
+    """Images of every shape, each of another press: the paper's Figure 2 shows one of each."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(1.5 * _IMAGES, 1.6 * len(labels)), layout="constrained")
+        grid = figure.subplots(len(labels), _IMAGES, squeeze=False)
+        for shape, label in enumerate(labels):
+            rows = np.flatnonzero(images.shapes == shape)
+            chosen = rows[np.linspace(0, len(rows) - 1, _IMAGES).round().astype(int)]
+            for axes, row in zip(grid[shape], chosen, strict=True):
+                axes.imshow(images.images[row], origin="lower")
+                axes.set(xticks=[], yticks=[])
+            grid[shape][0].set_ylabel(label)
+        write_figure(figure, path)
+
+
+def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
+    """(a) The confusion matrix of the classifier that was split by image, as the paper's; (b) success by shape.
+
+    Args:
+        confusion: counts of (true shape, predicted shape); (a) is left out without.
+        columns: of Table 2; a panel for every scene.
+        path: to write.
+    """
+    played = [column for column in columns if not column.missing]
+    scenes = list(dict.fromkeys(column.scene for column in played))
+    widths = [1.0] * (confusion is not None) + [1.5] * len(scenes)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(3.2 * sum(widths), 4.2), layout="constrained")
+        drawn = list(figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
+        if confusion is not None:
+            _confusion(drawn.pop(0), confusion)
+        for axes, scene in zip(drawn, scenes, strict=True):
+            _success(axes, [column for column in played if column.scene == scene])
+            axes.set_title(f"(b) searches, scene {scene}")
+        drawn[0].set_ylabel("success")
+        handles, labels = drawn[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
+        write_figure(figure, path)
+
+
+def _confusion(axes, confusion: Sequence[Sequence[int]]) -> None:
+    labels = list(table1.PAPER)
+    matrix = np.array(confusion, float)
+    order = [_SHAPES.index(label) for label in labels]
+    shares = (matrix / matrix.sum(axis=1, keepdims=True))[np.ix_(order, order)]
+    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
+    for (row, column), share in np.ndenumerate(shares):
+        text = f"{share:.2f}" + (f"\n(paper {table1.PAPER[labels[row]].recall:.2f})" if row == column else "")
+        axes.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.6 else "black")
+    axes.set_xticks(range(len(labels)), labels, rotation=35, ha="right")
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
+
+
+_SHAPES = ("sphere", "cube", "cylinder", "cone")
+
+
+def _success(axes, columns: Sequence[Column]) -> None:
+    """Bars by target: the paper's, hatched, and ours with 95 % Wilson intervals."""
+    targets = list(PAPER["PPO"])
+    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
+    first = -0.425 + width / 2
+    for index, (name, printed) in enumerate(PAPER.items()):
+        heights = [printed[target] for target in targets]
+        place = x + first + index * width
+        grey = str(0.6 + 0.3 * index)
+        axes.bar(place, heights, 0.9 * width, color=grey, edgecolor="0.4", hatch="//", label=f"paper: {name}")
+    for index, column in enumerate(columns):
+        wins = np.array([column.successes[target] for target in targets])
+        low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
+        share, place = wins / column.trials, x + first + (len(PAPER) + index) * width
+        axes.bar(place, share, 0.9 * width, color=PALETTE[index % len(PALETTE)], label=column.decider)
+        spread = [np.maximum(share - low, 0.0), np.maximum(high - share, 0.0)]
+        axes.errorbar(place, share, spread, fmt="none", ecolor=INK, elinewidth=0.7)
+    axes.set_xticks(x, targets)
+    axes.set_ylim(0, 1.03)

@@ -1,0 +1,210 @@
+"""``activetouch reproduce``: what the paper printed, beside what its system does here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from rich.markdown import Markdown
+
+from activetouch.named_scenes import SCENES
+from activetouch.perception.recipe import RECIPES
+from belief.errors import CorruptFile, UnknownName
+from belief.files import require_writable, sealed_json, unsealed_json, write_text
+from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.paper.pipeline import Effort, sensor_from_nothing
+from experiments.paper.sliding_windows import WindowPlan, kept_windows
+from experiments.parallel import default_jobs
+from experiments.scene_choice import named_scene
+from experiments.sensor.train import BackboneName, Changes, require_input_size
+from planners import DECIDERS
+
+if TYPE_CHECKING:
+    from activetouch.data.dataset import TouchSet
+
+Part = Literal["table1", "table2", "figure2", "figure3"]
+
+DEVIATIONS = (
+    "The paper gives no numbers for its force patches, its windows, its batch size or its rotations; ours are in "
+    "activetouch/rendering/force_patch.py, experiments/paper/sliding_windows.py and activetouch/perception/recipe.py.",
+    "The paper starts from ImageNet weights. Without --weights we start from random ones.",
+    "Objects differ in size by ±10 %, so that there are objects to split by; each press has a new orientation.",
+    "The searches of Table 2 are read by the scene's own classifier, trained on six poses of tumbled objects and "
+    "split by object, not by that of Table 1.",
+    "The thresholds of the manual rule, and what it does at the maximum of contacts, are ours (decision 0005); so are "
+    "PPO's settings, and the meaning of its β (decision 0031).",
+    "Targets are all four shapes; the paper names three in one place and four in another.",
+    "Figure 2 shows our renderer; Figure 3(a) is the classifier of Table 1 that was split by image.",
+)
+
+
+_FEWEST_OBJECTS = 3  # of a shape; of two, both might be held out
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Make the paper's tables and figures beside ours; started again, it goes on after the last finished piece.
+
+    Table 1 is made twice, with the same images and the paper's recipe: once split by image, once by object. Table 2
+    plays the manual rule and PPO on images like the paper's (scene paper) and on ours (scene gel). Sensors and policies
+    are those that come with the scenes, or are made from nothing.
+
+    For example:
+
+        activetouch reproduce                         all of it; hours, most of them Table 1
+        activetouch reproduce --table 1
+        activetouch reproduce --parts table2 figure3
+        activetouch reproduce --from-nothing
+        activetouch reproduce --parts table1 --weights facebook/convnext-tiny-224 --input-size 128
+        activetouch reproduce --parts table1 --backbone cnn --change.epochs 5     (a quick look)
+    """
+
+    parts: Annotated[tuple[Part, ...], NotEmpty()] = ("table1", "table2", "figure2", "figure3")
+    """Which of the tables and figures."""
+    table: Literal[1, 2] | None = None
+    """Only this table."""
+    backbone: BackboneName = "tiny"
+    """Of Table 1: the network; the paper's is tiny."""
+    input_size: Pixels = 128
+    """Of Table 1: edge the images are averaged down to before the network [pixels]; the paper's is 128."""
+    weights: str | None = None
+    """Of Table 1: where the backbone starts from, as in ``activetouch train``; random weights without."""
+    images: WindowPlan = field(default_factory=WindowPlan)
+    """Of Table 1 and Figure 2: how many images."""
+    change: Changes = field(default_factory=Changes)
+    """Of Table 1: what to change about the paper's recipe."""
+    scenes: Annotated[tuple[str, ...], NotEmpty()] = ("paper", "gel")
+    """Of Table 2: where to search."""
+    deciders: Annotated[tuple[str, ...], NotEmpty()] = (
+        "threshold",
+        "ppo",
+        "ppo_confident",
+        "ppo_posterior",
+        "point_based",
+    )
+    """Of Table 2: who searches. The paper's are threshold, its manual rule, ppo, and ppo_confident, its advice."""
+    episodes: Count = 100
+    """Of Table 2: searches per target; the paper's 100."""
+    from_nothing: bool = False
+    """Of Table 2: make sensors and policies from nothing, in place of those that come with the scenes."""
+    effort: Effort = field(default_factory=Effort)
+    """How much goes into those."""
+    seed: Seed = 0
+    """Of splits, intervals and searches."""
+    out: Path = Path("runs/reproduce")
+    """Folder for all that is made on the way, tables, figures, numbers, and reproduce.md with all of them."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Processes that press and search, threads that train."""
+
+    def run(self) -> None:
+        """Make what is missing, write and print."""
+        from experiments.paper.figures import draw_figure2, draw_figure3
+        from experiments.paper.table2 import search_columns, to_markdown, to_numbers
+
+        require_writable(self.out)
+        parts = self.parts if self.table is None else (f"table{self.table}",)
+        self._check(parts)
+        columns = None
+        if "figure2" in parts:
+            draw_figure2(self._windows(0), SCENES["paper"].scene.shape_labels, self.out / "figure2.svg")
+        if {"table2", "figure3"} & {*parts}:
+            sensors = {scene: self._sensor(scene) for scene in self.scenes}
+            columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
+            write_text(self.out / "table2.md", to_markdown(columns))
+            write_text(self.out / "table2.json", json.dumps(to_numbers(columns), indent=1) + "\n")
+        if "table1" in parts:
+            self._table1()
+        if "figure3" in parts and columns is not None:
+            draw_figure3(self._confusion(), columns, self.out / "figure3.svg")
+        self._write()
+
+    def _check(self, parts: Sequence[str]) -> None:
+        """Check all arguments before anything is pressed."""
+        check_arguments(self)
+        for scene in self.scenes:
+            named_scene(scene)
+        for decider in self.deciders:
+            if decider not in DECIDERS:
+                raise UnknownName("decider", decider, list(DECIDERS))
+        if "table1" in parts:
+            self.change.of(RECIPES["paper"])
+            require_input_size(self.input_size, SCENES["paper"].scene.image_shape[0], self.backbone)
+            if self.images.objects < _FEWEST_OBJECTS:
+                raise BadArgument(
+                    f"--images.objects must be at least {_FEWEST_OBJECTS} for Table 1, which holds out a fifth of the "
+                    f"objects and needs some of every shape to learn from; got {self.images.objects}"
+                )
+
+    def _windows(self, stream: int) -> TouchSet:
+        """Images of a stream, pressed once and kept."""
+        return kept_windows(SCENES["paper"].scene, self.images, stream, self.jobs, self.out / "table1")
+
+    def _sensor(self, scene: str) -> Path | None:
+        if not self.from_nothing:
+            return None
+        return sensor_from_nothing(scene, self.effort, self.out / "from-nothing" / scene, self.jobs)
+
+    def _table1(self) -> None:
+        import torch
+
+        from experiments.paper.table1 import PAPER, Training, both_splits, to_markdown
+        from experiments.sensor.figures import draw_confusions
+
+        torch.set_num_threads(self.jobs)
+        scene, recipe = SCENES["paper"].scene, self.change.of(RECIPES["paper"])
+        images, fresh = self._windows(0), self._windows(1)
+        training = Training(scene, self.backbone, self.input_size, recipe, self.weights, self.out / "table1")
+        results = both_splits(training, images, fresh, self.seed)
+        labels = scene.shape_labels
+        arguments = json.loads(json.dumps(asdict(self), default=str))
+        numbers = {
+            "arguments": {name: value for name, value in arguments.items() if name != "out"},  # no number depends on it
+            "recipe": asdict(recipe),
+            "num_images": len(images.images),
+            "paper": {label: asdict(score) for label, score in PAPER.items()},
+            "splits": {n: {what: r.to_dict(labels) for what, r in row.items()} for n, row in results.items()},
+            "deviations": DEVIATIONS,
+        }
+        write_text(self.out / "table1.md", to_markdown(results, labels))
+        draw_confusions(results, labels, self.out / "table1.svg")
+        write_text(self.out / "table1.json", sealed_json(numbers) + "\n")
+
+    def _confusion(self) -> list[list[int]] | None:
+        """Of the classifier that was split by image, on what it held out; None as long as Table 1 is not made."""
+        file = self.out / "table1.json"
+        if not file.exists():
+            return None
+        try:
+            confusion: list[list[int]] = unsealed_json(file.read_text(encoding="utf-8"))["splits"]["by image"][
+                "held out"
+            ]["confusion"]
+        except (ValueError, KeyError, TypeError) as error:
+            raise CorruptFile(
+                f"{file} is damaged ({error}); delete it and make it again with: activetouch reproduce --table 1 "
+                f"--out {self.out}"
+            ) from error
+        return confusion
+
+    def _write(self) -> None:
+        """Write reproduce.md of all that the folder holds, and print its tables."""
+        made = f"were made from nothing, in {self.out / 'from-nothing'}"
+        shipped = "are those that come with the scenes; --from-nothing makes them anew"
+        origin = f"Sensors and policies of the searches {made if self.from_nothing else shipped}."
+        titles = {
+            "table1": "Table 1: the classifier, split by image and by object",
+            "table2": "Table 2: success of searches",
+        }
+        tables = {name: self.out / f"{name}.md" for name in titles}
+        pieces = [f"**{titles[name]}**\n\n{file.read_text()}" for name, file in tables.items() if file.exists()]
+        captions = {"figure2": "Figure 2: images of every shape", "figure3": "Figure 3: confusions, success by shape"}
+        drawn = [name for name in captions if (self.out / f"{name}.svg").exists()]
+        figures = [f"**{captions[name]}**\n\n![{captions[name]}]({name}.svg)" for name in drawn]
+        deviations = "**Where we deviate**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
+        text = "\n\n".join([origin, *pieces, *figures, deviations]) + "\n"
+        write_text(self.out / "reproduce.md", text)
+        plain_console().print(Markdown("\n\n".join([origin, *pieces])))
+        print(f"wrote {self.out}/reproduce.md, and tables and figures beside it")

@@ -1,0 +1,116 @@
+"""The paper's data set: images of a window that slides over the force log of a press (paper §5.3 to §5.6).
+
+Every press turns the object anew, and gives several images that share most of their readings. So an image has near
+copies among the images of its own press, and how a data set is split decides what a classifier's score means.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.data.dataset import TouchSet
+from activetouch.orientations import Resampled
+from activetouch.rendering import ForcePatchRenderer, read_out
+from activetouch.scene import Scene
+from belief.errors import CorruptFile
+from belief.files import atomic_path
+from belief.seeding import keyed_rng
+from experiments.command_line.arguments import Count, Seed, check_arguments
+from experiments.parallel import run_tasks
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """How many images there are; as it comes, about the paper's 700 of each shape."""
+
+    objects: Count = 35
+    """Of each shape, of different sizes."""
+    presses: Count = 2
+    """Of each object, each in a new random orientation."""
+    images: Count = 10
+    """Of each press, evenly spread over the time of contact."""
+    seed: Seed = 0
+    """Of everything."""
+
+
+def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
+    """Press the objects of a plan and render the windows.
+
+    Args:
+        scene: of guarded moves and force patches.
+        plan: how many.
+        stream: number of an independent data set under the same plan.
+        jobs: processes; the images do not depend on it.
+
+    Returns:
+        The images of all shapes in turn; ``poses`` counts the presses of an object, an object that misses has none.
+
+    Raises:
+        BadArgument: a number of the plan is out of its range.
+    """
+    check_arguments(plan, "images.")
+    scene = replace(scene, presentation=Resampled())
+    tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
+    parts = sorted(run_tasks(tasks, jobs, "sliding windows over presses"), key=lambda part: part.object_ids[0])
+    return TouchSet.join(parts)
+
+
+def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
+    """:func:`record_windows`, from a file of the folder if it is there; recorded and kept there if not."""
+    key = hashlib.sha256(repr((scene, plan)).encode()).hexdigest()[:16]
+    path = folder / f"windows-{stream}-{key}.npz"
+    if not path.exists():
+        touches = record_windows(scene, plan, stream, jobs)
+        with atomic_path(path) as temporary:
+            np.savez_compressed(temporary, **vars(touches))
+    try:
+        # Every array in such a file carries a checksum.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
+            return TouchSet(**found)
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise CorruptFile(f"{path} is damaged ({error}); delete it to press its objects again") from error
+
+
+def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
+    renderer = scene.renderer
+    assert isinstance(renderer, ForcePatchRenderer), "windows are drawn from a log of forces"
+    rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
+    thing = scene.sample_object(number % len(scene.shapes), rng)
+    images: list[NDArray[np.uint8]] = []
+    rows: list[Sequence[float]] = []
+    for press in range(plan.presses):
+        contact = scene.contact(scene.place(thing, 0, rng), rng)
+        assert contact.trace is not None, "guarded moves are always traced"
+        in_contact = contact.trace.time[contact.trace.force.any(axis=1)]
+        windows = list(renderer.windows(contact, np.ptp(in_contact) / plan.images)) if in_contact.size else []
+        for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
+            images.append(read_out(windows[index], scene.faults, rng))
+            rows.append((thing.shape_index, number, press, contact.force, contact.depth))
+    shapes, object_ids, presses, forces, depths = np.array(rows).T
+    return TouchSet(np.stack(images), shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
+
+
+def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """A random ``share`` of the images, and the others: near copies land on both sides."""
+    order = rng.permutation(len(touches.images))
+    cut = round(share * len(order))
+    return touches.select(np.sort(order[:cut])), touches.select(np.sort(order[cut:]))
+
+
+def split_by_object(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
+    """The images of a random ``share`` of each shape's objects, and those of the others."""
+    first: list[NDArray[np.int64]] = []
+    for shape in np.unique(touches.shapes):
+        objects = rng.permutation(np.unique(touches.object_ids[touches.shapes == shape]))
+        first.append(objects[: round(share * len(objects))])
+    chosen = np.isin(touches.object_ids, np.concatenate(first))
+    return touches.select(chosen), touches.select(~chosen)

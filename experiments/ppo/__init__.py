@@ -1,0 +1,1 @@
+"""``touch-bank`` and ``train-ppo``: training PPO policies."""

@@ -1,0 +1,78 @@
+"""``activetouch touch-bank``: from objects touched again and again to banks that policies learn from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.data.dataset import read_split
+from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.files import require_writable
+from experiments.scene_choice import bank_folder, named_scene, repeats_folder
+from experiments.sensor.scores import readings
+from experiments.sensor_choice import open_collection, require_collection
+
+TRAINING, TEST = "calibration", "test"
+"""Splits of the collection that a policy learns from and is measured on."""
+
+
+@dataclass(frozen=True)
+class MakeTouchBank:
+    """Read recorded touches with the sensor's network and keep logits and features: a bank to learn policies from.
+
+    The classifier saw none of these objects. Policies learn from those of the calibration split, and are measured on
+    those of the test split.
+
+    For example:
+
+        activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+        activetouch touch-bank --scene coarse
+        activetouch touch-bank --data data/mug-repeats --sensor runs/sensor-mug --out data/mug-bank
+    """
+
+    scene: str = "gel"
+    """The scene it is for: decides the next three where they are not given."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE-repeats by default."""
+    sensor: Path | None = None
+    """Folder of the classifier; that of the sensor that comes with the scene by default."""
+    out: Path | None = None
+    """Folder of the banks, one for each split; data/SCENE-bank by default."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
+
+    def run(self) -> None:
+        """Read both splits and write two banks."""
+        from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
+        from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+        named_scene(self.scene)  # or say which there are
+        data = self.data if self.data is not None else repeats_folder(self.scene)
+        sensor = self.sensor if self.sensor is not None else MODELS / self.scene
+        out = self.out if self.out is not None else bank_folder(self.scene)
+        require_writable(out)
+        manifest = open_collection(data, self.scene, repeats=True)
+        classifier = TouchClassifier.load(sensor / CLASSIFIER_FILE)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        for split in (TRAINING, TEST):
+            touches = read_split(data, split)
+            num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)
+            logits, features = [], []
+            for reading in readings(classifier, touches.images, f"reading {split} touches"):
+                logits.append(reading.logits.astype(np.float32))
+                features.append(reading.features.astype(np.float16))
+            by_object = (num_objects, manifest.plan.repeats, num_poses, -1)
+            bank = TouchBank(
+                np.concatenate(logits).reshape(by_object),
+                touches.shapes.reshape(by_object[:3])[:, 0, 0],
+                manifest.shape_labels,
+                manifest.pose_labels,
+                np.concatenate(features).reshape(by_object),
+                {"collection": str(data), "split": split, "classifier": classifier.card.training},
+                manifest.scene,
+            )
+            bank.save(out / split)
+            print(f"wrote {out / split}: {num_objects} objects, {manifest.plan.repeats} rounds of {num_poses} poses")

@@ -1,0 +1,268 @@
+"""Train one policy on a touch bank with Stable-Baselines3, in a folder from which it goes on after an interruption.
+
+    FOLDER/state.safetensors  all it goes on from, with settings and learning curve: see :mod:`experiments.ppo.state`
+    FOLDER/policy.safetensors once finished, what :mod:`planners.ppo` reads
+    FOLDER/learner.zip        once finished, the learner as SB3 saves it: ``PPO.load`` trusts it as any pickle
+
+An interrupted training ends with the same policy and curve as one in a single piece. Going on runs no code from a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.priors import TargetProb
+from activetouch.envs.touch_bank import TouchBank
+from activetouch.errors import MissingPackage
+from activetouch.perception.sealed_tensors import array_digest, read_tensors
+from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import atomic_path
+from belief.observation_model import ArrayModel
+from experiments.ppo.recipe import PPORecipe
+from planners.ppo import BadPolicy, Policy, PolicyCard
+
+if TYPE_CHECKING:
+    from stable_baselines3 import PPO
+
+STATE, LEARNER, POLICY = "state.safetensors", "learner.zip", "policy.safetensors"
+_EVALUATIONS = 12  # of a training
+_EPISODES = 2000  # of an evaluation
+
+
+class OtherTraining(ActiveTouchError, ValueError):
+    """A folder holds a training with other settings."""
+
+
+class Score(NamedTuple):
+    """How good a policy is on a bank, deciding as :class:`planners.ppo.PPODecider` does.
+
+    Attributes:
+        steps: of training.
+        mean_return: of a test, without shaping.
+        success: share of right decisions.
+        touches: of a test.
+    """
+
+    steps: int
+    mean_return: float
+    success: float
+    touches: float
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """One policy to be trained.
+
+    Attributes:
+        bank, test_bank: touches to learn from, and of other objects to be measured on.
+        model: turns touches into evidence.
+        target: label of the shape sought.
+        recipe: how.
+        seed: of weights and episodes.
+        folder: where it is kept.
+    """
+
+    bank: TouchBank
+    test_bank: TouchBank
+    model: ArrayModel
+    target: str
+    recipe: PPORecipe
+    seed: int
+    folder: Path
+
+    @property
+    def card(self) -> PolicyCard:
+        """Of the policy."""
+        labels, summary = (self.bank.shape_labels, self.bank.pose_labels), f"{self.recipe}, seed {self.seed}"
+        return PolicyCard(self.recipe.state, self.target, *labels, self.recipe.touch_limit, summary)
+
+    def run(self) -> list[Score]:
+        """Train what is left and return the learning curve on the test bank."""
+        from experiments.ppo.state import global_chance_kept
+
+        steps, curve = self._progress()
+        if not ((self.folder / POLICY).is_file() and steps >= self.recipe.steps):
+            with global_chance_kept():
+                self._train(steps, curve)
+        return curve
+
+    def _train(self, done: int, curve: list[Score]) -> None:
+        """Train from where the folder stands; the curve grows."""
+        from experiments.ppo.state import restore_state, write_state
+
+        learner = self._learner()
+        if curve:
+            restore_state(self.folder / STATE, learner)
+        every = self.recipe.steps / _EVALUATIONS
+
+        def report(steps: int) -> None:
+            if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
+                policy = policy_of(learner, self.card)
+                curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES, self.recipe.test_prob), steps))
+                write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
+
+        learner.learn(self.recipe.steps - done, _callback(report), reset_num_timesteps=False, tb_log_name=self.target)
+        every = 0.0  # the last point is always on the curve
+        report(learner.num_timesteps)
+        with atomic_path(self.folder / LEARNER) as temporary:
+            learner.save(temporary)
+        with atomic_path(self.folder / POLICY) as temporary:
+            temporary.write_bytes(policy_of(learner, self.card).to_bytes())
+
+    def score(self) -> Score:
+        """Of the finished policy on the objects and priors that it learned from: to choose among seeds."""
+        path = self.folder / POLICY
+        try:
+            policy = Policy.from_bytes(path.read_bytes())
+        except BadPolicy as error:
+            raise CorruptFile(f"{path}: {error}; delete {self.folder} and start again") from error
+        return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES, self.recipe.target_prob), self.recipe.steps)
+
+    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb) -> BankEpisodes:
+        recipe = self.recipe
+        task = (recipe.touch_cost, recipe.touch_limit, target_prob)
+        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
+
+    def _learner(self) -> PPO:
+        """A new learner."""
+        from stable_baselines3.common.logger import Logger
+
+        from activetouch.envs.sb3 import BankVecEnv
+
+        recipe = self.recipe
+        kind = _learner_class(recipe.masked)
+        task = (recipe.touch_cost, recipe.touch_limit, recipe.target_prob)
+        episodes = BankEpisodes(
+            self.bank, self.model, self.target, recipe.num_envs, recipe.state, *task, recipe.beta, recipe.discount
+        )
+        learner = kind(
+            "MlpPolicy",
+            BankVecEnv(episodes, seed=[self.seed, 0]),
+            n_steps=recipe.rollout,
+            batch_size=recipe.batch_size,
+            n_epochs=recipe.epochs,
+            learning_rate=lambda left: recipe.learning_rate * left,
+            ent_coef=recipe.entropy,
+            gamma=recipe.discount,
+            gae_lambda=recipe.gae,
+            policy_kwargs={"net_arch": list(recipe.hidden)},
+            tensorboard_log=str(self.folder / "tensorboard") if _has_tensorboard() else None,
+            seed=self.seed,
+            device="cpu",
+        )
+        if learner.tensorboard_log is None:
+            learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's own makes a folder among temporary files
+        return learner
+
+    def _progress(self) -> tuple[int, list[Score]]:
+        """Steps done and learning curve, as the folder has them."""
+        path = self.folder / STATE
+        if not path.is_file():
+            return 0, []
+        try:
+            _, fields = read_tensors(path)
+            settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
+            steps = int(fields["progress"]["steps"])
+        except (CorruptFile, KeyError, TypeError) as error:
+            raise CorruptFile(f"{error}; delete {self.folder} and start again") from error
+        now = self._settings()
+        if settings != now:
+            other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]
+            raise OtherTraining(
+                f"{self.folder} holds a training with other settings ({', '.join(other)}): {settings}; name another "
+                "--out"
+            )
+        return steps, curve
+
+    def _settings(self) -> dict[str, Any]:
+        """All that decides policy and curve, as JSON types."""
+        settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
+        banks = {"bank": self.bank, "test bank": self.test_bank}
+        digests = {name: array_digest(bank.logits, bank.shapes) for name, bank in banks.items()}
+        model = hashlib.sha256(self.model.to_json().encode()).hexdigest()
+        return json.loads(json.dumps({**settings, **digests, "observation model": model}))
+
+
+def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int = 1) -> Score:
+    """:func:`play` a policy that does what it finds best, and has to decide at the touch limit."""
+
+    def choose(now: BankEpisodes) -> NDArray[np.int64]:
+        return np.where(now.action_masks(), policy.scores(now.observe()), -np.inf).argmax(axis=1)
+
+    return play(choose, episodes, steps, seed)
+
+
+def play(
+    choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, steps: int = 0, seed: int = 1
+) -> Score:
+    """Play one episode in every row, the actions ``(B,)`` chosen by a function of them all."""
+    rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
+    episodes.reset(rows, rng)
+    running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
+    success, touches = np.zeros(len(rows), np.bool_), np.zeros(len(rows), np.int64)
+    while running.any():
+        result = episodes.step(choose(episodes))
+        returns += np.where(running, result.reward, 0.0)
+        success |= running & result.success
+        touches = np.where(running, episodes.num_touches, touches)
+        running &= ~(result.terminated | result.truncated)
+    return Score(steps, float(returns.mean()), float(success.mean()), float(touches.mean()))
+
+
+def policy_of(learner: PPO, card: PolicyCard) -> Policy:
+    """The policy network of a learner of Stable-Baselines3, for numpy.
+
+    Args:
+        learner: a PPO or MaskablePPO with an ``MlpPolicy`` of tanh units; to take one from a file, ``PPO.load`` it.
+        card: what it was trained for.
+    """
+    from torch import nn
+
+    layers = [*learner.policy.mlp_extractor.policy_net, learner.policy.action_net]
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    arrays: list[tuple[NDArray[np.float32], ...]] = [
+        tuple(getattr(layer, name).detach().numpy().astype(np.float32).copy() for layer in linear)
+        for name in ("weight", "bias")
+    ]
+    return Policy(card, *arrays)
+
+
+def _learner_class(masked: bool) -> type[PPO]:
+    if not masked:
+        from stable_baselines3 import PPO
+
+        return PPO
+    try:
+        from sb3_contrib import MaskablePPO
+    except ImportError as error:
+        raise MissingPackage("masked recipes need sb3-contrib: pip install activetouch[contrib]") from error
+    return MaskablePPO
+
+
+def _callback(report: Callable[[int], None]) -> Any:
+    """A callback that reports the steps done before every rollout, when weights and optimiser are settled."""
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    class Report(BaseCallback):
+        def _on_rollout_start(self) -> None:
+            report(self.num_timesteps)
+
+        def _on_step(self) -> bool:
+            return True
+
+    return Report()
+
+
+def _has_tensorboard() -> bool:
+    from importlib.util import find_spec
+
+    return find_spec("tensorboard") is not None

@@ -1,0 +1,1 @@
+"""``touch``, ``gallery``, ``record``, ``view``, ``explain``, ``fidelity``, ``leak``: single presses."""

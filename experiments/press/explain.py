@@ -1,0 +1,135 @@
+"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and richer scene.
+
+And how many touches its sensor needs at the least to tell shapes apart, whoever decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from typing import Annotated
+
+import tyro
+from rich import box
+from rich.progress import track
+from rich.table import Table
+
+from activetouch.errors import MissingRobot
+from activetouch.named_scenes import NamedScene
+from activetouch.world import MODELS, load_observation_model
+from belief import Composition
+from belief.observation_model import OutcomeTable
+from experiments.command_line.arguments import Count, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.press.inventory import Entry, inventory, leaner, richer
+from experiments.press.step_counter import Cost, measure
+from experiments.scene_choice import SceneChoice
+from planners.bounds.touch_count import touch_limits
+
+_HARDEST = 6  # pairs of shapes to show
+
+
+@dataclass(frozen=True)
+class Explain:
+    """Say what a scene models and why, and measure what it costs next to the next leaner and next richer scene.
+
+    For example:
+
+        activetouch explain
+        activetouch explain --scene paper --robot panda_allegro
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    presses: Count = 60
+    """Presses to measure in each scene."""
+
+    def run(self) -> None:
+        """Print three tables; that of limits where the scene comes with a sensor."""
+        check_arguments(self)
+        named, console = self.choice.named, plain_console()
+        console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
+        sensor = MODELS / self.choice.scene
+        if sensor.exists():
+            model = load_observation_model(sensor)
+            console.print(limits_table(model.outcome_table(), model.shape_labels))
+        variants = [("", "this scene", named.scene)]
+        for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):
+            if found is not None:
+                variants.insert(position, (relation, *found))
+        rows = []
+        for relation, change, scene in track(variants, "measuring", console=console, transient=True):
+            try:
+                rows.append((relation, change, measure(scene, self.presses)))
+            except MissingRobot:
+                console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
+        console.print(_cost_table(rows))
+
+
+def hidden_variables(named: NamedScene) -> list[Entry]:
+    """What the belief about the scene is a distribution over."""
+    shapes, objects = len(named.scene.shapes), named.num_objects
+    if named.composition is Composition.DISTINCT:
+        return [
+            Entry(objects * shapes, "hidden probabilities", "shape of every object, coupled because no two are alike"),
+            Entry(
+                objects,
+                "objects",
+                f"their coupling is summed exactly over {2**shapes} subsets of shapes, not {shapes}! orders",
+            ),
+        ]
+    return [
+        Entry(shapes, "hidden probabilities", "shape of the current object; the others are independent of it"),
+        Entry(objects, "objects", "any mixture of shapes"),
+    ]
+
+
+def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float = 0.01) -> Table:
+    """The pairs of shapes that are hardest to tell apart, and how many touches that takes at least."""
+    limits = touch_limits(table, error)
+    pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
+    shown = Table(title=f"touches it takes at least to tell two shapes apart, {error:.0%} error", box=box.SIMPLE_HEAD)
+    for heading in ("if it is", "and not", "touches", "the other way round", "Chernoff, nats"):
+        shown.add_column(heading, justify="left" if heading in ("if it is", "and not") else "right")
+    for one, other in pairs:
+        shown.add_row(
+            shape_labels[one],
+            shape_labels[other],
+            *(f"{limits.least_touches[pair]:.1f}" for pair in ((one, other), (other, one))),
+            f"{limits.chernoff[one, other]:.2f}",
+        )
+    alike = [f"{shape_labels[one]} and {shape_labels[other]}" for one, other in limits.indistinguishable]
+    shown.caption = (
+        "on average, whoever decides: Wald's bound for independent touches in the best pose; "
+        f"pairs that no pose tells apart: {', '.join(alike) or 'none'}"
+    )
+    return shown
+
+
+def _what_table(name: str, entries: list[Entry]) -> Table:
+    table = Table(title=f"what the scene '{name}' models", box=box.SIMPLE_HEAD)
+    for heading, justify in (("number", "right"), ("part", "left"), ("why", "left")):
+        table.add_column(heading, justify=justify)
+    for entry in entries:
+        table.add_row(str(entry.number), entry.part, entry.why)
+    return table
+
+
+def _cost_table(rows: list[tuple[str, str, Cost]]) -> Table:
+    table = Table(title="what a press costs, on one core", box=box.SIMPLE_HEAD)
+    for heading in ("scene", "µs/step", "steps", "ms/press", "ms/image", "MB"):
+        table.add_column(heading, justify="left" if heading == "scene" else "right")
+    for relation, change, cost in rows:
+        table.add_row(
+            f"{relation}: {change}" if relation else change,
+            f"{1e6 * cost.step:.1f}" if cost.num_steps else "–",
+            f"{cost.num_steps:.0f}",
+            f"{1e3 * cost.press:.2f}",
+            f"{1e3 * cost.image:.2f}",
+            f"{cost.memory:.0f}",
+            style="bold" if not relation else "",
+        )
+    loaded = [f"{relation or 'this'}: {', '.join(cost.imports) or 'none'}" for relation, _, cost in rows]
+    table.caption = "heavy imports; " + "; ".join(loaded)
+    return table

@@ -1,0 +1,266 @@
+"""``activetouch fidelity``: how far the cheap ways to press agree with each other, and with a soft pad.
+
+The same placements are pressed with the same target force in every fidelity, and compared by image and by force. A
+second question is what the two numbers a press ends with, force and depth, give away about the shape without any image:
+for the stepped presses it must not be more than for those without physics engine, whose depth follows from geometry and
+force alone.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from activetouch.errors import UnstablePress
+from activetouch.placement import Placement
+from activetouch.poses import turn
+from activetouch.pressing.contact import first_touch
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.press import Press, Quasistatic
+from activetouch.pressing.setup import Stage
+from activetouch.scene import Scene
+from activetouch.shapes import SHAPES
+from belief.files import require_writable_file, write_text
+from belief.seeding import keyed_rng
+from experiments.command_line.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs, run_tasks
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.baseline import neighbour_accuracy
+
+Floats = NDArray[np.float64]
+_PER_TASK = 25
+FORCES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""Of the force-depth curves [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """Some presses of one shape in one fidelity.
+
+    Attributes:
+        target: force asked for [N], ``(n,)``.
+        force: reached [N], ``(n,)``; NaN where the simulation gave up.
+        depth: of the imprint [m], ``(n,)``.
+        engine_depth: that MuJoCo's own soft contact came to [m], ``(n,)``; NaN without one.
+        images: ideal ones, ``(n, taxels)``.
+        bottomed_out: ``(n,)``.
+    """
+
+    target: Floats
+    force: Floats
+    depth: Floats
+    engine_depth: Floats
+    images: Floats
+    bottomed_out: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How a fidelity agrees with the quasistatic one, on the same placements and target forces.
+
+    Attributes:
+        num_presses: compared.
+        unstable: given up by the simulation, on top.
+        correlation: of images, median.
+        correlation_low: of images, fifth percentile.
+        force_error: relative, median of the absolute value.
+        force_error_high: the same, 95th percentile.
+        bottomed_out: share of the quasistatic presses that reached the layer's limit.
+    """
+
+    num_presses: int
+    unstable: int
+    correlation: float
+    correlation_low: float
+    force_error: float
+    force_error_high: float
+    bottomed_out: float
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """Press the same placements quasistatically, dynamically and on the soft pad, and compare images and forces.
+
+    For example:
+
+        activetouch fidelity --presses 500 --soft-presses 40
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world; its own fidelity is not used."""
+    presses: Count = 500
+    """Of every shape, quasistatic and dynamic."""
+    soft_presses: CountOrNone = 40
+    """Of every shape, on the soft pad; 0 to leave it out."""
+    seed: Seed = 0
+    """Of the placements."""
+    out: JSONFile = Path("runs/fidelity.json")
+    """File for the numbers."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Press, compare, print and write."""
+        check_arguments(self)
+        require_writable_file(self.out)
+        scene, console = self.choice.named.scene, plain_console()
+        plain = self._press(scene, Quasistatic(), self.presses, "quasistatic")
+        stepped = self._press(scene, Dynamic(traced=True), self.presses, "dynamic")
+        others = {"dynamic": stepped}
+        if self.soft_presses:
+            others["deformable"] = self._press(scene, Deformable(), self.soft_presses, "deformable")
+        agreement = {
+            name: {label: compare(plain[label], pressed) for label, pressed in other.items()}
+            for name, other in others.items()
+        }
+        leaks = {
+            "quasistatic": leak(plain, "depth"),
+            "dynamic": leak(stepped, "depth"),
+            "dynamic, with the depth of MuJoCo's contact": leak(stepped, "engine_depth"),
+        }
+        curves = self._curves() if self.soft_presses else {}
+        for name, rows in agreement.items():
+            console.print(_table(f"{name} against quasistatic", rows))
+        for name, accuracy in leaks.items():
+            console.print(f"shape from force and depth alone, {name}: {accuracy:.3f}")
+        for name, depths in curves.items():
+            console.print(_curve_table(name, depths))
+        numbers = {
+            "seed": self.seed,
+            "agreement": {n: {k: asdict(row) for k, row in rows.items()} for n, rows in agreement.items()},
+            "shape_from_force_and_depth": leaks,
+            "forces": FORCES,
+            "depths": curves,
+        }
+        write_text(self.out, json.dumps(numbers, indent=1) + "\n")
+        print(f"wrote {self.out}")
+
+    def _curves(self) -> dict[str, dict[str, list[float]]]:
+        """Depth [m] by force of a sphere and an edge, on the foundation and on the soft pad."""
+        placements = {
+            "sphere": Placement(SHAPES["sphere"], 1.0, turn("x", 0.0)),
+            "cube on an edge": Placement(SHAPES["cube"], 1.0, turn("z", np.pi / 4)),
+        }
+        tasks = [
+            partial(_depth, name, kind, press, placement, force)
+            for name, placement in placements.items()
+            for kind, press in (("quasistatic", Quasistatic()), ("deformable", Deformable()))
+            for force in FORCES
+        ]
+        curves: dict[str, dict[str, list[float]]] = {name: {"quasistatic": [], "deformable": []} for name in placements}
+        for name, kind, _, depth in sorted(run_tasks(tasks, self.jobs, "force and depth")):
+            curves[name][kind].append(depth)
+        return curves
+
+    def _press(self, scene: Scene, press: Press, number: int, what: str) -> dict[str, Pressed]:
+        """``number`` presses of every shape, by label."""
+        scene = replace(scene, press_model=press)
+        tasks = [
+            partial(_press_some, scene, shape, range(first, min(first + _PER_TASK, number)), self.seed)
+            for shape in range(len(scene.shapes))
+            for first in range(0, number, _PER_TASK)
+        ]
+        parts: dict[str, list[Pressed]] = {label: [] for label in scene.shape_labels}
+        for shape, _, pressed in sorted(run_tasks(tasks, self.jobs, f"pressing, {what}"), key=lambda part: part[:2]):
+            parts[scene.shape_labels[shape]].append(pressed)
+        return {
+            label: Pressed(*(np.concatenate(column) for column in zip(*(vars(p).values() for p in some), strict=True)))
+            for label, some in parts.items()
+            if some
+        }
+
+
+def _depth(name: str, kind: str, press: Press, placement: Placement, force: float) -> tuple[str, str, float, float]:
+    return name, kind, force, press.press(Stage(), placement, force).depth
+
+
+def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[int, int, Pressed]:
+    rows, images = [], []
+    for number in numbers:
+        rng = keyed_rng([seed, shape, number], is_fixed_length=True)
+        thing = scene.sample_object(shape, rng)
+        placement = scene.place(thing, number % len(scene.poses), rng)
+        target = scene.variation.force.sample(rng)
+        try:
+            contact = scene.press_model.press(scene.stage, placement, target)
+        except UnstablePress:
+            rows.append((target, np.nan, np.nan, np.nan, False))
+            images.append(np.full(scene.pad.num_taxels**2, np.nan))
+            continue
+        engine_depth = np.nan
+        if contact.trace is not None and contact.trace.end_of_pause:
+            held = contact.trace.position[contact.trace.end_of_pause - 1, 0]
+            engine_depth = first_touch(scene.pad, placement)[1] - held
+        rows.append((target, contact.force, contact.depth, engine_depth, contact.is_bottomed_out))
+        images.append(contact.pressure.ravel())
+    target_, force, depth, engine, bottomed_out = (np.array(column) for column in zip(*rows, strict=True))
+    return shape, numbers[0], Pressed(target_, force, depth, engine, np.array(images), bottomed_out)
+
+
+def compare(reference: Pressed, other: Pressed) -> Agreement:
+    """How ``other`` agrees with the first so many presses of ``reference``."""
+    n = len(other.force)
+    good = np.isfinite(other.force) & (other.force > 0.0) & (reference.force[:n] > 0.0)
+    first, second = (p - p.mean(axis=1, keepdims=True) for p in (reference.images[:n][good], other.images[good]))
+    norms = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+    # A pad that is pressed evenly all over has no pattern to correlate; both images are then constant.
+    flat = norms == 0.0
+    correlations = np.where(flat, 1.0, np.einsum("ij,ij->i", first, second) / np.where(flat, 1.0, norms))
+    errors = np.abs(other.force[good] / other.target[good] - 1.0)
+    return Agreement(
+        num_presses=int(good.sum()),
+        unstable=int(np.isnan(other.force).sum()),
+        correlation=float(np.median(correlations)),
+        correlation_low=float(np.quantile(correlations, 0.05)),
+        force_error=float(np.median(errors)),
+        force_error_high=float(np.quantile(errors, 0.95)),
+        bottomed_out=float(reference.bottomed_out.mean()),
+    )
+
+
+def leak(pressed: dict[str, Pressed], depth: str) -> float:
+    """Share of presses whose shape force and depth give away: the odd presses guessed from the even ones."""
+    numbers = np.concatenate([np.column_stack([p.force, getattr(p, depth)]) for p in pressed.values()])
+    shapes = np.concatenate([np.full(len(p.force), k) for k, p in enumerate(pressed.values())])
+    good = np.isfinite(numbers).all(axis=1)
+    numbers, shapes = numbers[good], shapes[good]
+    return neighbour_accuracy(numbers[::2], shapes[::2], numbers[1::2], shapes[1::2], num_neighbours=25)
+
+
+def _table(title: str, rows: dict[str, Agreement]) -> Table:
+    table = Table(title=title, box=box.SIMPLE_HEAD)
+    for heading in ("shape", "presses", "unstable", "correlation", "5 %", "force error", "95 %", "bottomed out"):
+        table.add_column(heading, justify="left" if heading == "shape" else "right")
+    for label, row in rows.items():
+        table.add_row(
+            label,
+            str(row.num_presses),
+            str(row.unstable),
+            f"{row.correlation:.4f}",
+            f"{row.correlation_low:.4f}",
+            f"{row.force_error:.1%}",
+            f"{row.force_error_high:.1%}",
+            f"{row.bottomed_out:.0%}",
+        )
+    return table
+
+
+def _curve_table(name: str, depths: dict[str, list[float]]) -> Table:
+    table = Table(title=f"depth of a {name} [mm]", box=box.SIMPLE_HEAD)
+    table.add_column("force [N]")
+    for force in FORCES:
+        table.add_column(f"{force:g}", justify="right")
+    for kind, row in depths.items():
+        table.add_row(kind, *(f"{1e3 * depth:.2f}" for depth in row))
+    return table

@@ -1,0 +1,112 @@
+"""What a scene models, and why: counted in the compiled model, not promised.
+
+for entry in inventory(SCENES["paper"].scene):
+print(entry.number, entry.part, entry.why)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.press import Quasistatic
+from activetouch.pressing.robot import ROBOTS
+from activetouch.scene import Scene
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One kind of thing a scene models: how many, what, and what for."""
+
+    number: int
+    part: str
+    why: str
+
+
+def inventory(scene: Scene) -> list[Entry]:
+    """What is modelled for one press of the scene; kinds it has none of are left out."""
+    pad, faults = scene.pad, [type(fault).__name__ for fault in scene.faults]
+    spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
+    entries = [
+        Entry(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
+        Entry(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
+        Entry(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
+    ]
+    press = scene.press_model
+    if isinstance(press, Dynamic | GuardedMove):
+        entries += _rigid_bodies(scene, press)
+    elif isinstance(press, Deformable):
+        entries += _soft_bodies(scene, press)
+    return [entry for entry in entries if entry.number]
+
+
+def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
+    from activetouch.pressing.rig import build_spec  # loads MuJoCo
+
+    traced = isinstance(press, GuardedMove) or press.traced
+    stage = scene.stage
+    model = build_spec(stage, next(iter(scene.shapes.values())), press.timestep, traced).compile()
+    names = [model.geom(index).name for index in range(model.ngeom)]
+    robot = np.array([name.startswith("robot_") for name in names])
+    meeting = np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0))
+    return [
+        Entry(2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"),
+        Entry(1, "slide joint", "the guide's, along x"),
+        Entry(model.njnt - 1, "hinge joints", "of the robot"),
+        Entry(1, "actuator", "the servo that moves the guide"),
+        Entry(model.nu - 1, "servos", "that hold the robot"),
+        Entry(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
+        Entry(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
+        Entry(model.nsensor, "sensor", "force vector and contact point in every step"),
+        Entry(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
+        Entry(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
+        Entry(np.count_nonzero(robot), "robot parts", "to be seen and bumped into; they stand still"),
+    ]
+
+
+def _soft_bodies(scene: Scene, press: Deformable) -> list[Entry]:
+    from activetouch.pressing.soft_rig import SoftRig  # loads MuJoCo
+
+    model = SoftRig(press, scene.pad, next(iter(scene.shapes.values()))).model
+    return [
+        Entry(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
+        Entry(model.nflexelem, "flex elements", "of the soft pad"),
+        Entry(model.nv, "degrees of freedom", "of the nodes and the guide"),
+    ]
+
+
+def leaner(scene: Scene) -> tuple[str, Scene] | None:
+    """The scene without the last thing it adds to the leanest one, and what that is; None for the leanest."""
+    if scene.robot is not None:
+        return "without the robot", replace(scene, robot=None)
+    if isinstance(scene.press_model, Deformable):
+        return "a rigid pad, with the force law for its imprint", replace(scene, press_model=Dynamic())
+    if scene.parking or scene.finger:
+        return "without finger and parked objects", replace(scene, parking=False, finger=False)
+    if isinstance(scene.press_model, GuardedMove):
+        return "force control, no trace", replace(scene, press_model=Dynamic())
+    if isinstance(scene.press_model, Dynamic):
+        if scene.press_model.traced:
+            return "without the trace", replace(scene, press_model=replace(scene.press_model, traced=False))
+        return "no time stepping", replace(scene, press_model=Quasistatic())
+    return None
+
+
+def richer(scene: Scene) -> tuple[str, Scene] | None:
+    """The scene with the next thing that could be modelled, and what that is; None for the richest."""
+    if isinstance(scene.press_model, Deformable):
+        return None
+    if isinstance(scene.press_model, Quasistatic):
+        return "stepped motion", replace(scene, press_model=Dynamic())
+    if isinstance(scene.press_model, Dynamic) and not scene.press_model.traced:
+        return "a trace of force and contact point", replace(scene, press_model=replace(scene.press_model, traced=True))
+    if not (scene.parking and scene.finger):
+        return "the finger, and all objects loaded", replace(scene, parking=True, finger=True)
+    if scene.robot is None:
+        return "a robot behind the pad", replace(scene, robot=ROBOTS["panda_allegro"])
+    return "a soft pad", replace(scene, press_model=Deformable(), robot=None)

@@ -1,0 +1,300 @@
+"""``activetouch leak``: how much of an accuracy is owed to the depth and force of a press, not to the shape it shows.
+
+How hard something was pressed is no shape, but may follow from one, and an image shows it. So beside the classifier's
+accuracy stand:
+
+* guesses from force, from depth and from both, without an image;
+* the *exchange*: every touch is shown once more, with its own geometry and the force and depth of another, drawn from
+  all touches. Force and depth tell nothing about whose geometry that image shows (depth is shuffled), nor does the
+  geometry about whose force and depth (geometry is removed). A sensor that owes its accuracy to geometry keeps it;
+* small networks trained on each kind of image, because one may fail at exchanged images only for never having seen any.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from activetouch.data.dataset import TouchSet
+from activetouch.errors import WrongPress
+from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.pressing.contact import Contact, with_numbers_of
+from activetouch.pressing.deformable import Deformable
+from activetouch.rendering import read_out
+from activetouch.scene import Scene
+from activetouch.world import CLASSIFIER_FILE, MODELS
+from belief.files import atomic_path, require_writable, write_text
+from belief.seeding import keyed_rng
+from belief.statistics import cluster_bootstrap, paired_bootstrap
+from experiments.command_line.arguments import CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs, run_tasks
+from experiments.scene_choice import SceneChoice, named_scene
+from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
+from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
+from experiments.sensor_choice import check_sensor, tell_shift
+
+if TYPE_CHECKING:
+    from activetouch.perception.classifier import TouchClassifier
+
+Floats = NDArray[np.float64]
+Images = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Shares = dict[str, dict[str, Floats]]  # of right answers for every object, by who answers and what it is shown
+Key = tuple[int, int]
+Readings = Mapping[str, Callable[[Images], NDArray]]
+
+PLAIN, SHUFFLED, REMOVED = "touch as it is", "force and depth of another touch", "geometry of another touch"
+NO_IMAGE, CLASSIFIER, _SMALL = "nearest neighbours, no image", "classifier", "small network, trained on: "
+_PER_TASK = 48
+_KEY = 0x1EAF  # keeps this chance apart from that of collections and episodes with the same seed
+_TEST, _TRAIN, _INTERVALS = range(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Exchanged:
+    """N touches, each shown as it is and with the force and depth of another.
+
+    Attributes:
+        shapes: of the objects touched, ``(N,)``.
+        object_ids, poses: of them, from 0, and what was turned to the pad, ``(N,)``.
+        lenders: which touch lends its force and depth to this one, a permutation, ``(N,)``.
+        numbers: force [N] and depth [m] of the touches as they are, ``(N, 2)``.
+        plain: what was read of the images as they are, by reading, N rows each.
+        lent: what was read of the images with the lenders' force and depth.
+    """
+
+    shapes: Integers
+    object_ids: Integers
+    poses: Integers
+    lenders: Integers
+    numbers: Floats
+    plain: Mapping[str, NDArray]
+    lent: Mapping[str, NDArray]
+
+    def labelled(self, kind: str) -> TouchSet:
+        """The images of one kind, which must have been kept as the reading "image", with the touches they tell of."""
+        told = self.lenders if kind == REMOVED else np.arange(len(self.lenders))
+        columns = (self.shapes, self.object_ids, self.poses, *self.numbers.T)
+        return TouchSet((self.plain if kind == PLAIN else self.lent)["image"], *(column[told] for column in columns))
+
+
+@dataclass(frozen=True)
+class Leak:
+    """Measure what force and depth give away about the shape, and whether images owe their accuracy to that.
+
+    For example:
+
+        activetouch leak --scene paper
+        activetouch leak --renderer gelsight --train 400
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    sensor: Path | None = None
+    """Folder of a classifier; the one that comes with the scene by default, if it is for these images and shapes."""
+    objects: Annotated[int, Within(2, 10**8)] = 150
+    """To measure on, of every shape; each is touched once in every pose."""
+    train: CountOrNone = 0
+    """Objects of every shape to train small networks on; 0 to train none."""
+    input_size: Pixels = 32
+    """Edge the images are averaged down to before a small network sees them [pixels]."""
+    change: Changes = field(default_factory=Changes)
+    """What to change about how to train them: the recipe ``large`` in single precision, to its end."""
+    seed: Seed = 0
+    """Of objects, presses, exchange and intervals."""
+    out: Path | None = None
+    """Folder for leak.json and leak.md; runs/leak-SCENE by default."""
+    anyway: bool = False
+    """Use the sensor in a scene that it was not made for."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Processes that press; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Touch, read, train if asked to, print and write."""
+        check_arguments(self)
+        scene = self.choice.named.scene
+        if self.train:
+            require_input_size(self.input_size, scene.image_shape[0], "cnn")
+        out = self.out if self.out is not None else Path(f"runs/leak-{self.choice.scene}")
+        require_writable(out)
+        classifier = self._classifier(scene)
+        readings = {"image": partial(averaged, size=self.input_size)} if self.train else {}
+        if classifier is not None:
+            readings[CLASSIFIER] = lambda images: classifier.read(images).labels
+        touched = exchange(scene, self.objects, (self.seed, _TEST), readings, self.jobs)
+        shares = {NO_IMAGE: shares_without_image(touched.numbers, touched.shapes, touched.object_ids)}
+        if classifier is not None:
+            shares[CLASSIFIER] = judged(touched, touched.plain[CLASSIFIER], touched.lent[CLASSIFIER])
+        if self.train:
+            shares |= self._small_networks(scene, touched)
+        rng = keyed_rng([self.seed, _KEY, _INTERVALS], is_fixed_length=True)
+        result = {
+            "scene": self.choice.to_dict(),
+            "renderer": repr(scene.renderer),
+            "sensor": None if classifier is None else str(self.sensor or self.choice.scene),
+            "seed": self.seed,
+            "objects_per_shape": self.objects,
+            "num_objects": self.objects * len(scene.shapes),
+            "num_touches": len(touched.shapes),
+            "training": {"objects_per_shape": self.train, **asdict(self._recipe)} if self.train else None,
+            "chance": 1 / len(scene.shapes),
+            "accuracy": {
+                who: {
+                    shown: cluster_bootstrap(right, np.arange(len(right)), rng)  # a number an object
+                    for shown, right in rights.items()
+                }
+                for who, rights in shares.items()
+            },
+            "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},
+        }
+        _write(result, out)
+
+    @property
+    def _recipe(self) -> TrainingRecipe:
+        return self.change.of(replace(RECIPES["large"], patience=None, bf16=False))
+
+    def _classifier(self, scene: Scene) -> TouchClassifier | None:
+        own = named_scene(self.choice.scene).scene
+        if self.sensor is None and (own.renderer != scene.renderer or own.shape_labels != scene.shape_labels):
+            print(f"no sensor for these images and shapes comes with {self.choice.scene}; --sensor gives one")
+            return None
+        from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+        folder = self.sensor or MODELS / self.choice.scene
+        tell_shift(check_sensor(folder, self.choice, self.anyway))
+        return TouchClassifier.load(folder / CLASSIFIER_FILE)
+
+    def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:
+        """What networks answer that learned from equally many images of each kind."""
+        from activetouch.perception.training import Trainer  # loads torch
+
+        kept, shares = {"image": partial(averaged, size=self.input_size)}, {}
+        known = exchange(scene, self.train, (self.seed, _TRAIN), kept, self.jobs)
+        for kind in (PLAIN, SHUFFLED, REMOVED):
+            learned, checked = known.labelled(kind), test.labelled(kind)  # the test is for the reports only
+            card = card_for(learned, "cnn", self.input_size, scene.shape_labels, scene.pose_labels)
+            classifier = new_classifier(card, self._recipe.seed)
+            with tempfile.TemporaryDirectory() as out:  # a training of a minute needs no resuming
+                trainer = Trainer(classifier, self._recipe, learned, checked, Path(out, "state"), scene.symmetry)
+                run_to_the_end(trainer, Path(out, "tensorboard"))
+            plain, lent = (trainer.finish().read(seen["image"]).labels for seen in (test.plain, test.lent))
+            shares[_SMALL + kind] = judged(test, plain, lent)
+        return shares
+
+
+def exchange(scene: Scene, num_objects: int, key: Key, readings: Readings, jobs: int = 1) -> Exchanged:
+    """Touch fresh objects in every pose, show each touch with another's force and depth, too, and read both images.
+
+    Args:
+        scene: where the presses come from.
+        num_objects: of every shape.
+        key: seed and stream of chance.
+        readings: from images ``(n, …)`` to n rows each; they are read as they come, because all would fill the memory.
+        jobs: processes that press.
+
+    Raises:
+        WrongPress: the scene's imprints do not follow from geometry and depth.
+    """
+    if isinstance(scene.press_model, Deformable):
+        raise WrongPress(
+            "the imprint on a deformable pad does not follow from geometry and depth, so it cannot show another depth; "
+            "take --fidelity quasistatic, dynamic or guarded_move"
+        )
+    touches = np.arange(num_objects * len(scene.shapes) * len(scene.poses))
+    lenders = keyed_rng([*key, _KEY], is_fixed_length=True).permutation(len(touches))
+    tasks = [
+        partial(_touch_some, scene, key, touches[first : first + _PER_TASK], lenders[first : first + _PER_TASK])
+        for first in range(0, len(touches), _PER_TASK)
+    ]
+    parts = []
+    for first, numbers, *images in run_tasks(tasks, jobs, "touching, each touch for itself and with a lender"):
+        parts.append((first, numbers, *({name: read(seen) for name, read in readings.items()} for seen in images)))
+    _, numbers, plain, lent = zip(*sorted(parts, key=lambda part: part[0]), strict=True)
+    object_ids = touches // len(scene.poses)
+    return Exchanged(
+        object_ids % len(scene.shapes),
+        object_ids,
+        touches % len(scene.poses),
+        lenders,
+        np.concatenate(numbers),
+        *({name: np.concatenate([part[name] for part in seen]) for name in readings} for seen in (plain, lent)),
+    )
+
+
+def _touch_some(scene: Scene, key: Key, touches: Integers, lenders: Integers) -> tuple[int, Floats, Images, Images]:
+    numbers, plain, lent = [], [], []
+    for touch, lender in zip(touches.tolist(), lenders.tolist(), strict=True):
+        (contact, stiffness), (other, _) = _press(scene, key, touch), _press(scene, key, lender)
+        numbers.append((contact.force, contact.depth))
+        for images, shown in ((plain, contact), (lent, with_numbers_of(other, contact, stiffness))):
+            images.append(read_out(scene.image(shown), scene.faults, keyed_rng([*key, _KEY, touch, 1])))
+    return int(touches[0]), np.array(numbers), np.stack(plain), np.stack(lent)
+
+
+def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
+    """A touch, and the stiffness of its object; the same however often it is asked for."""
+    number, pose = divmod(touch, len(scene.poses))
+    thing = scene.sample_object(number % len(scene.shapes), keyed_rng([*key, _KEY, number, 2]))
+    rng = keyed_rng([*key, _KEY, touch, 3])
+    _, contact, _ = scene.settled_contact(thing, pose, rng)
+    return contact, thing.stiffness
+
+
+def judged(touched: Exchanged, plain: Integers, lent: Integers) -> dict[str, Floats]:
+    """Share of right guesses for every object: of touches as they are, and of exchanged ones, judged by either side.
+
+    Args:
+        touched: the touches.
+        plain: shapes guessed from the images as they are, ``(N,)``.
+        lent: from the exchanged ones, ``(N,)``.
+    """
+    shapes, ids, lenders = touched.shapes, touched.object_ids, touched.lenders
+    return {
+        PLAIN: share_by_object(plain == shapes, ids),
+        SHUFFLED: share_by_object(lent == shapes, ids),
+        REMOVED: share_by_object(lent == shapes[lenders], ids[lenders]),
+    }
+
+
+def _pairs(shares: Shares) -> dict[str, tuple[Floats, Floats]]:
+    """What to compare, object by object: every reader with itself after the exchange, and with what needs no image."""
+    pairs = {}
+    for who, rights in shares.items():
+        if who != NO_IMAGE:
+            pairs[f"{who}: {PLAIN} − {SHUFFLED}"] = rights[PLAIN], rights[SHUFFLED]
+            pairs[f"{who}: {PLAIN} − no image, force and depth"] = rights[PLAIN], shares[NO_IMAGE]["force and depth"]
+    own = [shares[_SMALL + kind][kind] for kind in (PLAIN, SHUFFLED) if _SMALL + kind in shares]
+    return pairs | ({f"small networks, each as it was trained: {PLAIN} − {SHUFFLED}": (own[0], own[1])} if own else {})
+
+
+def _write(result: dict[str, Any], out: Path) -> None:
+    """Show the result, and write it into a folder for programs and for readers."""
+    measured = Table("who", "is shown", "right", "95 % interval", box=box.MARKDOWN)
+    for who, rights in result["accuracy"].items():
+        for shown, (mean, low, high) in rights.items():
+            measured.add_row(who, shown, f"{mean:.3f}", f"[{low:.3f}, {high:.3f}]")
+    compared = Table("difference", "", "95 % interval", box=box.MARKDOWN)
+    for name, (mean, low, high) in result["differences"].items():
+        compared.add_row(name, f"{mean:+.3f}", f"[{low:+.3f}, {high:+.3f}]")
+    heading = (
+        f"{result['scene']['scene']}, {result['renderer']}, seed {result['seed']}: share of right answers, of "
+        f"{result['num_touches']} touches of {result['num_objects']} objects; intervals resample objects. Chance is "
+        f"{result['chance']:.3f}. Shown the geometry of another touch, the shape whose force and depth it has is right."
+    )
+    write_text(out / "leak.json", json.dumps(result, indent=1) + "\n")
+    with atomic_path(out / "leak.md") as temporary, temporary.open("w", encoding="utf-8") as file:
+        for console in (plain_console(), plain_console(file=file, width=200)):
+            console.print(heading, measured, compared, soft_wrap=True)
+    print(f"wrote leak.json and leak.md into {out}")

@@ -1,0 +1,226 @@
+"""Commands that show single presses.
+
+``touch`` draws one of them, ``gallery`` all shapes in all poses, ``record`` writes the paper's CSV files, ``view``
+opens MuJoCo's window.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+import warnings
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+from rich.progress import track
+
+from activetouch.errors import MissingPackage, WrongPress
+from activetouch.placement import Placement
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.trace import write_csv
+from activetouch.rendering import RENDERERS
+from activetouch.scene import Scene
+from belief.errors import UnknownName
+from belief.files import atomic_path, require_writable, require_writable_file
+from belief.seeding import keyed_rng
+from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
+from experiments.press.cycles import record_cycles
+from experiments.scene_choice import SceneChoice
+
+if TYPE_CHECKING:
+    from activetouch.pressing.contact import Contact
+
+
+def _index(kind: str, label: str, labels: tuple[str, ...]) -> int:
+    if label not in labels:
+        raise UnknownName(kind, label, list(labels))
+    return labels.index(label)
+
+
+def traced(scene: Scene) -> Scene:
+    """The scene with a force trace, where its presses can have one."""
+    if isinstance(scene.press_model, Dynamic):
+        return replace(scene, press_model=replace(scene.press_model, traced=True))
+    return scene
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Draw one press: the scene, the height map, what three sensors see, and the force over time.
+
+    For example:
+
+        activetouch touch --shape cone --pose corner --out cone.png
+        activetouch touch --scene paper --robot panda_allegro --seed 3
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    shape: str = "cylinder"
+    """What to press."""
+    pose: str = "front"
+    """In which pose."""
+    seed: Seed = 0
+    """Of the object's size and orientation and of the press."""
+    out: Picture = Path("runs/touch.png")
+    """Picture to write; the ending decides the format."""
+
+    def run(self) -> None:
+        """Press once and draw."""
+        check_arguments(self)
+        from activetouch.view.picture import GL_HINT, press_picture
+        from experiments.press.figures import draw_touch
+
+        require_writable_file(self.out)
+        scene = traced(self.choice.named.scene)
+        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        view, by_opengl = press_picture(scene.stage, placement, contact.depth)
+        if not by_opengl:
+            print(GL_HINT)
+        title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
+            " (bottomed out)" if contact.is_bottomed_out else ""
+        )
+        with atomic_path(self.out) as temporary:
+            draw_touch(title, view, contact, temporary)
+        print(f"wrote {self.out}")
+
+
+def press_once(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
+    """The placement and the contact of a new object pressed once."""
+    rng = np.random.default_rng(seed)
+    shape_index, pose_index = _index("shape", shape, scene.shape_labels), _index("pose", pose, scene.pose_labels)
+    thing = scene.sample_object(shape_index, rng)
+    placement = scene.place(thing, pose_index, rng)
+    return placement, scene.contact(placement, rng)
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Draw every shape in every pose, as each renderer shows it.
+
+    For example:
+
+        activetouch gallery --out docs/gallery.png
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    seed: Seed = 4
+    """Of the objects' sizes and orientations."""
+    out: Picture = Path("docs/gallery.png")
+    """Picture to write; the ending decides the format."""
+
+    def run(self) -> None:
+        """Press every shape in every pose and draw."""
+        check_arguments(self)
+        from experiments.press.figures import draw_gallery
+
+        require_writable_file(self.out)
+        scene = traced(self.choice.named.scene)
+        images = {}
+        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+            thing = scene.sample_object(shape_index, keyed_rng([self.seed, shape_index], is_fixed_length=True))
+            for pose_index, pose in enumerate(scene.pose_labels):
+                contact, _ = scene.press(
+                    thing, pose_index, keyed_rng([self.seed, shape_index, pose_index], is_fixed_length=True)
+                )
+                for name, renderer in RENDERERS.items():
+                    images[shape, name, pose] = renderer(contact)
+        with atomic_path(self.out) as temporary:
+            draw_gallery(images, scene.pose_labels, temporary)
+        print(f"wrote {self.out}")
+
+
+@dataclass(frozen=True)
+class Record:
+    """Press an object of each shape again and again and log every step, one CSV file an object (paper §5.4).
+
+    The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause,
+    withdraw, rotate). Only guarded moves rotate, so the scene is the paper's by default.
+
+    For example:
+
+        activetouch record --cycles 20 --out runs/log
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice(scene="paper"))
+    """The world."""
+    cycles: Count = 10
+    """Presses of each object."""
+    seed: Seed = 0
+    """Of the objects and their presses."""
+    out: Path = Path("runs/log")
+    """Folder for the files."""
+
+    def run(self) -> None:
+        """Press and write."""
+        check_arguments(self)
+        require_writable(self.out)
+        scene = self.choice.named.scene
+        for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
+            rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)
+            cycles = record_cycles(scene, scene.sample_object(shape_index, rng), self.cycles, rng)
+            write_csv(self.out / f"{shape}.csv", cycles)
+        print(f"wrote {len(scene.shapes)} files to {self.out}")
+
+
+def _require_viewer() -> ModuleType:
+    """MuJoCo's viewer, or an error that says what is missing; without a display it would end the process."""
+    try:
+        import glfw
+        from mujoco import viewer
+    except ImportError as error:
+        raise MissingPackage(
+            f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'"
+        ) from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns, too, that there is no display
+        if not glfw.init():
+            raise MissingPackage("there is no display to open a window on; activetouch touch draws into a file")
+    return viewer
+
+
+@dataclass(frozen=True)
+class View:
+    """Open the scene in MuJoCo's window and press an object in it; needs the extra ``viewer`` and a display.
+
+    For example:
+
+        activetouch view --scene paper --shape cone
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    shape: str = "cone"
+    """What to press."""
+    pose: str = "front"
+    """In which pose."""
+    seed: Seed = 0
+    """Of the object's size and orientation and of the press."""
+
+    def run(self) -> None:
+        """Open the window; it stays until it is closed."""
+        check_arguments(self)
+        import mujoco
+
+        from activetouch.pressing.rig import Rig
+
+        scene = traced(self.choice.named.scene)
+        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        if contact.trace is None:
+            raise WrongPress("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
+        viewer = _require_viewer()
+        rig = Rig(scene.stage, placement.shape, timestep=float(contact.trace.time[0]))
+        rig.place(float(contact.trace.position[0, 0]), placement)
+        with viewer.launch_passive(rig.model, rig.data) as window:
+            for position in itertools.cycle(contact.trace.position[:, 0]):
+                if not window.is_running():
+                    break
+                rig.data.qpos[0] = position
+                mujoco.mj_forward(rig.model, rig.data)
+                window.sync()
+                time.sleep(rig.model.opt.timestep)

@@ -1,0 +1,1 @@
+"""``robustness``: the sensor under faults, shifted objects and other presses."""

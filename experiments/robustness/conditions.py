@@ -1,0 +1,115 @@
+"""What may be other than in the world a sensor was trained in, one thing at a time.
+
+To add a condition, write a line in :data:`CONDITIONS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TypeAlias
+
+from activetouch import rendering
+from activetouch.distributions import LogUniform, Uniform
+from activetouch.orientations import Presentation
+from activetouch.pressing.press import Press, Quasistatic
+from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
+from activetouch.scene import Scene
+from experiments.scene_choice import FIDELITIES, PRESENTATIONS
+
+Change: TypeAlias = Callable[[Scene], Scene]
+
+
+class MeansNothing(Exception):
+    """A condition that changes nothing in a scene, or nothing that scene has; the message says why."""
+
+
+def _fault(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
+    def changed(scene: Scene) -> Scene:
+        if isinstance(scene.renderer, rendering.ForcePatchRenderer):
+            raise MeansNothing("its images are drawings of one force, not readings of taxels")
+        return replace(scene, faults=change(scene.faults))
+
+    return changed
+
+
+def _every(kind: type[Fault], change: Callable[[Fault], Fault]) -> Change:
+    def changed(scene: Scene) -> Scene:
+        if not any(isinstance(fault, kind) for fault in scene.faults):
+            raise MeansNothing(f"its sensor has no {kind.__name__.lower()}")
+        return replace(scene, faults=tuple(change(f) if isinstance(f, kind) else f for f in scene.faults))
+
+    return changed
+
+
+def _dead(share: float) -> Change:
+    """More dead taxels: those of a sensor that already has some stay dead."""
+
+    def changed(scene: Scene) -> Scene:
+        binning = scene.renderer.binning if isinstance(scene.renderer, rendering.PressureRenderer) else 1
+        number = (scene.pad.num_taxels // binning) ** 2
+        dead = next((fault for fault in scene.faults if isinstance(fault, DeadTaxels)), DeadTaxels(0.0))
+        more = replace(dead, share=min(dead.share + share, 1.0))
+        if round(more.share * number) == round(dead.share * number):
+            raise MeansNothing(f"{100 * share:g} % of its {number} taxels is less than one")
+        return _fault(lambda faults: (*(f for f in faults if not isinstance(f, DeadTaxels)), more))(scene)
+
+    return changed
+
+
+def _varied(**changes: Uniform | LogUniform) -> Change:
+    return lambda scene: replace(scene, variation=replace(scene.variation, **changes))
+
+
+def _sized(low: float, high: float) -> Change:
+    """Sizes outside those trained: ``low`` and ``high`` are added to the smallest, or to the largest, of these."""
+
+    def changed(scene: Scene) -> Scene:
+        if not isinstance(scene.variation.size, Uniform):
+            raise MeansNothing("its sizes have no ends")
+        end = scene.variation.size.high if high > 0.0 else scene.variation.size.low
+        return _varied(size=Uniform(end + low, end + high))(scene)
+
+    return changed
+
+
+def _rubbing(scene: Scene) -> Scene:
+    if isinstance(scene.press_model, Quasistatic):
+        raise MeansNothing("nothing slides in a quasistatic press")
+    return _varied(friction=Uniform(0.3, 1.0))(scene)
+
+
+def _pressed(press: Press) -> Change:
+    return lambda scene: scene if type(scene.press_model) is type(press) else replace(scene, press_model=press)
+
+
+def _shown(presentation: Presentation) -> Change:
+    same = type(presentation)
+    return lambda scene: scene if type(scene.presentation) is same else replace(scene, presentation=presentation)
+
+
+CONDITIONS: Mapping[str, Change] = MappingProxyType(
+    {
+        "noise × 2": _every(Noise, lambda noise: replace(noise, std=2 * noise.std)),
+        "noise × 4": _every(Noise, lambda noise: replace(noise, std=4 * noise.std)),
+        "gain ± 30 %": _every(Gain, lambda gain: replace(gain, half_range=0.3)),
+        "1 % more dead": _dead(0.01),
+        "5 % more dead": _dead(0.05),
+        "4 bits": _fault(lambda faults: (*faults, rendering.Quantisation(4))),
+        "hysteresis 5 %": _fault(lambda faults: (rendering.Hysteresis(0.05), *faults)),
+        "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
+        "smaller by ≤ 15 %": _sized(-0.15, 0.0),
+        "larger by ≤ 15 %": _sized(0.0, 0.15),
+        "friction .3 to 1": _rubbing,
+        "stiffness × .5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
+        "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
+        "force .5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
+        "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
+        **{f"press {name}": _pressed(press) for name, press in FIDELITIES.items()},
+        **{f"objects {name}": _shown(presentation) for name, presentation in PRESENTATIONS.items()},
+        "all taxels dead": _dead(1.0),
+    }
+)
+"""What is changed about a scene, one thing at a time; smaller and larger than any size that was trained, relative to
+nominal. The last is the floor: a sensor that tells nothing."""

@@ -1,0 +1,96 @@
+"""Tables and figure of ``activetouch robustness``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.robustness.shifted_touches import AS_TRAINED
+from experiments.search.figures import PALETTE
+
+_TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
+
+
+def tabulate(numbers: Mapping[str, Any]) -> dict[str, list[tuple[str, ...]]]:
+    """The tables of a report by title, each a row of headings and rows of text."""
+    name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects a shape, {numbers['num_poses']} touches each"
+    rows = []
+    for condition, row in numbers["conditions"].items():
+        fewer = row["num_objects"] < numbers["conditions"][AS_TRAINED]["num_objects"]
+        rows.append(
+            (
+                f"{condition} ({row['num_objects']} objects)" if fewer else condition,
+                _ranged(row["accuracy"], *row["accuracy_interval"]) + (" (chance)" if row["is_chance"] else ""),
+                _ranged(row["difference"], *row["difference_interval"], sign="+") if condition != AS_TRAINED else "",
+                f"{row['nll']:.3f}",
+                f"{row['ece']:.3f}",
+                _ranged(row["fused_accuracy"], *row["fused_interval"]),
+            )
+        )
+    headings = ("condition", "accuracy, one touch", "difference", "NLL", "ECE", "all touches fused")
+    tables = {f"{name}: accuracy in other conditions than trained ({of})": [headings, *rows]}
+    if numbers["unseen"]:
+        pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
+        rows = [
+            (
+                label,
+                *(_ranged(*row["auroc"][score][unit]) for score, unit in pairs),
+                f"{row['taken_for']} ({row['share']:.0%})",
+                f"{row['confidence']:.3f}",
+            )
+            for label, row in numbers["unseen"].items()
+        ]
+        headings = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
+        tables[f"{name}: AUROC of unseen against known shapes ({of})"] = [headings, *rows]
+    if numbers["left_out"]:
+        tables["left out"] = [("condition", "because"), *numbers["left_out"].items()]
+    return tables
+
+
+def _ranged(value: float, low: float, high: float, sign: str = "") -> str:
+    """A number in [-1, 1] and its interval, without the zeros before the point."""
+    return f"{value:{sign}.3f} [{low:{sign}.3f}, {high:{sign}.3f}]".replace("0.", ".")
+
+
+def to_markdown(tables: Mapping[str, list[tuple[str, ...]]]) -> str:
+    """Tables of :func:`tabulate` as Markdown."""
+    lines = []
+    for title, (headings, *rows) in tables.items():
+        ruled = [headings, ("---",) * len(headings), *rows]
+        lines += [f"### {title}", "", *(f"| {' | '.join(row)} |" for row in ruled), ""]
+    return "\n".join(lines)
+
+
+def draw_conditions(numbers: Mapping[str, Any], path: Path) -> None:
+    """Draw the errors of one touch and of all touches fused in every condition; the ending decides the format.
+
+    The scale is logarithmic above one in a hundred, and linear below, where zero has its place.
+    """
+    rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
+    style = {"font.size": 9.0, "font.family": "sans-serif", "axes.spines.top": False, "axes.spines.right": False}
+    with matplotlib.rc_context(style | {"svg.fonttype": "none", "svg.hashsalt": "activetouch"}):
+        figure = Figure(figsize=(9, 1.3 + 0.24 * len(rows)), layout="constrained")
+        figure.suptitle(f"{numbers['scene']}: {trained['num_objects']} objects, intervals at 95 %")
+        panels = (("accuracy", "accuracy_interval", "one touch"), ("fused_accuracy", "fused_interval", "all touches"))
+        for axes, (key, bounds, title) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
+            values = 1.0 - np.array([row[key] for row in rows.values()])
+            high, low = 1.0 - np.array([row[bounds] for row in rows.values()]).T
+            axes.axvspan(*(1.0 - bound for bound in trained[bounds]), color="0.9", linewidth=0)
+            axes.axvline(1.0 - trained[key], color="0.5", linewidth=1)
+            axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
+            reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
+            axes.errorbar(values, list(rows), xerr=reach, fmt="o", color=PALETTE[0], markersize=4, elinewidth=1)
+            axes.set(title=title, xlabel="misread (line: as trained; dotted: chance)")
+            axes.set_xscale("symlog", linthresh=0.01, linscale=0.7)
+            axes.set(
+                xlim=(-0.001, 1.0), xticks=_TICKS, xticklabels=[f"{100 * tick:g}" for tick in _TICKS[:-1]] + ["100 %"]
+            )
+            axes.minorticks_off()
+            axes.grid(axis="x", alpha=0.25)
+        axes.invert_yaxis()
+        figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix == ".svg" else None)

@@ -1,0 +1,1 @@
+"""``compare``, ``merge``, ``replay``, ``overprobing``: live searches and what is told of them."""

@@ -1,0 +1,149 @@
+"""What a run's folder holds of those who play now, and which of it a report can compare."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import TypeAlias
+
+import numpy as np
+
+from belief import SearchProblem
+from experiments.search.run_folder import (
+    BOUND,
+    CEILING,
+    EPISODES_PER_SHARD,
+    MadeBy,
+    RunFolder,
+    Seconds,
+    Shard,
+    ShardKey,
+    read_episode,
+)
+from experiments.search.summary import Comparison, compare_episodes
+
+CEILING_EPISODES = 50
+"""Most of a target that full information is tried on; each costs one touch for every object and pose."""
+
+Cell: TypeAlias = tuple[str, str]
+"""A decider and a target."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Some deciders on the same searches: the first so many for each of some targets."""
+
+    deciders: tuple[str, ...]
+    targets: tuple[str, ...]
+    episodes: int
+
+    def __contains__(self, other: object) -> bool:
+        """Whether all of another selection is in this one."""
+        return (
+            isinstance(other, Selection)
+            and {*other.deciders} <= {*self.deciders}
+            and {*other.targets} <= {*self.targets}
+            and other.episodes <= self.episodes
+        )
+
+    @property
+    def size(self) -> int:
+        """Searches in all."""
+        return len(self.deciders) * len(self.targets) * self.episodes
+
+    def __str__(self) -> str:
+        each = f"{self.episodes} search{'es' * (self.episodes != 1)} each"
+        return f"{', '.join(self.deciders)} looking for {', '.join(self.targets)}, {each}"
+
+
+@dataclass(frozen=True)
+class Holdings:
+    """All whole shards of those who play now, by decider (or ceiling, or bound) and target, each from the first on."""
+
+    shards: Mapping[Cell, Sequence[Shard]]
+
+    @classmethod
+    def of(cls, folder: RunFolder, made_by: MadeBy) -> Holdings:
+        """What a folder holds of these; in their order."""
+        cells = ((decider, target, digest) for decider, some in made_by.items() for target, digest in some.items())
+        found = {
+            (decider, target): list(_in_turn(folder, decider, target, digest)) for decider, target, digest in cells
+        }
+        return cls({cell: shards for cell, shards in found.items() if shards})
+
+    def lines(self, cell: Cell) -> list[str]:
+        """Its episodes, a line of JSON each."""
+        return list(chain.from_iterable(shard.lines for shard in self.shards.get(cell, ())))
+
+    def episodes(self) -> Iterator[str]:
+        """All lines of deciders."""
+        return chain.from_iterable(self.lines(cell) for cell in self.counts())
+
+    def counts(self) -> dict[Cell, int]:
+        """Searches by decider and target."""
+        return {cell: len(self.lines(cell)) for cell in self.shards if cell[0] not in (CEILING, BOUND)}
+
+    def largest(self, asked: Selection) -> Selection:
+        """The most searches that can be compared: all deciders of it have played the same ones.
+
+        Args:
+            asked: preferred where another has no more.
+        """
+        counts = {cell: num for cell, num in self.counts().items() if self._has_ceiling(cell[1], num)}
+        deciders, targets = (list(dict.fromkeys(cell[place] for cell in counts)) for place in (0, 1))
+        best = asked
+        for least in sorted(set(counts.values()), reverse=True):
+            there = {d: {t for t in targets if counts.get((d, t), 0) >= least} for d in deciders}
+            for some in there.values():
+                able = tuple(decider for decider in deciders if some <= there[decider])
+                found = Selection(able, tuple(target for target in targets if target in some), least)
+                if found.size > best.size or (found.size == best.size and asked in found and asked not in best):
+                    best = found
+        return asked if best in asked else best
+
+    def beyond(self, selection: Selection) -> dict[str, int]:
+        """Searches by decider that are here and not in a selection."""
+        extra: dict[str, int] = {}
+        for (decider, target), num in self.counts().items():
+            inside = decider in selection.deciders and target in selection.targets
+            extra[decider] = extra.get(decider, 0) + num - (selection.episodes if inside else 0)
+        return {decider: num for decider, num in extra.items() if num}
+
+    def compare(
+        self, problem: SearchProblem, selection: Selection, reference: str, seed: int, bound: bool
+    ) -> Comparison:
+        """All numbers of a selection that is here.
+
+        Args:
+            problem: the search.
+            selection: what to compare.
+            reference: the decider the others are compared with.
+            seed: of the bootstraps.
+            bound: whether to tell the bound on the return.
+        """
+        labels, num = tuple(problem.shape_labels), selection.episodes
+        cells = [(decider, target) for decider in selection.deciders for target in selection.targets]
+        shards = -(-num // EPISODES_PER_SHARD)
+        seconds = {cell: sum((shard.seconds for shard in self.shards[cell][:shards]), Seconds()) for cell in cells}
+        episodes = {cell: [read_episode(line, labels) for line in self.lines(cell)[:num]] for cell in cells}
+        tried = min(num, CEILING_EPISODES)
+        solved = {
+            t: [json.loads(line)["solved"] for line in self.lines((CEILING, t))[:tried]] for t in selection.targets
+        }
+        bounds = {t: json.loads(line)["bound"] for t in selection.targets if bound for line in self.lines((BOUND, t))}
+        return compare_episodes(problem, episodes, seconds, solved, reference, np.random.default_rng(seed), bounds)
+
+    def _has_ceiling(self, target: str, num: int) -> bool:
+        return len(self.lines((CEILING, target))) >= min(num, CEILING_EPISODES)
+
+
+def _in_turn(folder: RunFolder, decider: str, target: str, digest: str) -> Iterator[Shard]:
+    """Shards from the first until one is missing, of something else, or not full."""
+    number = 0
+    while (shard := folder.read(key := ShardKey(decider, target, number))) and shard.made_by == digest:
+        yield shard
+        if len(shard.lines) < key.most or decider == BOUND:
+            return
+        number += 1

@@ -1,0 +1,41 @@
+"""The ceiling of a comparison in success: what could be known if touches were free and objects could be gone back to.
+
+Every object is touched once in every pose, everything is fused, and the object most probably the target is confirmed
+(none, if its absence is likelier). No decider that touches each pose at most once can expect to do better with the same
+sensor and observation model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from belief import SceneBelief
+from belief.seeding import touch_rng
+from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
+from planners.search import TouchRequest
+
+
+def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
+    """Which of these episodes are solved by touching everything first."""
+    sensor, problem = load_sensor(setting), setting.problem
+    solved = []
+    for number in numbers:
+        key = episode_seed(seed, target, number)
+        world = make_world(setting, sensor, key)
+        scene = SceneBelief(problem, sensor.model)
+        for object_index in range(problem.num_objects):
+            requests = [
+                TouchRequest(world, pose, touch_rng(key, object_index, pose, repeat=0))
+                for pose in range(problem.num_poses)
+            ]
+            scene.update(object_index, sensor.touch_many(requests))
+            if object_index + 1 < problem.num_objects:
+                world.advance()
+        here = scene.marginals()[:, target]
+        if 1.0 - scene.prob_present(target) > here.max():
+            solved.append(target not in world.arrangement)
+        else:
+            solved.append(world.arrangement[int(np.argmax(here))] == target)
+    return solved

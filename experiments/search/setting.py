@@ -1,0 +1,167 @@
+"""Play live episodes: which objects lie where follows from the seed alone, so every decider gets the same ones."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import tyro
+
+from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TouchTime, load_observation_model
+from belief import Composition, SearchProblem
+from belief.observation_model import ObservationModel, OutcomeTable
+from belief.seeding import arrangement_rng
+from belief.synthetic import sample_arrangement
+from experiments.scene_choice import SceneChoice
+from experiments.search.run_folder import Seconds
+from experiments.sensor_choice import check_sensor, load_quietly
+from planners import Decider, Episode, make_decider, search_lockstep
+
+_TOUCHES_PER_OBJECT = 12  # until a search is cut off
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all episodes of a run have in common."""
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    sensor: Path | None = None
+    """Folder of a classifier and an observation model; those that come with the scene by default."""
+    num_objects: int | None = None
+    """Objects on the table; as many as the scene has by default."""
+    composition: Literal["distinct", "independent"] | None = None
+    """Whether all objects differ in shape, or each may have any; as in the scene by default."""
+    touch_cost: float = 0.02
+    """λ."""
+    anyway: bool = False
+    """Use the sensor in a scene that it was not made for; the report says how the two differ."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The setting as plain values."""
+        sensor = None if self.sensor is None else str(self.sensor)
+        return {**asdict(self), "choice": self.choice.to_dict(), "sensor": sensor}
+
+    @classmethod
+    def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
+        """The setting from :meth:`to_dict`."""
+        sensor = None if fields["sensor"] is None else Path(fields["sensor"])
+        return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
+
+    def resolved(self) -> Setting:
+        """The same setting with absolute paths, for workers that were started elsewhere."""
+        meshes = tuple(path.resolve() for path in self.choice.meshes)
+        sensor = None if self.sensor is None else self.sensor.resolve()
+        return replace(self, choice=replace(self.choice, meshes=meshes), sensor=sensor)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene the episodes play in."""
+        return self.choice.named.scene
+
+    @property
+    def sensor_folder(self) -> Path:
+        """Where the classifier and the observation model are."""
+        return self.sensor if self.sensor is not None else MODELS / self.choice.scene
+
+    @property
+    def shift(self) -> tuple[str, ...]:
+        """How the scene differs from that of the sensor (:func:`experiments.sensor_choice.check_sensor`)."""
+        return check_sensor(self.sensor_folder, self.choice, self.anyway)
+
+    @property
+    def problem(self) -> SearchProblem:
+        """The rules of the search."""
+        named = self.choice.named
+        num_objects = named.num_objects if self.num_objects is None else self.num_objects
+        return SearchProblem(
+            self.scene.shape_labels,
+            self.scene.pose_labels,
+            num_objects=num_objects,
+            composition=named.composition if self.composition is None else Composition(self.composition),
+            touch_cost=self.touch_cost,
+            touch_limit=_TOUCHES_PER_OBJECT * num_objects,
+        )
+
+
+Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
+"""When files were last written, and how long they are: other stamps are other files."""
+
+
+def stamps(setting: Setting) -> Stamps:
+    """Of the files of the setting's sensor; what a process has read of others of that name does not count."""
+    return tuple(_stamp(setting.sensor_folder / name) for name in (CLASSIFIER_FILE, OBSERVATION_FILE))
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def load_sensor(setting: Setting) -> TactileSensor:
+    """The setting's sensor, loaded once a process, and again when its files were written anew."""
+    return _load_sensor(setting, stamps(setting))
+
+
+@lru_cache(maxsize=2)
+def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
+    import torch
+
+    torch.set_num_threads(1)  # the processes share the cores, and sums keep their order
+    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # the report tells a known shift
+
+
+def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
+    """The sensor's observation model and its outcome table, without the network."""
+    return _known_model(setting.sensor_folder, stamps(setting))
+
+
+@lru_cache(maxsize=2)
+def _known_model(folder: Path, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
+    model = load_observation_model(folder)
+    return model, model.outcome_table()
+
+
+def build_decider(setting: Setting, name: str) -> Decider:
+    """The named decider with the setting's observation model and policies."""
+    model, table = known_model(setting)
+    return make_decider(name, table, model, setting.sensor_folder / POLICIES)
+
+
+def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:
+    """The objects of the episode with this seed."""
+    rng = arrangement_rng(seed)
+    return TouchWorld.sample(sensor, sample_arrangement(setting.problem, rng), rng)
+
+
+def episode_seed(seed: int, target: int, number: int) -> tuple[int, ...]:
+    """Seed of one episode of a run."""
+    return (seed, target, number)
+
+
+def play(
+    setting: Setting, decider: str, target: int, seed: int, numbers: Sequence[int]
+) -> tuple[list[Episode], Seconds]:
+    """Play episodes in lockstep: the same numbers give the same episodes, bit for bit, in any process."""
+    sensor = load_sensor(setting)
+    sensor = replace(sensor, time=TouchTime())
+    seeds = [episode_seed(seed, target, number) for number in numbers]
+    worlds = [make_world(setting, sensor, key) for key in seeds]
+    chosen = build_decider(setting, decider)
+    started = time.perf_counter()
+    episodes = search_lockstep(
+        worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, sensor.touch_many
+    )
+    total = time.perf_counter() - started
+    touches = sum(episode.num_touches for episode in episodes)
+    thinking = total - sensor.time.physics - sensor.time.network
+    spent = sensor.time
+    return episodes, Seconds(spent.physics, spent.network, thinking, touches, spent.pressed_again)

@@ -1,0 +1,1 @@
+"""``collect``, ``train``, ``calibrate``, ``learning-curve``, ``frontier``: making a tactile sensor."""

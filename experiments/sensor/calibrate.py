@@ -1,0 +1,188 @@
+"""``activetouch calibrate``: choose and fit the observation model, and measure the sensor on objects it never saw."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.data.manifest import CollectionPlan, Manifest
+from activetouch.world import CLASSIFIER_FILE, write_observation_model
+from belief import Touch
+from belief.calibration import TemperatureScaling
+from belief.errors import ActiveTouchError
+from belief.files import require_writable, write_text
+from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
+from belief.observation_model import ArrayModel
+from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from belief.touch_batch import TouchBatch
+from experiments.command_line.arguments import Seed, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.scene_choice import named_scene, repeats_folder, training_folder
+from experiments.sensor.baseline import depth_and_force_accuracy
+from experiments.sensor.scores import read_logits
+from experiments.sensor_choice import open_collection, require_collection
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """Fit observation models on objects the classifier never saw, keep the best, and report on yet other objects.
+
+    The collection should touch its objects several times in every pose (``collect --plan.repeats 6``): how far touches
+    repeat each other can be learned from nothing else. Which model is best is decided by cross-validation on the
+    calibration split. Writes the classifier, the observation model and ``evaluation.json`` into one folder that the
+    other commands use.
+
+    For example:
+
+        activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats
+        activetouch calibrate --scene gel
+        activetouch calibrate --data data/mug --classifier runs/train-mug/classifier.safetensors --out runs/sensor-mug
+    """
+
+    scene: str = "gel"
+    """The scene it is for: decides the next three where they are not given."""
+    classifier: Path | None = None
+    """Checkpoint from ``activetouch train``; runs/train-SCENE/classifier.safetensors by default."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE-repeats by default."""
+    out: Path | None = None
+    """Folder of the finished sensor; runs/sensor-SCENE by default."""
+    seed: Seed = 0
+    """Of the bootstrap intervals."""
+    anyway: bool = False
+    """Use a collection of another scene than the classifier's."""
+
+    def run(self) -> None:
+        """Choose, fit, write, and print the evaluation."""
+        check_arguments(self)
+        from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+        named_scene(self.scene)  # or say which there are
+        data = self.data if self.data is not None else repeats_folder(self.scene)
+        out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
+        require_writable(out)
+        trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
+        manifest = open_collection(data, self.scene, repeats=True)
+        classifier = TouchClassifier.load(trained)
+        filed = self.scene if self.out is None else None
+        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        _require_enough(manifest, data)
+        calibration, test = read_split(data, "calibration"), read_split(data, "test")
+        logits = read_logits(classifier, calibration.images, "reading calibration touches")
+        test_logits = read_logits(classifier, test.images, "reading test touches")
+        print("choosing the observation model by cross-validation …")
+        choice = choose_observation_model(
+            [Touch(int(pose), row) for pose, row in zip(calibration.poses, logits, strict=True)],
+            calibration.shapes,
+            calibration.object_ids,
+            shape_labels=manifest.shape_labels,
+            num_poses=len(manifest.pose_labels),
+        )
+        evaluation = {
+            "observation_model": choice.name,
+            "cross_validated_nll": dict(choice.losses),
+            "rounds": manifest.plan.repeats,
+            "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
+            **evaluate(choice.model, test_logits, test, np.random.default_rng(self.seed)),
+        }
+        classifier.save(out / CLASSIFIER_FILE)
+        write_observation_model(out, choice.model, manifest.scene)
+        write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
+        _show(evaluation, choice)
+        if manifest.plan.repeats == 1:
+            print(
+                "No object was touched twice in a pose, so how far touches repeat each other is an assumption. To "
+                f"measure it, record several rounds{again(manifest, data)}"
+            )
+        print(f"wrote {out}")
+
+
+class TooFewObjects(ActiveTouchError, ValueError):
+    """A collection has too few objects to choose a model by cross-validation."""
+
+
+def _require_enough(manifest: Manifest, data: Path) -> None:
+    """Refuse a collection with which no model can be chosen, before any image is read."""
+    plan, num_shapes = manifest.plan, len(manifest.shape_labels)
+    least = max(2, math.ceil(NUM_FOLDS / num_shapes))
+    if plan.calibration < least or plan.test < 1:
+        raise TooFewObjects(
+            f"{data} has {plan.calibration} calibration objects and {plan.test} test objects of every shape; choosing "
+            f"the observation model takes at least {least} and 1, and a few hundred make it a good one. Record "
+            f"more{again(manifest, data)}"
+        )
+
+
+def again(manifest: Manifest, data: Path) -> str:
+    """How to record a collection of the same scene that will do, as the end of a sentence."""
+    if manifest.choice is None:
+        return ", with the program that recorded these"
+    out = data.with_name(f"{data.name}-repeats")
+    return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
+
+
+def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.random.Generator) -> dict[str, object]:
+    """Accuracy and calibration of single touches, and of an object's first round of poses fused.
+
+    Intervals of single-touch figures resample objects, because touches of one object err together.
+    """
+    num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
+    raw = TemperatureScaling().predict_proba(logits)
+    alone = TouchBatch(truth.poses[:, None], logits[:, None])
+    calibrated = np.exp(log_posteriors(model, alone))
+    right, low, high = cluster_bootstrap(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
+    by_object = TouchBatch(truth.poses.reshape(num_objects, -1), logits.reshape(num_objects, -1, logits.shape[1]))
+    fused = np.exp(log_posteriors(model, by_object.first(num_poses)))
+    object_shapes = truth.shapes.reshape(num_objects, -1)[:, 0]
+    fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
+    confusion = confusion_matrix(raw, truth.shapes)
+    return {
+        "num_touches": len(logits),
+        "num_objects": num_objects,
+        "accuracy": right,
+        "accuracy_interval": (low, high),
+        "shapes": {k: asdict(v) for k, v in zip(model.shape_labels, shape_scores(confusion), strict=True)},
+        "confusion": confusion.tolist(),
+        "nll_raw": negative_log_likelihood(raw, truth.shapes),
+        "nll_calibrated": negative_log_likelihood(calibrated, truth.shapes),
+        "ece_raw": expected_calibration_error(raw, truth.shapes),
+        "ece_calibrated": expected_calibration_error(calibrated, truth.shapes),
+        "fused_accuracy": fused_right / num_objects,
+        "fused_accuracy_interval": clopper_pearson_interval(fused_right, num_objects),
+        "fused_nll": negative_log_likelihood(fused, object_shapes),
+        "fused_ece": expected_calibration_error(fused, object_shapes),
+    }
+
+
+def _show(evaluation: dict, choice: ModelChoice) -> None:
+    console = plain_console()
+    low, high = evaluation["accuracy_interval"]
+    fused_low, fused_high = evaluation["fused_accuracy_interval"]
+    e, labels = evaluation, choice.model.shape_labels
+    losses = ", ".join(f"{name} {loss:.4f}" for name, loss in sorted(choice.losses.items(), key=lambda pair: pair[1]))
+    console.print(
+        f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
+        f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
+        f"from force and depth alone, without the image: {e['depth_and_force_accuracy']:.4f}\n"
+        f"observation model: {choice.name} (cross-validated sequence NLL: {losses})\n"
+        f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
+        f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
+        f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
+        f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
+    )
+    table = Table(title="single touches by shape; all confusions are in evaluation.json")
+    for heading in ("shape", "precision", "recall", "F1", "most often taken for"):
+        table.add_column(heading, justify="right" if heading in ("precision", "recall", "F1") else "left")
+    for k, (label, row) in enumerate(zip(labels, e["confusion"], strict=True)):
+        score = e["shapes"][label]
+        ratios = (f"{score[name]:.3f}" for name in ("precision", "recall", "f1"))
+        others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
+        table.add_row(label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others))
+    console.print(table)

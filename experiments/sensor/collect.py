@@ -1,0 +1,171 @@
+"""``activetouch collect``: record touches, go on after an interruption, check them, or make a collection once more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
+from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
+from activetouch.scene_description import in_words, scene_differences, scene_fields
+from belief.errors import ActiveTouchError, CorruptFile
+from experiments.command_line.arguments import Jobs, check_arguments
+from experiments.command_line.collection_arguments import PlanArguments
+from experiments.parallel import default_jobs, run_tasks
+from experiments.scene_choice import SceneChoice, collection_folder
+
+
+class NotReproduced(ActiveTouchError):
+    """A collection cannot be made again from its manifest, or came out with other bytes."""
+
+
+@dataclass(frozen=True)
+class Collect:
+    """Touch thousands of objects and record the images, split by object into train, calibration and test.
+
+    Finished shards are kept: an interrupted run, or a killed one, goes on where it stopped when started again. Once all
+    are there, the manifest gets their SHA-256; started again then, the command checks the shards against it.
+
+    For example:
+
+        activetouch collect --scene gel --plan.train 2700
+        activetouch collect --meshes mug.stl --out data/mug
+        activetouch collect --from-manifest data/mug --out data/mug-again
+    """
+
+    choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
+    """The world."""
+    out: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    plan: PlanArguments = field(default_factory=PlanArguments)
+    """Objects per shape and split, and rounds of poses that each is touched in."""
+    from_manifest: Path | None = None
+    """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Processes; the bytes do not depend on it."""
+
+    def run(self) -> None:
+        """Record all missing shards, and check all."""
+        check_arguments(self)
+        if self.from_manifest is not None:
+            self._again(self.from_manifest)
+        else:
+            folder = self.out if self.out is not None else collection_folder(self.choice.scene)
+            manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
+            print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
+            if manifest.redrawn:
+                print(f"{manifest.redrawn} objects were drawn anew, because a press of the first did not settle")
+
+    def _again(self, source: Path) -> None:
+        """Make the collection of a manifest in another folder, and compare."""
+        if self.choice != SceneChoice() or self.plan != PlanArguments():
+            raise NotReproduced("--from-manifest says scene and plan; leave out --scene, --plan and the like")
+        recorded = read_manifest(source)
+        original = source.parent if source.is_file() else source
+        if self.out is None or self.out.resolve() == original.resolve():
+            raise NotReproduced(f"--from-manifest needs an --out other than {original}, to compare the two")
+        if recorded.sha256 is None:
+            raise NotReproduced(
+                f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
+            )
+        choice = _choice(recorded, source)
+        again = collect(choice, recorded.plan, self.out, self.jobs)
+        assert again.sha256 is not None, "a collection ends with its digests"
+        if differing := [name for name, digest in recorded.sha256.items() if again.sha256[name] != digest]:
+            raise NotReproduced(
+                f"{len(differing)} of {len(recorded.sha256)} shards in {self.out} differ from those of {source}: "
+                f"{_some(differing)}. {_sentence(recorded.differences(again))}."
+            )
+        print(f"{len(recorded.sha256)} shards identical")
+
+
+def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) -> Manifest:
+    """Record what a folder lacks of a collection, check all of it, and return its manifest, digests and all.
+
+    Raises:
+        LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
+        CorruptFile: a shard is damaged, foreign, or was changed after it was recorded.
+        UnstablePress: no object of some shape can be pressed in all poses.
+        NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
+    """
+    scene = choice.named.scene
+    manifest = write_manifest(folder, scene, plan, choice.to_dict())
+    missing = [
+        (path, partial(record_shard, scene, plan, split, objects, path))
+        for split, shard, objects in manifest.shards()
+        if not (path := shard_path(folder, split, shard)).exists()
+    ]
+    if missing:
+        for _ in run_tasks([task for _, task in missing], jobs, f"touching objects → {folder}"):
+            pass
+    checks = [partial(_check, folder, manifest, *shard) for shard in manifest.shards()]
+    checked = list(run_tasks(checks, jobs, f"checking shards in {folder}"))
+    sha256 = {name: digest for name, digest, _ in checked}
+    if manifest.sha256 is None:
+        manifest = seal(folder, manifest, sha256, sum(redrawn for *_, redrawn in checked))
+    else:
+        new = {path.relative_to(folder).as_posix() for path, _ in missing}
+        _require_recorded(folder, manifest, Manifest.of(scene, plan), sha256, new)
+    for litter in folder.glob("*/.?????.npz.*.npz"):  # a killed run leaves the temporary files of atomic_path behind
+        litter.unlink(missing_ok=True)
+    return manifest
+
+
+def _check(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[str, str, int]:
+    """Path in the folder, SHA-256, and number of redrawn objects of a sound shard."""
+    _, digest = read_shard(folder, manifest, split, shard, objects)
+    return shard_path(Path(), split, shard).as_posix(), digest, num_redrawn(shard_path(folder, split, shard))
+
+
+def _require_recorded(
+    folder: Path, manifest: Manifest, here: Manifest, sha256: Mapping[str, str], new: set[str]
+) -> None:
+    """Refuse shards that are not what the manifest says; those in ``new`` were just recorded."""
+    differing = {name for name, digest in (manifest.sha256 or {}).items() if sha256[name] != digest}
+    if changed := sorted(differing - new):
+        raise CorruptFile(
+            f"{len(changed)} shards in {folder} were changed after they were recorded: {_some(changed)}. Delete them "
+            f"and record them again {manifest.how(folder)}"
+        )
+    if differing:
+        raise NotReproduced(
+            f"{len(differing)} lost shards of {folder} came out with other bytes than they had: "
+            f"{_some(sorted(differing))}. {_sentence(manifest.differences(here))}. Restore them from a copy, or record "
+            "all in another folder."
+        )
+
+
+def _choice(recorded: Manifest, source: Path) -> SceneChoice:
+    """The scene of a manifest in words of the command line, if they still mean what they meant."""
+    if recorded.choice is None:
+        raise NotReproduced(f"{source} was recorded by a program, not by this command; run that program again")
+    try:
+        choice = SceneChoice.from_dict(recorded.choice)
+        scene = scene_fields(choice.named.scene)
+    except ActiveTouchError:
+        raise
+    except (TypeError, KeyError, AttributeError, ValueError) as error:
+        raise NotReproduced(
+            f"{source} chooses a scene in words this version does not know ({error}): {dict(recorded.choice)}"
+        ) from error
+    if scene != recorded.scene:
+        raise NotReproduced(
+            f"the scene that {source} names is another one now: "
+            f"{in_words(map(str, scene_differences(recorded.scene, scene, surroundings=True)))}. "
+            f"It was recorded by activetouch {recorded.versions.get('activetouch', 'of an unknown version')}."
+        )
+    return choice
+
+
+def _some(names: list[str]) -> str:
+    """Names in a row, the first ten at most."""
+    return ", ".join(names[:10]) + (f" and {len(names) - 10} more" if len(names) > 10 else "")
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]

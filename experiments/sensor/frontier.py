@@ -1,0 +1,206 @@
+"""``activetouch frontier``: what each classifier is worth and what it costs, by backbone, precision and batch size.
+
+All are timed in turn, round after round, so that a busy moment of the machine meets all of them; a time is the median
+over rounds, and the ratio to the reference is the median of the ratios within a round.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.table import Table
+
+from activetouch.data.dataset import read_split
+from belief.files import require_writable, write_text
+from experiments.command_line.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.parallel import progress_bar
+from experiments.scene_choice import collection_folder
+from experiments.sensor.scores import Scores, scores
+from experiments.sensor_choice import open_collection, require_collection
+
+if TYPE_CHECKING:
+    from activetouch.perception.classifier import TouchClassifier
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One classifier in one precision.
+
+    Attributes:
+        network: backbone and input size.
+        precision: of its arithmetic.
+        scores: on the test split.
+        megabytes: of the checkpoint.
+        parameters: of the network.
+        milliseconds: of one touch, by batch size: images in, logits out.
+        ratio: of that time to the reference's, by batch size.
+    """
+
+    network: str
+    precision: str
+    scores: Scores
+    megabytes: float
+    parameters: int
+    milliseconds: dict[int, float]
+    ratio: dict[int, float]
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """Measure accuracy, NLL, time and size of trained classifiers on the same test touches.
+
+    The first checkpoint, in single precision, is the reference of the ratios.
+
+    For example:
+
+        activetouch frontier --checkpoints runs/train-tiny/classifier.safetensors runs/train-gel/classifier.safetensors
+    """
+
+    checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
+    """From ``activetouch train``."""
+    scene: str = "gel"
+    """Whose touches to read."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    touches: Count | None = None
+    """Of the test split, to read; all by default."""
+    batches: Annotated[tuple[Count, ...], NotEmpty()] = (1, 64)
+    """Batch sizes to time."""
+    rounds: Count = 15
+    """Of timing."""
+    threads: Jobs = 1
+    """Of the linear algebra."""
+    seed: Seed = 0
+    """Of the intervals."""
+    out: Path = Path("runs/frontier")
+    """Folder for numbers, table and figure."""
+
+    def run(self) -> None:
+        """Read, time, write and print."""
+        check_arguments(self)
+        import torch
+
+        from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+        from experiments.sensor.figures import draw_frontier
+
+        require_writable(self.out)
+        torch.set_num_threads(self.threads)
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=False)
+        calibration, test = read_split(data, "calibration"), read_split(data, "test")
+        if self.touches is not None:
+            test = test.select(slice(self.touches))
+        variants: list[tuple[Path, str, TouchClassifier]] = []
+        for path in self.checkpoints:
+            single = TouchClassifier.load(path)
+            require_collection(data, manifest, single.card, None, repeats=False)
+            variants += [(path, "fp32", single), (path, "bf16", single.to_bfloat16()), (path, "int8", _to_int8(single))]
+        times = {b: self._time([classifier for *_, classifier in variants], test.images, b) for b in self.batches}
+        entries = []
+        with progress_bar() as progress:
+            bar = progress.add_task("reading the test split", total=len(variants))
+            for index, (path, precision, classifier) in enumerate(variants):
+                result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
+                parameters = sum(parameter.numel() for parameter in TouchNetwork(classifier.card).parameters())
+                by_batch = {b: t[:, index] for b, t in times.items()}
+                entries.append(
+                    Entry(
+                        f"{classifier.card.backbone} {classifier.card.input_size} px",
+                        precision,
+                        result,
+                        path.stat().st_size / 1e6,
+                        parameters,
+                        {b: 1e3 * float(np.median(t)) / b for b, t in by_batch.items()},
+                        {b: float(np.median(t / times[b][:, 0])) for b, t in by_batch.items()},
+                    )
+                )
+                progress.advance(bar)
+        numbers = {
+            "scene": self.scene,
+            "num_touches": len(test.images),
+            "threads": self.threads,
+            "rounds": self.rounds,
+            "seed": self.seed,
+            "entries": [asdict(entry) for entry in entries],
+        }
+        for name, text in (
+            ("frontier.json", json.dumps(numbers, indent=1) + "\n"),
+            ("frontier.md", _markdown(entries)),
+        ):
+            write_text(self.out / name, text)
+        draw_frontier(entries, self.scene, self.out / "frontier.svg")
+        plain_console().print(_table(entries, len(test.images)))
+        print(f"wrote {self.out}/frontier.md, .json and .svg")
+
+    def _time(self, classifiers: list[TouchClassifier], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
+        """Seconds of one batch, by round and classifier, ``(rounds, classifiers)``."""
+        calls: list[Callable[[], object]] = [lambda c=c: c.read(images[:batch], batch) for c in classifiers]
+        for call in calls:
+            call()
+        seconds = np.empty((self.rounds, len(calls)))
+        with progress_bar() as progress:
+            for number in progress.track(range(self.rounds), description=f"timing, {batch} at once"):
+                for column, call in enumerate(calls):
+                    started = time.perf_counter()
+                    call()
+                    seconds[number, column] = time.perf_counter() - started
+        return seconds
+
+
+def _to_int8(classifier: TouchClassifier) -> TouchClassifier:
+    """The same classifier with linear layers in 8-bit integers, scaled as they run.
+
+    Only measured, not offered: the library has announced that this part of it will go.
+    """
+    import torch
+
+    from activetouch.perception.classifier import TouchClassifier
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        network = torch.ao.quantization.quantize_dynamic(classifier.network, {torch.nn.Linear}, dtype=torch.qint8)
+    return TouchClassifier(classifier.card, network)
+
+
+def _rows(entries: list[Entry]) -> tuple[list[str], list[list[str]]]:
+    batches = list(entries[0].milliseconds)
+    times = [f"ms a touch, {batch} at once (ratio)" for batch in batches]
+    headings = ["classifier", "accuracy [95 %]", "NLL", *times, "MB", "parameters"]
+    rows = [
+        [
+            f"{e.network}, {e.precision}",
+            str(e.scores),
+            f"{e.scores.nll:.4f}",
+            *(f"{e.milliseconds[b]:.2f} ({e.ratio[b]:.2f})" for b in batches),
+            f"{e.megabytes:.1f}",
+            f"{e.parameters / 1e6:.2f} M",
+        ]
+        for e in entries
+    ]
+    return headings, rows
+
+
+def _markdown(entries: list[Entry]) -> str:
+    headings, rows = _rows(entries)
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _table(entries: list[Entry], num_touches: int) -> Table:
+    headings, rows = _rows(entries)
+    table = Table(title=f"{num_touches} touches of unseen objects", box=box.SIMPLE_HEAD)
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="right" if number else "left")
+    for row in rows:
+        table.add_row(*row)
+    return table

@@ -1,0 +1,128 @@
+"""``activetouch learning-curve``: accuracy on unseen objects against the number of images to learn from."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from rich import box
+from rich.table import Table
+
+from activetouch.data.dataset import SPLITS, TouchSet, read_split
+from activetouch.data.manifest import Manifest
+from activetouch.perception.recipe import RECIPES
+from belief.files import require_writable, write_text
+from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs
+from experiments.scene_choice import collection_folder, named_scene
+from experiments.sensor.scores import Scores, scores
+from experiments.sensor.train import (
+    STATE_FILE,
+    BackboneName,
+    Changes,
+    card_for,
+    new_classifier,
+    require_input_size,
+    run_to_the_end,
+)
+from experiments.sensor_choice import open_collection
+
+
+@dataclass(frozen=True)
+class Point:
+    """One training.
+
+    Attributes:
+        images: of each shape that it learned from.
+        epochs: passes over them.
+        scores: on the test split.
+    """
+
+    images: int
+    epochs: int
+    scores: Scores
+
+
+@dataclass(frozen=True)
+class LearningCurve:
+    """Train on parts of a collection, each with as many steps as the whole would get, and read the same test touches.
+
+    Started again, it goes on after the last finished epoch.
+
+    For example:
+
+        activetouch learning-curve --scene gel --shares 0.0625 0.25 1
+    """
+
+    scene: str = "gel"
+    """Whose collection."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    shares: Annotated[tuple[Share, ...], NotEmpty()] = (1 / 64, 1 / 16, 1 / 4, 1.0)
+    """Of the training split's objects, to learn from."""
+    backbone: BackboneName = "cnn"
+    """The network."""
+    input_size: Pixels | None = None
+    """Edge the images are brought to [pixels]; the scene's by default."""
+    change: Changes = field(default_factory=Changes)
+    """What to change about the recipe ``large``; its epochs are those of the whole collection."""
+    seed: Seed = 0
+    """Of the intervals."""
+    threads: Jobs = field(default_factory=default_jobs)
+    """Threads of the linear algebra."""
+    out: Path | None = None
+    """Folder for states, numbers and figure; runs/learning-curve-SCENE by default."""
+
+    def run(self) -> None:
+        """Train, read, write and print."""
+        check_arguments(self)
+        import torch
+
+        from experiments.sensor.figures import draw_learning_curve
+
+        out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
+        require_writable(out)
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=False)
+        require_input_size(self._size, manifest.image_shape[0], self.backbone)
+        torch.set_num_threads(self.threads)
+        splits = {split: read_split(data, split) for split in SPLITS}
+        points = [self._point(share, manifest, splits, out) for share in sorted(self.shares)]
+        arguments = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(self).items()}
+        numbers = {"arguments": arguments, "points": [asdict(point) for point in points]}
+        write_text(out / "learning_curve.json", json.dumps(numbers, indent=1) + "\n")
+        draw_learning_curve(points, f"scene {self.scene}, {self.backbone}", out / "learning_curve.svg")
+        table = Table(title=f"{self.scene}, {self.backbone}", box=box.SIMPLE_HEAD)
+        for heading in ("images a shape", "epochs", "accuracy [95 %]", "NLL"):
+            table.add_column(heading, justify="right")
+        for p in points:
+            table.add_row(str(p.images), str(p.epochs), str(p.scores), f"{p.scores.nll:.4f}")
+        plain_console().print(table)
+        print(f"wrote {out}/learning_curve.json and .svg")
+
+    @property
+    def _size(self) -> int:
+        return self.input_size if self.input_size is not None else named_scene(self.scene).input_size
+
+    def _point(self, share: float, manifest: Manifest, splits: dict[str, TouchSet], out: Path) -> Point:
+        from activetouch.perception.training import Trainer
+
+        train, calibration, test = (splits[split] for split in SPLITS)
+        objects = np.unique(train.object_ids)
+        chosen = objects[: max(len(manifest.shape_labels), round(share * len(objects)))]  # shapes take turns in these
+        part = train.select(np.isin(train.object_ids, chosen))
+        recipe = self.change.of(RECIPES["large"])
+        recipe = replace(recipe, epochs=max(1, round(recipe.epochs * len(train.images) / len(part.images))))
+        card = card_for(part, self.backbone, self._size, manifest.shape_labels, manifest.pose_labels)
+        state = out / f"{len(chosen)}-objects" / STATE_FILE
+        classifier = new_classifier(card, recipe.seed)
+        trainer = Trainer(classifier, recipe, part, calibration, state, manifest.symmetry)
+        run_to_the_end(trainer, state.parent / "tensorboard")
+        trainer.finish()
+        result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
+        per_shape = len(part.images) // len(manifest.shape_labels)
+        return Point(per_shape, trainer.epochs_done, result)

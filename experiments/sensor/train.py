@@ -1,0 +1,243 @@
+"""``activetouch train``: from recorded touches to a classifier."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.data.manifest import Manifest
+from activetouch.errors import MissingWeights
+from activetouch.perception.backbones import BACKBONES, ConvNeXt
+from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.world import CLASSIFIER_FILE
+from belief.files import require_writable
+from experiments.command_line.arguments import (
+    BadArgument,
+    Count,
+    Jobs,
+    NotNegative,
+    Pixels,
+    Positive,
+    Seed,
+    check_arguments,
+)
+from experiments.parallel import default_jobs, progress_bar
+from experiments.scene_choice import collection_folder, named_scene, training_folder
+from experiments.sensor_choice import open_collection
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from activetouch.perception.classifier import ClassifierCard, TouchClassifier
+    from activetouch.perception.training import Trainer
+
+STATE_FILE = "state.safetensors"
+BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What to change about a named recipe."""
+
+    epochs: Count | None = None
+    """Passes over the training split."""
+    batch_size: Count | None = None
+    """Images a step."""
+    learning_rate: Positive | None = None
+    """Peak of the cosine schedule."""
+    weight_decay: NotNegative | None = None
+    """Of AdamW."""
+    patience: Count | None = None
+    """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
+    bf16: bool | None = None
+    """Whether to compute in bfloat16; images of 8 pixels need single precision."""
+    seed: Seed | None = None
+    """Of initialisation, shuffling and augmentation."""
+
+    def of(self, recipe: TrainingRecipe) -> TrainingRecipe:
+        """The recipe with these changes."""
+        return replace(recipe, **{name: value for name, value in asdict(self).items() if value is not None})
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a classifier on a collection; after every epoch the state is saved, from which the same command goes on.
+
+    With tensorboard installed (the extra of that name), the losses are written to OUT/tensorboard.
+
+    For example:
+
+        activetouch train --scene gel --recipe large
+        activetouch train --backbone tiny --weights facebook/convnext-tiny-224   (from the hub, or from a local folder)
+        activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
+    """
+
+    scene: str = "gel"
+    """The scene it is for: decides the next four where they are not given."""
+    data: Path | None = None
+    """Folder of the collection; data/SCENE by default."""
+    out: Path | None = None
+    """Folder for the checkpoint and the training state; runs/train-SCENE by default."""
+    input_size: Pixels | None = None
+    """Edge the images are averaged down, or repeated up, to before the network [pixels]; the scene's by default."""
+    backbone: BackboneName | None = None
+    """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
+    weights: str | None = None
+    """Where the backbone starts from: a checkpoint of ours (a file), a published ConvNeXt such as ImageNet's in a local
+    folder, or by name on the Hugging Face hub, which is the only case that goes online; random weights without."""
+    objects: Count | None = None
+    """Learn from the first so many objects of the training split only; from all by default."""
+    recipe: Literal["paper", "large"] = "paper"
+    """Optimiser settings: the paper's, or ours for tens of thousands of images from scratch."""
+    change: Changes = field(default_factory=Changes)
+    """Settings that differ from the recipe's."""
+    threads: Jobs = field(default_factory=default_jobs)
+    """Threads of the linear algebra."""
+
+    def run(self) -> None:
+        """Train to the end of the recipe and write ``classifier.safetensors``."""
+        check_arguments(self)
+        recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
+        data = self.data if self.data is not None else collection_folder(self.scene)
+        out = self.out if self.out is not None else training_folder(self.scene)
+        require_writable(out)
+        manifest = open_collection(data, self.scene, repeats=False)
+        size = self.input_size if self.input_size is not None else named.input_size
+        backbone = self.backbone if self.backbone is not None else named.backbone
+        require_input_size(size, manifest.image_shape[0], backbone)
+        if self.objects is not None:
+            _require_objects(self.objects, manifest, data)
+        import torch
+
+        from activetouch.perception.training import Trainer
+
+        torch.set_num_threads(self.threads)
+        train, calibration = read_split(data, "train"), read_split(data, "calibration")
+        if self.objects is not None:
+            train = train.select(train.object_ids < self.objects)
+        start = f"the weights of {self.weights}" if self.weights else "random weights"
+        card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels)
+        card = replace(
+            card,
+            scene=manifest.scene,
+            mujoco_version=manifest.versions["mujoco"],
+            training=f"{recipe.words}; {len(train.images)} images, from {start}",
+        )
+        classifier = new_classifier(card, recipe.seed, self.weights)
+        print(f"{backbone} at {size} pixels, {card.training}")
+        trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry)
+        run_to_the_end(trainer, out / "tensorboard")
+        trainer.finish().save(out / CLASSIFIER_FILE)
+        kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
+        print(f"kept epoch {kept}, wrote {out / CLASSIFIER_FILE}")
+
+
+def require_input_size(size: int, edge: int, backbone: str) -> None:
+    """Check that images can be brought to the size that a network is to see.
+
+    Args:
+        size: asked for with --input-size [pixels].
+        edge: of the images [pixels].
+        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
+
+    Raises:
+        BadArgument: they cannot, or the network needs larger ones.
+    """
+    smallest = BACKBONES[backbone].smallest_image
+    if size < smallest:
+        raise BadArgument(f"--input-size must be at least {smallest} for the backbone {backbone!r}, got {size}")
+    if size % edge and edge % size:
+        fitting = [str(n) for n in range(smallest, edge + 1) if edge % n == 0]
+        raise BadArgument(
+            f"--input-size must divide the {edge} pixels of the images, or be a multiple of them, got {size}; "
+            f"{', '.join(fitting) or f'{edge} and its multiples'} do"
+        )
+
+
+def _require_objects(number: int, manifest: Manifest, data: Path) -> None:
+    """Check that a collection has so many objects to learn from, and that every shape is among them."""
+    labels = manifest.shape_labels
+    total = manifest.plan.train * len(labels)
+    if not len(labels) <= number <= total:
+        raise BadArgument(
+            f"--objects must be in [{len(labels)}, {total}]: one of each shape ({', '.join(labels)}), and no more than "
+            f"{data} has to learn from; got {number}"
+        )
+
+
+def card_for(
+    train: TouchSet, backbone: str, input_size: int, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]
+) -> ClassifierCard:
+    """The card of a classifier to be trained on these images: it knows their channels, mean and spread."""
+    from activetouch.perception.classifier import ClassifierCard
+
+    sample = train.images[:: max(1, len(train.images) // 1000)] / 255.0
+    return ClassifierCard(
+        backbone=backbone,
+        input_size=input_size,
+        shape_labels=shape_labels,
+        pose_labels=pose_labels,
+        channels=train.images.shape[3] if train.images.ndim == 4 else 1,
+        pixel_mean=round(float(sample.mean()), 4),
+        pixel_std=round(max(float(sample.std()), 1e-3), 4),
+    )
+
+
+def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
+    """A classifier with random weights, or with a backbone that was trained before.
+
+    Raises:
+        MissingWeights: the weights are not to be had, or belong to another network.
+        CorruptFile: the checkpoint to start from is damaged.
+    """
+    import torch
+
+    from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+
+    with torch.random.fork_rng():  # torch draws initial weights from its global generator only
+        torch.manual_seed(seed)
+        network = TouchNetwork(card, _features(card, weights) if weights is not None else None)
+    return TouchClassifier(card, network)
+
+
+def _features(card: ClassifierCard, weights: str) -> nn.Module:
+    """A trained backbone, from a file of ours or from elsewhere."""
+    from activetouch.perception.classifier import TouchClassifier
+
+    if Path(weights).is_file():
+        found = TouchClassifier.load(Path(weights))
+        if (found.card.backbone, found.card.channels) != (card.backbone, card.channels):
+            raise MissingWeights(
+                f"{weights} holds the backbone {found.card.backbone} for {found.card.channels} channels, wanted is "
+                f"{card.backbone} for {card.channels}"
+            )
+        return found.network.backbone
+    kind = BACKBONES[card.backbone]
+    if not isinstance(kind, ConvNeXt):
+        raise MissingWeights(f"{weights} is no checkpoint, and nobody publishes weights of {card.backbone!r}")
+    return kind.build_pretrained(weights, card.channels)
+
+
+def run_to_the_end(trainer: Trainer, log: Path) -> None:
+    """Run the epochs that are left, with a progress bar, and log them for TensorBoard where that is installed."""
+    writer = _tensorboard(log)
+    with progress_bar() as progress:
+        while not trainer.is_finished:
+            bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
+            report = trainer.run_epoch(lambda n, bar=bar: progress.advance(bar, n))
+            progress.console.print(report.words, highlight=False)
+            if writer is not None:
+                for name, value in asdict(report).items():
+                    writer.add_scalar(name, value, report.epoch)
+                writer.flush()
+
+
+def _tensorboard(log: Path):
+    """A writer of TensorBoard's event files, or None where it is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str(log))

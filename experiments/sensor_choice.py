@@ -1,0 +1,247 @@
+"""Sensors and collections on the command line: is it one for this scene, and if not, which commands make one?"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from activetouch.data.manifest import Manifest, NoCollection, read_manifest
+from activetouch.errors import LabelMismatch, SceneShift, WrongScene
+from activetouch.named_scenes import SCENES
+from activetouch.perception.card import ClassifierCard
+from activetouch.scene_description import in_words, scene_differences, scene_fields
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TactileSensor, sensor_shift
+from belief.errors import ActiveTouchError
+from experiments.scene_choice import (
+    SceneChoice,
+    bank_folder,
+    collection_folder,
+    named_scene,
+    repeats_folder,
+    training_folder,
+)
+from planners.ppo import BadPolicy, MissingPolicy, load_policy
+from planners.registry import TRAINED
+
+REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
+T = TypeVar("T")
+
+
+class NoSensor(ActiveTouchError, FileNotFoundError):
+    """There is no sensor in a folder."""
+
+
+def command(name: str, *words: object, **options: object) -> str:
+    """A command as it is typed, such as ``command("train", scene="gel")``; options that are None are left out."""
+    told = [str(word) for word in words]
+    for option, value in options.items():
+        if value is not None:
+            told += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(["activetouch", name, *told])
+
+
+def scene_words(choice: SceneChoice) -> list[str]:
+    """What to type for a scene: its name, and what is changed about it."""
+    words = ["--scene", choice.scene]
+    for field in fields(choice):
+        value = getattr(choice, field.name)
+        if field.name != "scene" and value != field.default:
+            words.append(f"--{field.name.replace('_', '-')}")
+            words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
+    return words
+
+
+def sensor_commands(choice: SceneChoice) -> str:
+    """The commands that make a sensor for a scene, one a line, and the flag that uses it."""
+    changes = [choice.fidelity, choice.renderer, choice.presentation, *(path.stem for path in choice.meshes)]
+    name = "-".join([choice.scene, *(change for change in changes if change)])
+    data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
+    sensor, scene = Path(f"runs/sensor-{name}"), scene_words(choice)
+    return "\n".join(
+        (
+            command("collect", *scene, out=data),
+            command("collect", *scene, *REPEATS, out=repeats),
+            command("train", scene=choice.scene, data=data, out=trained),
+            command("calibrate", scene=choice.scene, data=repeats, classifier=trained / CLASSIFIER_FILE, out=sensor),
+            f"Then name its folder with --sensor {sensor}.",
+        )
+    )
+
+
+def policy_commands(scene: str, sensor: Path) -> str:
+    """The commands that train policies for a sensor and put them where deciders look, one a line."""
+    repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
+    return "\n".join(
+        (
+            command("collect", "--scene", scene, *REPEATS, out=repeats),
+            command("touch-bank", scene=scene, data=repeats, sensor=sensor, out=bank),
+            command("train-ppo", scene=scene, bank=bank, sensor=sensor, out=out),
+            shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
+        )
+    )
+
+
+def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
+    """Check that a decider that was trained has its policies.
+
+    Raises:
+        MissingPolicy: it has none for a target; the message names the commands that train them.
+        BadPolicy: a policy is damaged, or another's.
+    """
+    try:
+        for target in targets if decider in TRAINED else ():
+            load_policy(sensor / POLICIES, "posterior" if decider == "ppo_posterior" else "paper", target)
+    except (MissingPolicy, BadPolicy) as error:
+        raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
+
+
+def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False) -> tuple[str, ...]:
+    """How a scene differs from that of a sensor, found before any work is done.
+
+    Returns:
+        As :func:`activetouch.world.sensor_shift`.
+
+    Raises:
+        NoSensor: the folder holds none.
+        CorruptFile: one of its files is damaged.
+        LabelMismatch: it was made for other shapes or poses.
+        WrongScene: it was made for another scene; the message names the commands that make one for this.
+    """
+    return _with_remedy(partial(sensor_shift, folder, choice.named.scene, anyway), folder, choice)
+
+
+def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) -> TactileSensor:
+    """The sensor in a folder, by default the one that comes with the scene; a known shift is told on stderr.
+
+    Raises:
+        ActiveTouchError: as :func:`check_sensor`.
+    """
+    chosen = folder if folder is not None else MODELS / choice.scene
+    sensor = _with_remedy(partial(load_quietly, chosen, choice.named.scene, anyway), chosen, choice)
+    tell_shift(sensor.shift)
+    return sensor
+
+
+def load_quietly(folder: Path, scene: Any, anyway: bool) -> TactileSensor:
+    """The sensor, without a warning of a known shift: the caller tells it once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SceneShift)
+        return TactileSensor.load(folder, scene, anyway)
+
+
+def shift_sentences(shift: tuple[str, ...]) -> list[str]:
+    """What to tell people about a shift; nothing where there is none."""
+    return [f"The sensor is used outside the scene it was made for: {in_words(shift)}."] if shift else []
+
+
+def tell_shift(shift: tuple[str, ...]) -> None:
+    """Warn of a shift, if there is one."""
+    for sentence in shift_sentences(shift):
+        print(f"warning: {sentence}", file=sys.stderr)
+
+
+def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
+    for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
+        if not (folder / name).is_file():
+            raise NoSensor(f"{folder} holds no sensor: there is no {name} in it. {_remedy(choice)}")
+    try:
+        return read()
+    except (LabelMismatch, WrongScene) as error:
+        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(folder, choice)}") from error
+
+
+def _anyway(folder: Path, choice: SceneChoice) -> str:
+    """The flag that uses a sensor all the same, where its network can read the images."""
+    try:
+        sensor_shift(folder, choice.named.scene, anyway=True)
+    except ActiveTouchError:
+        return ""
+    return "\nTo use it all the same, add --anyway."
+
+
+def _remedy(choice: SceneChoice) -> str:
+    if choice == SceneChoice(choice.scene) and (MODELS / choice.scene).is_dir():
+        return f"Leave out --sensor: a sensor comes with the scene {choice.scene}."
+    return f"Make a sensor for this scene:\n{sensor_commands(choice)}"
+
+
+def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
+    """The manifest of a collection.
+
+    Args:
+        folder: of the collection.
+        scene: name of the scene that one is needed of.
+        repeats: whether objects must be touched again and again in it.
+
+    Raises:
+        NoCollection: there is none; the message names the command that makes it.
+        CorruptFile: its manifest is damaged.
+    """
+    try:
+        return read_manifest(folder)
+    except NoCollection as error:
+        raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
+
+
+def require_collection(
+    folder: Path, manifest: Manifest, card: ClassifierCard, scene: str | None, repeats: bool, anyway: bool | None = None
+) -> None:
+    """Refuse a collection of another scene than a classifier's; a known shift is told on stderr.
+
+    Args:
+        folder: of the collection.
+        manifest: what it says about itself.
+        card: of the classifier that is to read it.
+        scene: name of the scene that results will be filed under; None if the user names the folder of the results.
+        repeats: whether objects must be touched again and again in it.
+        anyway: whether to use it all the same; None for a command that has no flag for it.
+
+    Raises:
+        LabelMismatch: the collection has other shapes or poses.
+        WrongScene: it differs by more than a known shift.
+    """
+    card.require_labels(manifest.shape_labels, manifest.pose_labels)
+    wanted = {} if scene is None else {f"the scene {scene!r}": scene_fields(named_scene(scene).scene)}
+    shift: list[str] = []
+    flag = "" if anyway is None else "To use it all the same, add --anyway."
+    for whose, made_for in {"the classifier's scene": card.scene, **wanted}.items():
+        if made_for is None and not anyway:
+            raise WrongScene(f"the classifier does not say of which scene its touches were. {flag}")
+        found = scene_differences(made_for or {}, manifest.scene) if made_for is not None else ()
+        if not anyway and any(not difference.is_shift for difference in found):
+            raise WrongScene(
+                f"{folder} is no collection of {whose}: {in_words(map(str, found))}. "
+                f"{_another_collection(made_for, folder, repeats)}{flag}"
+            )
+        shift += map(str, found)
+    try:
+        card.require_images(manifest.image_shape)
+    except WrongScene as error:
+        raise WrongScene(f"{folder} is of no use here: {error}") from error
+    if shift:
+        told = in_words(tuple(dict.fromkeys(shift)))
+        print(f"warning: {folder} was recorded in another scene than the classifier's: {told}", file=sys.stderr)
+
+
+def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
+    """How to record one, where the scene that is wanted has a name."""
+    for name, named in SCENES.items():
+        if scene_fields(named.scene) == made_for:
+            own = _own(name, repeats)
+            out = own if own.resolve() != folder.resolve() else own.with_name(f"{own.name}-again")
+            return f"Record one, and name it with --data:\n{_collect(name, out, repeats)}\n"
+    return ""
+
+
+def _collect(scene: str, folder: Path, repeats: bool) -> str:
+    return command("collect", "--scene", scene, *(REPEATS if repeats else ()), out=folder)
+
+
+def _own(scene: str, repeats: bool) -> Path:
+    return repeats_folder(scene) if repeats else collection_folder(scene)

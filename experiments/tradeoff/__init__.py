@@ -1,0 +1,1 @@
+"""``tradeoff``: success against time over many configurations."""

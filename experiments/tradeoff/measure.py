@@ -1,0 +1,243 @@
+"""Measure one configuration: its searches, and what a touch costs by part.
+
+Times are of the processor, not of the clock: on an idle core they are the same, and other programs on the machine do
+not lengthen them.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import resource
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from activetouch import TactileSensor, TouchWorld
+from activetouch.named_scenes import SCENES
+from activetouch.scene_description import scene_fields
+from activetouch.workers import in_own_process
+from activetouch.world import MODELS, POLICIES
+from belief import Touch
+from belief.files import atomic_path, write_text
+from experiments.search.setting import episode_seed, make_world
+from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
+from experiments.tradeoff.models import observation_model
+from planners import Episode, make_decider, search_lockstep
+from planners.search import TouchRequest
+
+_PRESSES, _READINGS = 200, 100
+_TOGETHER = 25  # episodes in lockstep
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a configuration's searches; one entry an episode, target after target.
+
+    Attributes:
+        configuration: which.
+        successes: 1 or 0.
+        touches: of each search.
+        decisions: of each search, touches included.
+        rewards: return of each.
+        decision_seconds: belief and decider, of all together.
+        planning_seconds: belief and decider in a first search for each target, which is when plans are made, unless
+            the process made the same ones before.
+    """
+
+    configuration: Configuration
+    successes: list[int]
+    touches: list[int]
+    decisions: list[int]
+    rewards: list[float]
+    decision_seconds: float
+    planning_seconds: float
+
+    @property
+    def ms_per_decision(self) -> float:
+        """Belief and decider, on average."""
+        return 1e3 * self.decision_seconds / sum(self.decisions)
+
+
+@dataclass(frozen=True)
+class TouchCost:
+    """What a touch costs beside the decision, and what the sensor needs.
+
+    Attributes:
+        physics: of a press and its image [ms].
+        network: to read one image [ms].
+        weights: of the network in memory [MB].
+        memory: peak of a process that loads the sensor and searches once [MB].
+    """
+
+    physics: float
+    network: float
+    weights: float
+    memory: float
+
+
+def measured(configuration: Configuration, folder: Path) -> tuple[Result, TouchCost]:
+    """The result of a configuration and its costs: from their files if they are there; measured, and kept, if not."""
+    path = folder / "results" / f"{configuration.key}.json"
+    if not path.exists():
+        result = _search(configuration, folder / "models")
+        write_text(path, json.dumps(asdict(result)) + "\n")
+    fields = json.loads(path.read_text())
+    return Result(**{**fields, "configuration": configuration}), touch_cost(configuration, folder)
+
+
+def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
+    """All results that a folder holds, with their costs; of those that differ in their number only the largest."""
+    found: dict[Configuration, Result] = {}
+    for path in sorted((folder / "results").glob("[!.]*.json")):
+        fields = json.loads(path.read_text())
+        network = Network(**fields["configuration"].pop("network"))
+        configuration = Configuration(network=network, **fields["configuration"])
+        if configuration.key != path.stem:
+            continue  # of a shipped sensor that is no longer shipped
+        result = Result(**{**fields, "configuration": configuration})
+        same = replace(configuration, episodes=0)
+        if same not in found or len(found[same].successes) < len(result.successes):
+            found[same] = result
+    return [(result, touch_cost(result.configuration, folder)) for result in found.values()]
+
+
+def _search(configuration: Configuration, cache: Path) -> Result:
+    import torch
+
+    torch.set_num_threads(1)
+    setting = configuration.setting
+    problem = setting.problem
+    sensor = replace(_sensor(configuration), model=observation_model(configuration, cache))
+    decider = make_decider(
+        configuration.decider,
+        sensor.model.outcome_table(),
+        sensor.model,
+        setting.sensor_folder / POLICIES,
+        configuration.simulations,
+    )
+    touching = 0.0
+
+    def touch_many(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
+        nonlocal touching
+        started = time.thread_time()
+        touches = sensor.touch_many(requests)
+        touching += time.thread_time() - started
+        return touches
+
+    def play(seeds: Sequence[tuple[int, ...]]) -> tuple[list[Episode], float]:
+        """Searches, and the seconds of belief and decider."""
+        episodes: list[Episode] = []
+        thinking = 0.0
+        for first in range(0, len(seeds), _TOGETHER):
+            some = seeds[first : first + _TOGETHER]
+            worlds, targets = [make_world(setting, sensor, seed) for seed in some], [seed[1] for seed in some]
+            started = time.thread_time() - touching
+            episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, some, touch_many)
+            thinking += time.thread_time() - touching - started
+        return episodes, thinking
+
+    seeds = _seeds(configuration)
+    _, planning = play(seeds[:: configuration.episodes])  # one for each target, which is when plans are made
+    episodes, thinking = play(seeds)
+    return Result(
+        configuration,
+        [int(episode.success) for episode in episodes],
+        [episode.num_touches for episode in episodes],
+        [len(episode.steps) for episode in episodes],
+        [episode.reward(problem) for episode in episodes],
+        thinking,
+        planning,
+    )
+
+
+def _seeds(configuration: Configuration) -> list[tuple[int, ...]]:
+    """Of all episodes, target after target."""
+    num_shapes = configuration.setting.problem.num_shapes
+    return [
+        episode_seed(configuration.seed, target, n)
+        for target in range(num_shapes)
+        for n in range(configuration.episodes)
+    ]
+
+
+def _sensor(configuration: Configuration) -> TactileSensor:
+    """The scene with the configuration's network, and the shipped observation model."""
+    from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+    sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene, anyway=True)
+    classifier = TouchClassifier.load(configuration.network.path)
+    return replace(sensor, classifier=classifier.to_bfloat16() if configuration.precision == "bf16" else classifier)
+
+
+def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
+    """What a touch costs in a configuration: from its files if they are there; measured in fresh processes if not.
+
+    All networks share the measurement of the press.
+    """
+    scene, network = configuration.scene, configuration.network
+    press = f"press-{scene}-{configuration.fidelity or 'own'}"
+    read = f"read-{scene}-{network.sha256[:12]}-{configuration.precision}"
+    found: dict[str, float] = {}
+    for stem, measure in ((press, _press_here), (read, _read_here)):
+        path = folder / "costs" / f"{stem}.json"
+        if not path.exists():
+            context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
+            context.set_forkserver_preload(["activetouch.perception.classifier", "activetouch.pressing.rig", __name__])
+            write_text(path, json.dumps(in_own_process(context, measure, configuration)) + "\n")
+        found |= json.loads(path.read_text())
+    return TouchCost(**found)
+
+
+def _press_here(configuration: Configuration) -> dict[str, float]:
+    scene, rng = configuration.setting.scene, np.random.default_rng(0)
+    num_shapes = len(scene.shapes)
+    seconds = []
+    for number in range(num_shapes + _PRESSES):
+        thing = scene.sample_object(number % num_shapes, rng)
+        started = time.thread_time()
+        scene.press(thing, number % len(scene.poses), rng)
+        seconds.append(time.thread_time() - started)
+    return {"physics": 1e3 * float(np.mean(seconds[num_shapes:]))}  # the first of each shape compiles its model
+
+
+def _read_here(configuration: Configuration) -> dict[str, float]:
+    import torch
+
+    torch.set_num_threads(1)
+    sensor, rng = _sensor(replace(configuration, fidelity=None)), np.random.default_rng(0)
+    seconds = []
+    for number in range(_READINGS):
+        thing = sensor.scene.sample_object(number % len(sensor.scene.shapes), rng)
+        _, image = sensor.scene.press(thing, 0, rng)
+        started = time.thread_time()
+        sensor.read(image[None], [0])
+        seconds.append(time.thread_time() - started)
+    weights = sum(p.numel() * p.element_size() for p in sensor.classifier.network.parameters()) / 1e6
+    return {"network": 1e3 * float(np.median(seconds)), "weights": weights, "memory": _peak_memory()}
+
+
+def _peak_memory() -> float:
+    """Of this process [MB]; what the kernel's accounting of resources says includes the process that started it."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        [peak] = (line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(peak) / 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
+    """A folder from which a comparison can load the configuration's sensor; None where it is the shipped one."""
+    from activetouch.world import CLASSIFIER_FILE, write_observation_model
+
+    if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):
+        return None
+    out = folder / "sensors" / configuration.key
+    fitted_to = scene_fields(SCENES[configuration.network.scene].scene)
+    write_observation_model(out, observation_model(configuration, folder / "models"), fitted_to)
+    with atomic_path(out / CLASSIFIER_FILE) as temporary:
+        temporary.write_bytes(configuration.network.path.read_bytes())
+    return out

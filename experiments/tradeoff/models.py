@@ -1,0 +1,76 @@
+"""Observation models for networks and precisions that no shipped sensor has, fitted to recorded calibration touches."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.data.dataset import TouchSet, read_shard
+from activetouch.named_scenes import SCENES
+from activetouch.perception.card import ClassifierCard
+from activetouch.world import MODELS, load_observation_model
+from belief import Touch
+from belief.errors import CorruptFile
+from belief.files import write_text
+from belief.observation_model import ArrayModel, read_observation_model
+from belief.observation_model.selection import OBSERVATION_MODELS
+from experiments.scene_choice import repeats_folder
+from experiments.sensor.scores import read_logits
+from experiments.sensor_choice import open_collection, require_collection
+from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
+
+_SPLIT = "calibration"
+_OBJECTS = 75  # of every shape, the first of the split
+_ROUNDS = 3  # of every object, the first: what repeated touches are worth shows from two on
+
+
+def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
+    """The observation model of a configuration: the shipped one, or one that is fitted once and kept in the folder."""
+    network, name = configuration.network, configuration.observation_model
+    if name == SHIPPED:
+        return load_observation_model(MODELS / network.scene)
+    stem = f"{network.scene}-{network.sha256[:12]}-{configuration.precision}"
+    path = folder / f"{stem}-{name.replace(' ', '')}.json"
+    if not path.exists():
+        read, truth = _readings(network, configuration.precision)
+        fitted = OBSERVATION_MODELS[name](
+            read,
+            truth.shapes,
+            truth.object_ids,
+            shape_labels=SCENES[network.scene].scene.shape_labels,
+            num_poses=len(SCENES[network.scene].scene.poses),
+        )
+        write_text(path, fitted.to_json() + "\n")
+    try:
+        return read_observation_model(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise CorruptFile(f"{path} is no observation model: {error}. Delete it, and it is fitted again") from error
+
+
+@lru_cache(maxsize=1)
+def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
+    """What a network reads of calibration touches, and what they are of."""
+    from activetouch.perception.classifier import TouchClassifier  # loads torch
+
+    classifier = TouchClassifier.load(network.path)
+    classifier = classifier.to_bfloat16() if precision == "bf16" else classifier
+    touches = _first_objects(network.scene, classifier.card)
+    logits = read_logits(classifier, touches.images, f"{network.scene}, {network.label} {precision}: calibration")
+    return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)], touches
+
+
+def _first_objects(scene: str, card: ClassifierCard) -> TouchSet:
+    """The first objects of the calibration split and their first rounds, without reading the other shards."""
+    folder = repeats_folder(scene)
+    manifest = open_collection(folder, scene, repeats=True)
+    require_collection(folder, manifest, card, scene, repeats=True)
+    wanted, parts = _OBJECTS * len(manifest.shape_labels), []
+    for name, shard, objects in manifest.shards():
+        if name == _SPLIT and objects.start < wanted:
+            touches, _ = read_shard(folder, manifest, _SPLIT, shard, objects)
+            each = manifest.touches_per_object
+            kept = np.arange(len(touches.images)) % each < _ROUNDS * len(manifest.pose_labels)
+            parts.append(touches.select(kept & (touches.object_ids < wanted)))
+    return TouchSet.join(parts)

@@ -1,0 +1,112 @@
+"""``activetouch tradeoff``: what speed costs in accuracy, over sensors, networks, observation models and deciders."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from activetouch.named_scenes import SCENES
+from belief.files import require_writable
+from experiments.command_line.arguments import (
+    BadArgument,
+    Count,
+    Jobs,
+    NotEmpty,
+    Positive,
+    Seed,
+    Share,
+    check_arguments,
+)
+from experiments.command_line.console import plain_console
+from experiments.parallel import run_tasks
+from experiments.scene_choice import named_scene, repeats_folder
+
+if TYPE_CHECKING:
+    from experiments.tradeoff.measure import Result, TouchCost
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """Measure what speed costs in accuracy, draw the front, and name the configurations to take.
+
+    One thing at a time is other than in a scene's default: the decider, the touch cost, the network, its precision, the
+    observation model, the fidelity. All configurations of a scene play the same live searches. Observation models of
+    other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6 --out
+    data/SCENE-repeats); without these they are left out. Results are kept by configuration: interrupt it whenever you
+    like, the same command goes on from there.
+
+    For example:
+
+        activetouch tradeoff
+        activetouch tradeoff --scenes coarse --episodes 50
+        activetouch tradeoff --checkpoints gel=runs/train-gel-tiny-32/classifier.safetensors
+    """
+
+    scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SCENES)
+    """Which scenes."""
+    checkpoints: tuple[str, ...] = ()
+    """Further classifiers, of other backbones or resolutions, each as SCENE=FILE."""
+    episodes: Count = 200
+    """Searches for each target of gel; fewer in scenes that take longer."""
+    success: Share = 0.98
+    """Success that is good enough."""
+    milliseconds: Positive = 50.0
+    """Time of a touch that is fast enough."""
+    seed: Seed = 0
+    """Of the episodes and intervals."""
+    out: Path = Path("runs/tradeoff")
+    """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
+    finished: bool = False
+    """Search no more: report on all results that the folder holds by now, whatever sweeps they are of."""
+    jobs: Jobs = 1
+    """Processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Measure what is missing, then pick, write and print.
+
+        Raises:
+            BadArgument: there is nothing to do, or a checkpoint is not named as SCENE=FILE.
+            UnknownName: there is no such scene.
+        """
+        from experiments.tradeoff.measure import finished
+        from experiments.tradeoff.picks import Point, fronts, picks
+        from experiments.tradeoff.report import sentences, terminal_grid, write_report
+
+        check_arguments(self)
+        for scene in self.scenes:
+            named_scene(scene)
+        require_writable(self.out)
+        results = finished(self.out) if self.finished else self.measure()
+        if not results:
+            raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
+        found = fronts([Point(*result) for result in results], np.random.default_rng(self.seed))
+        answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
+        write_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
+        console = plain_console()
+        for front in found:
+            console.print(terminal_grid(front).rich())
+        for line in sentences(answers, self.out):
+            console.print(line, soft_wrap=True)
+        print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv and .svg")
+
+    def measure(self) -> list[tuple[Result, TouchCost]]:
+        """All configurations with their results and costs."""
+        from experiments.tradeoff.configuration import Network, sweep
+        from experiments.tradeoff.measure import measured
+
+        networks = [Network.of(scene) for scene in dict.fromkeys(self.scenes)]
+        for checkpoint in self.checkpoints:
+            scene, _, file = checkpoint.partition("=")
+            if scene not in self.scenes or not file:
+                raise BadArgument(
+                    f"--checkpoints are SCENE=FILE with a scene of {', '.join(self.scenes)}; got {checkpoint!r}"
+                )
+            networks.append(Network.of(scene, Path(file)))
+        calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]
+        configurations = sweep(networks, calibrated, self.episodes, self.seed)
+        tasks = [partial(measured, c, self.out) for c in configurations]
+        return list(run_tasks(tasks, self.jobs, "searching"))

@@ -1,0 +1,1 @@
+"""Bounds on the expected return of any decider for the discretised sensor model."""

@@ -1,0 +1,1 @@
+"""The search as a partially observable Markov decision process, and its point-based solver."""

@@ -1,0 +1,89 @@
+"""The exact value of a touch problem with few touches, by recursion over what can be observed."""
+
+from __future__ import annotations
+
+from math import comb
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.errors import InvalidArgument
+from belief.problem import Floats
+from planners.pomdp.problem import TouchProblem
+
+_MAX_HISTORIES = 3_000_000
+
+
+def finite_horizon_value(problem: TouchProblem, max_touches: int) -> float:
+    """Value of the best policy that touches at most so many times; exact but for rounding.
+
+    Touches are independent given the shape, so their order does not matter and histories of equal counts are one.
+
+    Args:
+        problem: may have a touch cost of zero.
+        max_touches: after which CONFIRM or REJECT is all that is left, ≥ 0.
+
+    Raises:
+        InvalidArgument: ``max_touches`` is no integer ≥ 0, or there are more than three million histories.
+
+    >>> table = [[[0.9, 0.1], [0.1, 0.9]]]                            # right nine times of ten
+    >>> problem = TouchProblem(table, prior=[0.5, 0.5], target=0, touch_cost=0.05)
+    >>> round(finite_horizon_value(problem, 0), 6), round(finite_horizon_value(problem, 1), 6)
+    (0.0, 0.75)
+    """
+    if isinstance(max_touches, bool) or not isinstance(max_touches, Integral) or max_touches < 0:
+        raise InvalidArgument(f"max_touches must be an integer ≥ 0, got {max_touches!r}")
+    num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
+    num_items = num_poses * num_outcomes
+    total = 0
+    for depth in range(max_touches):  # stops counting early: a million touches are counted as fast as ten
+        total += comb(num_items + depth - 1, depth)
+        if total > _MAX_HISTORIES:
+            raise InvalidArgument(
+                f"{max_touches} touches in {num_poses} poses with {num_outcomes} outcomes have more than "
+                f"{_MAX_HISTORIES} histories; use solve for a bound, or at most {depth} touches"
+            )
+    items = problem.outcome_probs.transpose(0, 2, 1).reshape(num_items, num_shapes)
+    confirm = np.where(np.arange(num_shapes) == problem.target, 1.0, -1.0)
+    if max_touches == 0:
+        return abs(float(problem.prior @ confirm))
+    # Weights p(shape, history) of all sorted histories, level by level; values are of weights, so nothing is divided.
+    levels: list[tuple[NDArray[np.int64], Floats]] = [(np.empty((1, 0), np.int64), problem.prior[None])]
+    for _ in range(max_touches - 1):
+        histories, weights = levels[-1]
+        last = histories[:, -1] if histories.shape[1] else np.zeros(1, np.int64)
+        row, item = np.nonzero(np.arange(num_items) >= last[:, None])
+        levels.append((np.column_stack([histories[row], item]), weights[row] * items[item]))
+    value: Floats | None = None
+    for histories, weights in reversed(levels):
+        best = np.abs(weights @ confirm)
+        cost = problem.touch_cost * weights.sum(axis=1)
+        for pose in range(num_poses):
+            mine = range(pose * num_outcomes, (pose + 1) * num_outcomes)
+            worth = np.zeros(len(weights))
+            for number in mine:
+                if value is None:  # the last touch: all that is left is to stop
+                    worth += np.abs((weights * items[number]) @ confirm)
+                else:
+                    longer = np.sort(np.column_stack([histories, np.full(len(histories), number)]), axis=1)
+                    worth += value[_rank(longer, num_items)]
+            best = np.maximum(best, problem.discount * worth - cost)
+        value = best
+    assert value is not None, "there is at least the level without touches"
+    return float(value[0])
+
+
+def _rank(histories: NDArray[np.int64], num_items: int) -> NDArray[np.int64]:
+    """Place of sorted histories ``(H, depth)`` among all of that length, in lexicographic order."""
+    depth = histories.shape[1]
+    rank = np.zeros(len(histories), np.int64)
+    previous: NDArray[np.int64] = np.zeros(len(histories), np.int64)
+    for column in range(depth):
+        left = depth - column - 1
+        # How many histories go on with an item smaller than this one.
+        begun = np.array([comb(num_items - i + left - 1, left) if i < num_items else 0 for i in range(num_items + 1)])
+        before = np.concatenate([[0], begun.cumsum()])
+        rank += before[histories[:, column]] - before[previous]
+        previous = histories[:, column]
+    return rank

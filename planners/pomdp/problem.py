@@ -1,0 +1,159 @@
+"""Touch problems as tables: what solvers take.
+
+Both are partially observable Markov decision processes whose hidden state never changes while an object is touched, so
+that all there is to plan is which observations to buy, and when to stop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from numbers import Integral, Real
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from belief import Composition
+from belief.errors import InvalidArgument
+from belief.frozen import FrozenArrays
+from belief.observation_model import OutcomeTable
+from belief.problem import Floats
+from belief.validation import SUM_TOLERANCE, as_real
+
+
+@dataclass(frozen=True, eq=False)
+class TouchProblem(FrozenArrays):
+    """One object, one question: is it the target (paper §5.8)?
+
+    CONFIRM and REJECT are worth +1 where right and -1 where wrong, and end it; every probe costs ``touch_cost``.
+
+    Attributes:
+        outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
+        prior: of the shape, ``(K,)``.
+        target: index of the shape asked about.
+        touch_cost: λ, price of a probe, ≥ 0.
+        discount: γ, what the rest is worth after a probe, in (0, 1].
+
+    Raises:
+        InvalidArgument: an argument is out of its range; the message names it.
+
+    Example:
+        >>> problem = TouchProblem(np.array([[[0.9, 0.1], [0.1, 0.9]]]), prior=[0.5, 0.5], target=0, touch_cost=0.05)
+        >>> problem.num_poses, problem.num_shapes
+        (1, 2)
+    """
+
+    outcome_probs: Floats
+    prior: Floats
+    target: int
+    touch_cost: float
+    discount: float = 1.0
+
+    def __post_init__(self) -> None:
+        table = checked_table(self.outcome_probs, self.target, self.touch_cost, self.discount)
+        object.__setattr__(self, "outcome_probs", table)
+        object.__setattr__(self, "prior", distribution(self.prior, table.shape[1], "prior"))
+        self.freeze()
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return self.outcome_probs.shape[0]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.outcome_probs.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTouchProblem(FrozenArrays):
+    """A search among several objects, one after the other, none visited twice.
+
+    CONFIRM is worth +1 on the target and -1 on anything else and ends the search; REJECT is worth nothing and brings
+    the next object; when all are rejected that is worth +1 if no target was there and -1 otherwise; every probe costs
+    ``touch_cost``.
+
+    Attributes:
+        outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
+        num_objects: N.
+        composition: ``distinct``, each shape at most once and all arrangements equally likely, or ``independent``.
+        target: index of the shape sought.
+        touch_cost: λ, price of a probe, ≥ 0.
+        prior: of the shape of an ``independent`` object, ``(K,)``; uniform by default.
+        discount: γ, what the rest is worth after a probe or a REJECT, in (0, 1].
+
+    Raises:
+        InvalidArgument: an argument is out of its range; the message names it.
+    """
+
+    outcome_probs: Floats
+    num_objects: int
+    composition: Composition
+    target: int
+    touch_cost: float
+    prior: Floats | None = None
+    discount: float = 1.0
+
+    def __post_init__(self) -> None:
+        table = checked_table(self.outcome_probs, self.target, self.touch_cost, self.discount)
+        num_shapes = table.shape[1]
+        object.__setattr__(self, "outcome_probs", table)
+        try:
+            object.__setattr__(self, "composition", Composition(self.composition))
+        except ValueError:
+            raise InvalidArgument(
+                f"composition must be 'distinct' or 'independent', got {self.composition!r}; the decider "
+                "planners.point_based.PointBased also plans for bags of known content"
+            ) from None
+        if not isinstance(self.num_objects, Integral) or self.num_objects < 1:
+            raise InvalidArgument(f"num_objects must be an integer, at least 1, got {self.num_objects!r}")
+        if self.composition is Composition.DISTINCT:
+            if self.prior is not None:
+                raise InvalidArgument("a distinct composition fixes the prior; leave it out or use 'independent'")
+            if self.num_objects > num_shapes:
+                raise InvalidArgument(
+                    f"{self.num_objects} objects cannot all differ in shape, of which there are {num_shapes}"
+                )
+        prior = np.full(num_shapes, 1.0 / num_shapes) if self.prior is None else self.prior
+        object.__setattr__(self, "prior", distribution(prior, num_shapes, "prior"))
+        self.freeze()
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+        return self.outcome_probs.shape[0]
+
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.outcome_probs.shape[1]
+
+
+def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:
+    """The table as float64, once everything is found to be in range."""
+    table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
+    if not isinstance(target, Integral) or not 0 <= target < table.shape[1]:
+        raise InvalidArgument(f"target must be an integer in [0, {table.shape[1]}), got {target!r}")
+    if not (isinstance(touch_cost, Real) and np.isfinite(float(touch_cost)) and touch_cost >= 0.0):
+        raise InvalidArgument(f"touch_cost must be finite and ≥ 0, got {touch_cost!r}")
+    if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
+        raise InvalidArgument(f"discount must be in (0, 1], got {discount!r}")
+    return table
+
+
+def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
+    """A probability vector ``(size,)``, normalised to the last bit, that cannot be written to.
+
+    Raises:
+        InvalidArgument: another size, text, NaN or negative numbers, or a sum that is not one within float16's
+            rounding.
+    """
+    try:
+        values = np.asarray(as_real(probs, name), np.float64)
+    except ValueError as error:
+        raise InvalidArgument(f"{name} must be {size} probabilities that sum to one: {error}") from error
+    if values.shape != (size,) or not (values >= 0.0).all() or not abs(values.sum() - 1.0) <= SUM_TOLERANCE:
+        raise InvalidArgument(f"{name} must be {size} probabilities that sum to one, got {values.tolist()}")
+    found = np.asarray(values / values.sum())
+    found.flags.writeable = False
+    return found

@@ -1,0 +1,460 @@
+"""Recorded touches come back as they were recorded, or not at all."""
+
+import pickle
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from activetouch import Dynamic, Quasistatic, Scene
+from activetouch.data.dataset import (
+    SPLITS,
+    CollectionPlan,
+    num_redrawn,
+    object_rng,
+    read_manifest,
+    read_shard,
+    read_split,
+    record_shard,
+    shard_path,
+    write_manifest,
+)
+from activetouch.data.manifest import NoCollection, seal
+from activetouch.distributions import Constant
+from activetouch.errors import LabelMismatch, UnstablePress
+from activetouch.placement import Placement
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.setup import Stage
+from activetouch.scene import Symmetry, Variation
+from activetouch.scene_description import scene_fields
+from belief.errors import CorruptFile, UnknownName
+from belief.files import sealed_json, unsealed_json
+
+PLAN = CollectionPlan(train=13, calibration=1, test=1)
+SCENE = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic())
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("touches")
+    manifest = write_manifest(folder, SCENE, PLAN)
+    sha256 = {}
+    for split, shard, objects in manifest.shards():
+        path = shard_path(folder, split, shard)
+        record_shard(SCENE, PLAN, split, objects, path)
+        sha256[path.relative_to(folder).as_posix()] = read_shard(folder, manifest, split, shard, objects)[1]
+    seal(folder, manifest, sha256)
+    return folder
+
+
+@pytest.fixture
+def folder(original, tmp_path):
+    return Path(shutil.copytree(original, tmp_path / "copy"))
+
+
+def without_digests(folder):
+    replace(read_manifest(folder), sha256=None, redrawn=None).write(folder)
+
+
+def change_manifest(folder, **changes):
+    """Write other values into the manifest, as its digest has them; None removes one."""
+    path = folder / "manifest.json"
+    kept = {key: value for key, value in unsealed_json(path.read_text()).items() if key not in changes}
+    path.write_text(sealed_json(kept | {key: value for key, value in changes.items() if value is not None}))
+
+
+def change_shard(folder, split, shard, **changes):
+    path = shard_path(folder, split, shard)
+    with np.load(path) as file:
+        columns = {**file, **changes}
+    np.savez(path, **columns)
+
+
+def test_every_object_is_touched_once_in_every_pose(original):
+    touches = read_split(original, "train")
+    assert len(touches.images) == 13 * 4 * 6
+    pairs = set(zip(touches.object_ids.tolist(), touches.poses.tolist(), strict=True))
+    assert len(pairs) == len(touches.images)
+    assert np.bincount(touches.shapes).tolist() == [13 * 6] * 4
+
+
+def test_splits_share_no_image(original):
+    digests = [{image.tobytes() for image in read_split(original, split).images} for split in SPLITS]
+    assert not digests[0] & digests[1]
+    assert not digests[0] & digests[2]
+    assert not digests[1] & digests[2]
+
+
+KEYS = st.tuples(st.integers(0, 2**32 - 1), st.sampled_from(SPLITS), st.integers(0, 2**20), st.integers(0, 9))
+
+
+@given(KEYS, KEYS)
+def test_two_objects_never_draw_from_one_generator(one, other):
+    states = [object_rng(CollectionPlan(seed=key[0]), *key[1:]).bit_generator.state for key in (one, other)]
+    assert (states[0] == states[1]) == (one == other)
+
+
+def test_the_first_round_of_touches_does_not_depend_on_how_many_follow(original, tmp_path):
+    plan = CollectionPlan(train=0, calibration=1, test=0, repeats=3)
+    manifest = write_manifest(tmp_path, SCENE, plan)
+    (split, shard, objects), num_poses = next(iter(manifest.shards())), len(manifest.pose_labels)
+    record_shard(SCENE, plan, split, objects, shard_path(tmp_path, split, shard))
+    rounds = read_split(tmp_path, "calibration").images.reshape(len(objects), 3, num_poses, -1)
+    once = read_split(original, "calibration").images.reshape(len(objects), num_poses, -1)
+    np.testing.assert_array_equal(rounds[:, 0], once)
+    assert not (rounds[:, 0] == rounds[:, 1]).all(axis=-1).any()
+
+
+def test_a_plan_without_a_round_is_refused():
+    with pytest.raises(ValueError, match="at least one round"):
+        CollectionPlan(repeats=0)
+
+
+@pytest.mark.parametrize("wrong", [{"train": -1}, {"seed": 2**32}, {"test": 1.5}])
+def test_a_plan_that_cannot_be_keyed_is_refused(wrong):
+    with pytest.raises(ValueError, match="whole and in"):
+        CollectionPlan(**wrong)
+
+
+def test_a_shard_recorded_again_has_the_same_bytes(original, tmp_path):
+    split, shard, objects = list(PLAN.shards(4))[1]
+    record_shard(SCENE, PLAN, split, objects, tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == shard_path(original, split, shard).read_bytes()
+
+
+@dataclass(frozen=True)
+class Fragile:
+    """Presses like ``Quasistatic``, but does not settle on what is larger than ``limit``."""
+
+    limit: float
+
+    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+        if placement.scale > self.limit:
+            raise UnstablePress(f"{placement} is too large")
+        return Quasistatic().press(stage, placement, target_force)
+
+
+def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_touches(original, tmp_path):
+    split, shard, objects = list(PLAN.shards(4))[1]
+    path, fragile = shard_path(tmp_path, split, shard), replace(SCENE, press_model=Fragile(1.05))
+    record_shard(fragile, PLAN, split, objects, path)
+    record_shard(fragile, PLAN, split, objects, tmp_path / "again.npz")
+    assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
+    with np.load(path) as file, np.load(shard_path(original, split, shard)) as unlimited:
+        scales = [
+            [SCENE.sample_object(number % 4, object_rng(PLAN, split, number, draw)).scale for draw in range(10)]
+            for number in objects
+        ]
+        wanted = [next(draw for draw, scale in enumerate(some) if scale <= 1.05) for some in scales]
+        assert file["redrawn"].tolist() == wanted
+        assert "redrawn" not in unlimited.files
+        kept = np.repeat(file["redrawn"] == 0, 6)
+        assert 0 < kept.sum() < len(kept)
+        np.testing.assert_array_equal(file["images"][kept], unlimited["images"][kept])
+        assert not (file["images"] == unlimited["images"])[~kept].all(axis=(1, 2)).any()
+        for name in ("shapes", "poses", "object_ids"):
+            np.testing.assert_array_equal(file[name], unlimited[name])
+    assert num_redrawn(path) == np.count_nonzero(wanted)
+    assert num_redrawn(shard_path(original, split, shard)) == 0
+
+
+def test_a_scene_in_which_nothing_can_be_pressed_names_the_shape_and_the_last_press(tmp_path):
+    hopeless = replace(SCENE, press_model=Fragile(0.5))
+    with pytest.raises(UnstablePress, match=r"10 objects of the shape 'sphere' in turn .* cannot be collected.*Sphere"):
+        record_shard(hopeless, PLAN, "train", range(4), tmp_path / "never.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unreadable_count_of_replaced_objects_is_a_clear_error(tmp_path):
+    path = tmp_path / "00000.npz"
+    path.write_bytes(b"PK nothing")
+    with pytest.raises(CorruptFile, match=r"00000.npz is truncated or damaged"):
+        num_redrawn(path)
+
+
+def test_an_object_that_misses_the_pad_is_recorded_without_force():
+    scene = Scene(press_model=Quasistatic(), variation=Variation(offset=Constant(0.5)))
+    rng = np.random.default_rng(0)
+    contact, image = scene.press(scene.sample_object(0, rng), 0, rng)
+    assert (contact.force, contact.depth) == (0.0, 0.0)
+    assert image.max() < 0.15 * 255  # noise only
+
+
+# What a folder says about itself
+
+
+def test_a_manifest_comes_back_as_it_was_written(original):
+    manifest = read_manifest(original)
+    assert (manifest.plan, manifest.scene, manifest.choice) == (PLAN, scene_fields(SCENE), None)
+    assert manifest.shape_labels == SCENE.shape_labels
+    assert manifest.pose_labels == SCENE.pose_labels
+    assert manifest.symmetry is Symmetry.ROTATIONS_AND_MIRROR
+    assert manifest.image_shape == (16, 16)
+    assert manifest.versions.keys() == {"activetouch", "mujoco", "numpy", "python"}
+    assert read_manifest(original / "manifest.json") == manifest
+
+
+def test_a_press_without_engine_has_no_contact_model(original):
+    assert read_manifest(original).contact_model == {}
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(
+    ("press", "integrator", "solver", "contact_time"),
+    [
+        (Dynamic(timestep=0.001), "mjINT_IMPLICITFAST", "mjSOL_NEWTON", 0.03),
+        (Deformable(nodes=3, layers=2, timestep=0.001), "mjINT_DISCRETE", "mjSOL_CG", 0.002),
+    ],
+)
+def test_the_contact_model_is_that_of_the_compiled_pad(tmp_path, press, integrator, solver, contact_time):
+    scene = Scene(pad=Pad(num_taxels=16, contact_time=0.03), press_model=press)
+    model = write_manifest(tmp_path, scene, PLAN).contact_model
+    assert (model["integrator"], model["solver"], model["timestep"]) == (integrator, solver, 0.001)
+    assert model["pad solref"] == [contact_time, 1.0]
+    assert read_manifest(tmp_path).contact_model == model
+
+
+def test_another_plan_or_scene_does_not_mix_into_the_folder(folder):
+    write_manifest(folder, SCENE, PLAN)
+    with pytest.raises(LabelMismatch, match=r"other plan \(plan: .*'seed': 0.* there, .*'seed': 1.* here"):
+        write_manifest(folder, SCENE, replace(PLAN, seed=1))
+    softer = replace(SCENE, pad=Pad(num_taxels=16, stiffness=1e7))
+    with pytest.raises(LabelMismatch, match=r"other scene .*pad\.stiffness is 10000000\.0, not 14500000\.0"):
+        write_manifest(folder, softer, PLAN)
+
+
+def test_other_physics_does_not_mix_into_the_folder(folder):
+    versions = read_manifest(folder).versions
+    change_manifest(folder, versions={**versions, "mujoco": "3.9.0"})
+    with pytest.raises(LabelMismatch, match=r"other MuJoCo .*3\.9\.0"):
+        write_manifest(folder, SCENE, PLAN)
+    change_manifest(folder, versions=versions, contact_model={"impratio": 10.0})
+    with pytest.raises(LabelMismatch, match=r"other contact_model .*impratio"):
+        write_manifest(folder, SCENE, PLAN)
+
+
+def test_a_collection_may_be_continued_with_another_numpy_and_stays_what_was_recorded_first(folder):
+    versions = {"activetouch": "0.0.1", "mujoco": read_manifest(folder).mujoco_version, "numpy": "2.1.0", "python": "3"}
+    change_manifest(folder, versions=versions)
+    before = (folder / "manifest.json").read_bytes()
+    assert write_manifest(folder, SCENE, PLAN).versions == versions
+    assert (folder / "manifest.json").read_bytes() == before
+
+
+DAMAGE = {
+    "no JSON": "{",
+    "a list": "[]",
+    "nothing": "{}",
+    "no plan": {"plan": None},
+    "a plan of text": {"plan": "all"},
+    "a plan of other words": {"plan": {"trains": 1}},
+    "a negative plan": {"plan": {"train": -1}},
+    "a label that is a number": {"shape_labels": [1, 2, 3, 4]},
+    "an unknown symmetry": {"symmetry": "all"},
+    "versions of text": {"versions": "4.0.1"},
+    "versions without MuJoCo": {"versions": {"numpy": "2.1.0"}},
+    "too few digests": {"shards": {"train/00000.npz": "0" * 64}},
+    "format of text": {"format": "two"},
+    "objects replaced without number": {"redrawn": "some"},
+    "fewer than no objects replaced": {"redrawn": -1},
+}
+
+
+@pytest.mark.parametrize("what", DAMAGE)
+def test_a_damaged_manifest_is_a_clear_error(folder, what):
+    if isinstance(DAMAGE[what], str):
+        (folder / "manifest.json").write_text(DAMAGE[what])
+    else:
+        change_manifest(folder, **DAMAGE[what])
+    with pytest.raises(CorruptFile, match=r"manifest\.json is damaged .*Restore it"):
+        read_split(folder, "train")
+
+
+def test_a_digest_that_is_none_is_a_damaged_manifest(folder):
+    change_manifest(folder, shards=dict.fromkeys(read_manifest(folder).sha256, "ab"))
+    with pytest.raises(CorruptFile, match="is damaged"):
+        read_manifest(folder)
+
+
+def test_a_manifest_of_a_later_format_asks_for_a_later_version(folder):
+    change_manifest(folder, format=99)
+    with pytest.raises(CorruptFile, match="format 99, this version reads 3; a newer"):
+        read_manifest(folder)
+
+
+def test_shards_without_a_manifest_are_not_adopted(folder):
+    (folder / "manifest.json").unlink()
+    with pytest.raises(CorruptFile, match=r"4 shards without a manifest\.json"):
+        write_manifest(folder, SCENE, PLAN)
+
+
+def test_a_folder_without_a_collection_is_told_from_a_damaged_one(tmp_path):
+    with pytest.raises(NoCollection, match=r"holds no collection: manifest\.json"):
+        read_split(tmp_path, "train")
+
+
+def test_a_manifest_in_which_one_digit_flipped_is_refused(folder):
+    text = (folder / "manifest.json").read_text()
+    assert '"train": 13' in text
+    (folder / "manifest.json").write_text(text.replace('"train": 13', '"train": 12'))
+    with pytest.raises(CorruptFile, match="was changed after it was written"):
+        read_manifest(folder)
+
+
+# What is wrong with a shard
+
+
+def test_an_unfinished_collection_is_not_used_in_silence(folder):
+    shard_path(folder, "train", 1).unlink()
+    with pytest.raises(CorruptFile, match=r"1 of 2 shards are missing .*with the program that began it"):
+        read_split(folder, "train")
+
+
+def test_a_split_that_was_not_planned_is_a_clear_error(tmp_path):
+    write_manifest(tmp_path, SCENE, replace(PLAN, test=0))
+    with pytest.raises(CorruptFile, match="without any test objects"):
+        read_split(tmp_path, "test")
+    with pytest.raises(UnknownName, match="Did you mean 'train'"):
+        read_split(tmp_path, "trian")
+
+
+@pytest.mark.parametrize("digests", [True, False])
+def test_a_shard_truncated_anywhere_is_a_clear_error(folder, rng, digests):
+    if not digests:
+        without_digests(folder)
+    path = shard_path(folder, "test", 0)
+    whole = path.read_bytes()
+    for length in [0, 1, 2, len(whole) - 1, *rng.integers(len(whole), size=40)]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(CorruptFile, match=r"00000.npz is (truncated or damaged|no shard).*Delete it and record"):
+            read_split(folder, "test")
+
+
+def test_a_flipped_bit_anywhere_is_noticed(folder, rng):
+    path = shard_path(folder, "test", 0)
+    whole = path.read_bytes()
+    for place in rng.integers(len(whole), size=200):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << rng.integers(8)
+        path.write_bytes(changed)
+        with pytest.raises((CorruptFile, LabelMismatch), match=r"00000\.npz"):
+            read_split(folder, "test")
+
+
+def test_a_flipped_bit_in_a_column_is_noticed_even_without_digests(folder, rng):
+    without_digests(folder)
+    path, touches = shard_path(folder, "test", 0), read_split(folder, "test")
+    whole = path.read_bytes()
+    for column in (touches.images, touches.forces):
+        content = column.tobytes()
+        changed = bytearray(whole)
+        changed[whole.index(content) + rng.integers(len(content))] ^= 1
+        path.write_bytes(changed)
+        with pytest.raises(CorruptFile, match=r"truncated or damaged .*Bad CRC-32"):
+            read_split(folder, "test")
+
+
+def test_an_image_that_was_changed_is_noticed(folder):
+    images = read_split(folder, "test").images
+    images[3, 5, 5] ^= 1
+    change_shard(folder, "test", 0, images=images)
+    with pytest.raises(CorruptFile, match=r"was changed after it was recorded: its SHA-256 is"):
+        read_split(folder, "test")
+
+
+def test_splits_that_changed_places_are_noticed(folder):
+    paths = [shard_path(folder, split, 0) for split in ("calibration", "test")]
+    contents = [path.read_bytes() for path in paths]
+    for path, content in zip(paths, reversed(contents), strict=True):
+        path.write_bytes(content)
+    with pytest.raises(CorruptFile, match="was changed after it was recorded"):
+        read_split(folder, "calibration")
+
+
+@pytest.mark.parametrize("digests", [True, False])
+def test_a_shard_of_other_objects_is_foreign_even_without_digests(folder, digests):
+    if not digests:
+        without_digests(folder)
+    touches = read_split(folder, "test")
+    change_shard(folder, "test", 0, object_ids=touches.object_ids + 4)
+    with pytest.raises(CorruptFile, match=r"not the shard of that name: it holds objects 4 to 7, the plan puts 0 to 3"):
+        read_split(folder, "test")
+    shutil.copy(shard_path(folder, "train", 1), shard_path(folder, "train", 0))
+    with pytest.raises(CorruptFile, match=r"not of this collection: its images are \(24, 16, 16\)"):
+        read_split(folder, "train")
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "told"),
+    [
+        ("images", lambda images: images[:, ::2], r"images are \(24, 8, 16\) uint8.* make them \(24, 16, 16\) uint8"),
+        ("images", lambda images: images.astype(float), r"images are .* float64"),
+        ("images", lambda images: np.stack([images] * 3, axis=-1), r"images are \(24, 16, 16, 3\)"),
+        ("poses", lambda poses: poses.astype(np.int32), r"poses are \(24,\) int32"),
+        ("forces", lambda forces: forces[:-1], r"forces are \(23,\) float64"),
+    ],
+)
+def test_columns_of_another_size_or_type_are_foreign(folder, column, change, told):
+    without_digests(folder)
+    change_shard(folder, "test", 0, **{column: change(getattr(read_split(folder, "test"), column))})
+    with pytest.raises(CorruptFile, match=f"not of this collection: its {told}"):
+        read_split(folder, "test")
+
+
+@pytest.mark.parametrize(
+    ("column", "number", "told"),
+    [
+        ("shapes", 4, "names shape 4, but the collection has 4, from 0: sphere, cube, cylinder, cone"),
+        ("poses", -1, "names pose -1, but the collection has 6, from 0: front"),
+        ("shapes", 3, "wrong labels: 1 of 24 shapes are not the planned ones, first that of object 2"),
+        ("poses", 0, "wrong labels: 1 of 24 poses are not the planned ones, first that of object 2"),
+    ],
+)
+def test_wrong_labels_are_told_even_without_digests(folder, column, number, told):
+    without_digests(folder)
+    numbers = getattr(read_split(folder, "test"), column)
+    numbers[13] = number  # of object 2, in pose 1
+    change_shard(folder, "test", 0, **{column: numbers})
+    with pytest.raises(LabelMismatch, match=told):
+        read_split(folder, "test")
+
+
+class Trap:
+    """Leaves a file behind where it is unpickled."""
+
+    def __init__(self, bait):
+        self.bait = bait
+
+    def __reduce__(self):
+        return Path.touch, (self.bait,)
+
+
+@pytest.mark.parametrize("wrapped", [True, False])
+def test_nothing_is_unpickled(folder, tmp_path, wrapped):
+    without_digests(folder)
+    bait = tmp_path / "unpickled"
+    payload = pickle.dumps(Trap(bait))
+    pickle.loads(payload)
+    assert bait.exists()  # the trap works
+    bait.unlink()
+    if wrapped:
+        change_shard(folder, "test", 0, depths=np.array([Trap(bait)] * 24, dtype=object))
+    else:
+        shard_path(folder, "test", 0).write_bytes(payload)
+    with pytest.raises(CorruptFile, match="truncated or damaged" if wrapped else "does not begin like an npz file"):
+        read_split(folder, "test")
+    assert not bait.exists()
+
+
+def test_a_column_that_is_not_there_is_a_clear_error(folder):
+    path = shard_path(folder, "test", 0)
+    with np.load(path) as file:
+        np.savez(path, **{name: column for name, column in file.items() if name != "poses"})
+    with pytest.raises(CorruptFile, match=r"truncated or damaged \(.*poses"):
+        read_split(folder, "test")

@@ -1,0 +1,273 @@
+"""The environments keep Gymnasium's contract, and play the searches that everything else plays."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import FlattenObservation, FrameStackObservation
+from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+from activetouch import TactileSensor, TouchWorld
+from activetouch.envs import IDS
+from activetouch.envs.base import BadAction, BadOption
+from activetouch.envs.object_search import ObjectSearchEnv
+from activetouch.envs.object_test import ObjectTestEnv
+from activetouch.envs.touch_source import LiveTouches, SampledTouches
+from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage, WrappedTwice
+from belief import Confirm, Probe, Reject
+from belief.errors import UnknownName
+from belief.seeding import arrangement_rng
+from belief.synthetic import SyntheticWorld
+from planners import make_decider, search
+
+pytestmark = pytest.mark.torch
+WRAPPERS = {
+    "bare": lambda env: env,
+    "posterior": PosteriorState,
+    "image": RawImage,
+    "shaped": lambda env: BeliefShaping(env, beta=0.1, discount=0.99),
+}
+every_id = pytest.mark.parametrize("name", list(IDS))
+every_wrapper = pytest.mark.parametrize("wrapper", list(WRAPPERS))
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return LiveTouches(TactileSensor.shipped("coarse"))
+
+
+@pytest.fixture
+def sampled(model):
+    return SampledTouches(model, ("p0", "p1", "p2"))
+
+
+def shaped(env):
+    return BeliefShaping(env, beta=0.1, discount=0.99)
+
+
+WRAPPERS |= {
+    "posterior inside": lambda env: shaped(PosteriorState(env)),
+    "posterior outside": lambda env: PosteriorState(shaped(env)),
+    "image inside": lambda env: shaped(RawImage(env)),
+    "image outside": lambda env: RawImage(shaped(env)),
+}
+
+
+INNER = {
+    "PosteriorState": PosteriorState,
+    "RawImage": RawImage,
+    "FlattenObservation": lambda env: FlattenObservation(RawImage(env)),
+    "FrameStackObservation": lambda env: FrameStackObservation(env, 2),
+}
+
+
+@pytest.mark.parametrize("inner", INNER)
+@pytest.mark.parametrize("outer", [PosteriorState, RawImage])
+def test_an_observation_that_is_replaced_already_is_refused_at_construction(inner, outer, coarse):
+    env = ObjectTestEnv(touches=coarse)
+    with pytest.raises(WrappedTwice, match=f"{outer.__name__} takes the place .* {inner} has taken"):
+        outer(shaped(INNER[inner](env)))
+    wrapped = outer(gymnasium.wrappers.RecordEpisodeStatistics(env))
+    assert wrapped.reset(seed=0)[0] in wrapped.observation_space
+
+
+@every_id
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"sed": 3}, "no option 'sed'; known: seed"),
+        ({"seed": (1,), "target": 2}, "no option 'target'; known: seed"),
+        ({"seed": 3}, "got 3"),
+        ({"seed": "abc"}, "got 'abc'"),
+        ({"seed": ()}, r"got \(\)"),
+        ({"seed": (0, -1)}, "-1"),
+        ({"seed": (0, 1.5)}, "1.5"),
+        ({"seed": (0, None)}, "None"),
+        (["seed"], "must be a dictionary"),
+    ],
+)
+def test_options_that_there_are_not_are_refused(name, options, named, sampled):
+    env = gymnasium.make(name, touches=sampled, target="shape_1").unwrapped
+    with pytest.raises(BadOption, match=named):
+        env.reset(options=options)
+
+
+@every_id
+@every_wrapper
+def test_gymnasium_and_sb3_find_nothing_wrong(name, wrapper):
+    env = gymnasium.make(name, scene="coarse", target="cone", render_mode="rgb_array")
+    wrapped = WRAPPERS[wrapper](env.unwrapped)
+    with warnings.catch_warnings():
+        warnings.filterwarnings(
+            "ignore", message=".*different from the unwrapped version.*"
+        )  # a wrapper is meant to be
+        check_env(wrapped)
+    check_env_for_sb3(wrapped, skip_render_check=False)
+
+
+@pytest.mark.parametrize(
+    ("imported", "id_"),
+    [
+        ("activetouch, gymnasium", "activetouch/ObjectTest-v0"),
+        ("gymnasium, activetouch", "activetouch/ObjectTest-v0"),
+        ("gymnasium", "activetouch:activetouch/ObjectTest-v0"),
+        ("gymnasium", "activetouch.envs:activetouch/ObjectTest-v0"),
+    ],
+)
+def test_importing_the_package_or_naming_it_in_the_id_is_enough(imported, id_):
+    code = f"import {imported}; env = gymnasium.make({id_!r}, scene='coarse'); print(env.reset(seed=0)[0].shape)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "(13,)\n"
+
+
+def test_registering_the_environments_loads_neither_torch_nor_mujoco():
+    code = "import sys, activetouch.envs; print('torch' in sys.modules, 'mujoco' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["False", "False"]
+
+
+@every_id
+def test_many_environments_are_made_at_once(name, sampled):
+    envs = gymnasium.make_vec(name, num_envs=3, touches=sampled, target="shape_1")
+    observations, _ = envs.reset(seed=0)
+    assert observations.shape[0] == 3
+    assert envs.step(np.zeros(3, np.int64))[1].tolist() == pytest.approx([-0.02] * 3)
+    envs.close()
+
+
+@pytest.mark.parametrize("decision", ["confirm", "reject"])
+def test_a_test_pays_the_papers_reward(decision, sampled):
+    env = ObjectTestEnv(touches=sampled, target="shape_2", touch_cost=0.03)
+    rights = 0
+    for seed in range(40):
+        env.reset(seed=seed)
+        _, cost, terminated, truncated, _ = env.step(1)
+        assert (cost, terminated, truncated) == (-0.03, False, False)
+        _, reward, terminated, _, info = env.step(getattr(env, decision))
+        is_target = env.arrangement == (2,)
+        assert info["is_success"] == (is_target == (decision == "confirm")) == (reward == 1.0)
+        assert terminated
+        rights += info["is_success"]
+    assert 8 <= rights <= 32  # a fair coin, 40 times: outside with probability 1e-4
+
+
+def test_the_probe_beyond_the_limit_feels_nothing_and_truncates(sampled):
+    env = ObjectTestEnv(touches=sampled, target="shape_2", touch_limit=2)
+    env.reset(seed=0)
+    for _ in range(2):
+        assert env.action_masks().all()
+        state, *_ = env.step(0)
+    assert env.action_masks().tolist() == [False] * 3 + [True] * 2
+    after, reward, terminated, truncated, info = env.step(1)
+    np.testing.assert_array_equal(after, state)
+    assert (reward, terminated, truncated, info["is_success"]) == (-0.02, False, True, False)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        env.step(0)
+
+
+def actions_of(episode, env):
+    for step in episode.steps:
+        match step.decision.action:
+            case Probe(pose):
+                yield pose
+            case Confirm():
+                yield env.confirm
+            case Reject():
+                yield env.reject
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, sampled, model):
+    env = ObjectSearchEnv(touches=sampled, target="shape_0", composition=composition, touch_limit=9)
+    for number in range(60):
+        key = (0, 0, number)
+        env.reset(options={"seed": key})
+        world = SyntheticWorld(model, env.arrangement)
+        decider = make_decider(("information_gain", "threshold", "random_confirm")[number % 3], model.outcome_table())
+        episode = search(world, decider, env.problem, 0, model, key)
+        total = 0.0
+        for action, step in zip(actions_of(episode, env), episode.steps, strict=True):
+            np.testing.assert_allclose(env.belief.probs, step.belief.probs, atol=1e-12)
+            _, reward, terminated, truncated, info = env.step(action)
+            total += reward
+        assert terminated or truncated
+        assert info["is_success"] == episode.success
+        assert total == pytest.approx(episode.reward(env.problem))
+
+
+def test_live_touches_are_those_of_the_world_that_compare_plays(coarse):
+    env = ObjectSearchEnv(touches=coarse, target="cone")
+    env.reset(options={"seed": (0, 3, 17)})
+    rng = arrangement_rng((0, 3, 17))
+    assert len(env._sample_arrangement(rng)) == 4
+    world = TouchWorld.sample(coarse.sensor, env.arrangement, rng)
+    episode = search(
+        world, make_decider("information_gain", coarse.model.outcome_table()), env.problem, 3, coarse.model, (0, 3, 17)
+    )
+    for action in actions_of(episode, env):
+        env.step(action)
+    np.testing.assert_array_equal(env.belief.probs, episode.steps[-1].belief.probs)
+
+
+def test_observations_say_what_they_are_documented_to(sampled):
+    env = ObjectTestEnv(touches=sampled, target="shape_3")
+    state, info = env.reset(seed=3)
+    np.testing.assert_allclose(state, [0.25] * 4 + [0.0] * 5 + [0.0])
+    assert info == {"is_success": False, "num_touches": 0, "target_prob": pytest.approx(0.5)}
+    env.step(2)
+    state, *_ = env.step(2)
+    np.testing.assert_allclose(state[4:], [0, 0, 1, 0, 0, 2 / 12], atol=1e-7)
+    posterior = PosteriorState(env).observation(state)
+    np.testing.assert_allclose(posterior[:4], env.belief.probs, atol=1e-7)
+    odds = env.belief.probs[3] / (1.0 - env.belief.probs[3])
+    np.testing.assert_allclose(posterior[4:], [np.tanh(np.log(odds) / 4), 0, 0, 2 / 3, 2 / 12], atol=1e-6)
+
+
+def test_shaping_sums_to_nothing_but_a_constant(sampled):
+    # With γ = 1 the potentials cancel: an episode that ends in a decision pays -β Φ(start) on top, whatever was done.
+    env = BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0", target_prob=0.2), beta=0.5, discount=1.0)
+    for seed in range(20):
+        env.reset(seed=seed)
+        shaped = plain = 0.0
+        for action in [*([seed % 3] * (seed % 7)), 3]:
+            _, reward, _, _, info = env.step(action)
+            shaped, plain = shaped + reward, plain + info["reward"]
+        assert shaped - plain == pytest.approx(-0.5 * np.tanh(np.log(4.0) / 4))
+
+
+def test_a_frame_shows_scene_touch_and_belief(coarse):
+    env = ObjectTestEnv(touches=coarse, render_mode="rgb_array")
+    env.reset(seed=0)
+    blank = env.render()
+    env.step(0)
+    frame = env.render()
+    assert frame.shape == blank.shape == (240, 720, 3)
+    for panel in range(3):
+        assert (frame[:, 240 * panel : 240 * (panel + 1)] != blank[:, 240 * panel : 240 * (panel + 1)]).any()
+
+
+def test_what_cannot_be_is_refused_by_name(sampled):
+    with pytest.raises(UnknownName, match="cone"):
+        ObjectTestEnv(touches=sampled, target="cone")
+    with pytest.raises(UnknownName, match="unknown sensor 'gell'"):
+        ObjectTestEnv(scene="gell")
+    with pytest.raises(UnknownName, match="render mode"):
+        ObjectTestEnv(touches=sampled, target="shape_0", render_mode="human")
+    for wrong in (1.0, 0.0, np.nan, (0.5, 0.4), (0.5, 1.0), (0.1, 0.2, 0.3)):
+        with pytest.raises(ValueError, match="target_prob"):
+            ObjectTestEnv(touches=sampled, target="shape_0", target_prob=wrong)
+    with pytest.raises(NoImage, match="SampledTouches"):
+        RawImage(ObjectTestEnv(touches=sampled, target="shape_0"))
+    with pytest.raises(TypeError, match="this wrapper"):
+        PosteriorState(gymnasium.make("CartPole-v1"))
+    with pytest.raises(ValueError, match="beta"):
+        BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0"), np.nan, 1.0)
+    env = ObjectTestEnv(touches=sampled, target="shape_0")
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(0)
+    env.reset(seed=0)
+    with pytest.raises(BadAction, match="5"):
+        env.step(5)

@@ -1,0 +1,120 @@
+"""The faster depthwise convolution is the same function, and published weights are used or refused with a reason."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from activetouch.errors import MissingWeights
+from activetouch.perception.backbones import ConvNeXt
+from activetouch.perception.convnext import ConvNeXtFeatures, DepthwiseConvolution
+
+pytestmark = pytest.mark.torch
+SMALL = ConvNeXt((1, 1, 1, 1), (8, 8, 16, 16))
+
+
+@pytest.mark.parametrize(("batch", "channels", "height", "width", "size"),
+                         [(1, 1, 1, 1, 7), (3, 6, 5, 5, 7), (2, 4, 9, 3, 7), (2, 3, 8, 8, 3)])  # fmt: skip
+def test_values_and_gradients_are_those_of_the_library(batch, channels, height, width, size):
+    torch.manual_seed(0)
+    convolution = nn.Conv2d(channels, channels, size, padding=size // 2, groups=channels, dtype=torch.float64)
+    images = torch.randn(batch, channels, height, width, dtype=torch.float64, requires_grad=True)
+    parameters = (images, convolution.weight, convolution.bias)
+    library, ours = convolution(images), DepthwiseConvolution(convolution)(images)
+    torch.testing.assert_close(ours, library, rtol=0, atol=1e-12)
+    gradient = torch.randn_like(library)
+    for mine, theirs in zip(
+        torch.autograd.grad(ours, parameters, gradient), torch.autograd.grad(library, parameters, gradient), strict=True
+    ):
+        torch.testing.assert_close(mine, theirs, rtol=1e-5, atol=1e-5)  # the sum over rows is kept in single precision
+
+
+def test_the_gradient_is_the_finite_difference():
+    torch.manual_seed(0)
+    layer = DepthwiseConvolution(nn.Conv2d(2, 2, 7, padding=3, groups=2))
+    images = torch.randn(2, 2, 6, 6)
+    weigh = torch.randn(2, 2, 6, 6)
+    (layer(images) * weigh).sum().backward()
+    step = 1e-2
+    with torch.no_grad():
+        for index in [(0, 0, 0, 0), (1, 0, 3, 3), (0, 0, 6, 2)]:
+            layer.weight[index] += step
+            high = (layer(images) * weigh).sum()
+            layer.weight[index] -= 2 * step
+            low = (layer(images) * weigh).sum()
+            layer.weight[index] += step
+            assert layer.weight.grad[index].item() == pytest.approx((high - low).item() / (2 * step), abs=2e-2)
+
+
+def test_every_depthwise_convolution_is_the_faster_one():
+    network = SMALL.build(1)
+    assert sum(isinstance(module, DepthwiseConvolution) for module in network.modules()) == 4
+    assert not any(isinstance(m, nn.Conv2d) and m.groups > 1 for m in network.modules())
+
+
+@pytest.fixture
+def published(tmp_path):
+    """A folder as ``transformers`` writes it, with random weights in place of ImageNet's."""
+    from transformers import ConvNextConfig, ConvNextModel
+
+    torch.manual_seed(1)
+    model = ConvNextModel(ConvNextConfig(num_channels=3, depths=[1, 1, 1, 1], hidden_sizes=[8, 8, 16, 16]))
+    model.save_pretrained(tmp_path / "published")
+    return tmp_path / "published", model.eval()
+
+
+def test_published_weights_give_the_published_features(published):
+    folder, model = published
+    images = torch.randn(2, 3, 32, 32)
+    with torch.no_grad():
+        torch.testing.assert_close(
+            SMALL.build_pretrained(folder, 3).eval()(images), model(images).pooler_output, rtol=1e-4, atol=1e-5
+        )
+
+
+def test_a_grey_image_is_read_as_an_image_of_three_equal_colours(published):
+    folder, model = published
+    grey = torch.randn(2, 1, 32, 32)
+    with torch.no_grad():
+        torch.testing.assert_close(
+            SMALL.build_pretrained(str(folder), 1).eval()(grey),
+            model(grey.expand(-1, 3, -1, -1)).pooler_output,
+            rtol=1e-4,
+            atol=1e-5,
+        )
+
+
+def test_weights_of_another_network_are_refused(published):
+    with pytest.raises(MissingWeights, match=r"depths and widths \(\(1, 1, 1, 1\)"):
+        ConvNeXt((1, 1, 2, 1), (8, 8, 16, 16)).build_pretrained(published[0], 3)
+
+
+def test_a_missing_folder_is_never_taken_for_a_name_on_the_hub(tmp_path):
+    with pytest.raises(MissingWeights, match="there is no folder"):
+        SMALL.build_pretrained(tmp_path / "nowhere", 3)
+
+
+def test_a_folder_without_weights_says_what_belongs_there(tmp_path):
+    with pytest.raises(MissingWeights, match=r"config\.json and model\.safetensors"):
+        SMALL.build_pretrained(str(tmp_path), 3)
+
+
+def test_a_damaged_file_of_weights_is_refused(published):
+    folder, _ = published
+    (folder / "model.safetensors").write_bytes(b"nothing")
+    with pytest.raises(MissingWeights, match="no usable ConvNeXt weights in this folder"):
+        SMALL.build_pretrained(folder, 3)
+
+
+def test_a_name_that_the_hub_does_not_give_says_what_to_do_without_it():
+    with pytest.raises(MissingWeights, match="as far as this machine can reach it"):
+        SMALL.build_pretrained("facebook/convnext-tiny-224", 3)  # tests never go online
+
+
+def test_features_do_not_depend_on_the_batch():
+    torch.manual_seed(0)
+    network = ConvNeXtFeatures((1, 1, 1, 1), (8, 8, 16, 16), 1).eval()
+    images = torch.randn(4, 1, 32, 32)
+    with torch.no_grad():
+        alone = torch.cat([network(images[k : k + 1]) for k in range(4)])
+        np.testing.assert_allclose(network(images).numpy(), alone.numpy(), atol=1e-5)

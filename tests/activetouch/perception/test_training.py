@@ -1,0 +1,154 @@
+"""Training learns, stops when it should, and an interrupted training ends where an uninterrupted one does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from activetouch.data.dataset import TouchSet
+from activetouch.errors import LabelMismatch, TrainingDiverged
+from activetouch.perception.classifier import ClassifierCard, TouchClassifier, TouchNetwork
+from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.perception.training import Trainer
+from belief.errors import CorruptFile
+
+pytestmark = pytest.mark.torch
+RECIPE = replace(RECIPES["large"], epochs=3, batch_size=16, learning_rate=3e-3, warmup=0.2, bf16=False)
+
+
+def discs_and_bars(n=96) -> TouchSet:
+    """Two classes any network can tell apart, at random places."""
+    rng = np.random.default_rng(0)
+    images = np.zeros((n, 32, 32), np.uint8)
+    shapes = np.arange(n) % 2
+    y, x = np.mgrid[:32, :32]
+    for image, shape, (cy, cx) in zip(images, shapes, rng.integers(10, 22, (n, 2)), strict=True):
+        image[np.hypot(y - cy, x - cx) < 6 if shape else np.abs(y - cy) < 2] = 200
+    return TouchSet(images, shapes, np.arange(n), np.zeros(n, int), np.ones(n), np.ones(n))
+
+
+TOUCHES = discs_and_bars()
+
+
+def trainer(state, recipe=RECIPE, seed=0, backbone="cnn", train=TOUCHES, calibration=TOUCHES):
+    torch.manual_seed(seed)
+    card = ClassifierCard(backbone, 32, ("bar", "disc"), ("p",))
+    return Trainer(TouchClassifier(card, TouchNetwork(card)), recipe, train, calibration, state)
+
+
+def weights(trained):
+    return torch.cat([value.flatten() for value in trained.classifier.network.state_dict().values()])
+
+
+@pytest.mark.parametrize(("backbone", "bf16"), [("cnn", False), ("atto", False), ("atto", True)])
+def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
+    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, bf16=bf16), backbone=backbone)
+    reports = [trained.run_epoch() for _ in range(3)]
+    assert reports[-1].calibration_loss < reports[0].calibration_loss
+    assert reports[-1].calibration_accuracy > 0.9
+
+
+def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path):
+    whole = trainer(tmp_path / "whole.safetensors")
+    for _ in range(3):
+        whole.run_epoch()
+    first = trainer(tmp_path / "parts.safetensors")
+    first.run_epoch()
+    second = trainer(tmp_path / "parts.safetensors", seed=99)  # its own initial weights must not matter
+    assert second.reports == first.reports
+    for _ in range(2):
+        second.run_epoch()
+    torch.testing.assert_close(weights(second), weights(whole), rtol=0, atol=0)
+    assert second.reports == whole.reports
+
+
+def test_patience_stops_and_goes_back_to_the_best_epoch(tmp_path):
+    swapped = replace(TOUCHES, shapes=1 - TOUCHES.shapes)  # what is learned makes this loss grow
+    recipe = replace(RECIPE, epochs=9, patience=2)
+    trained = trainer(tmp_path / "state.safetensors", recipe, calibration=swapped)
+    epochs = []
+    while not trained.is_finished:
+        trained.run_epoch()
+        epochs.append(weights(trained))
+    assert trained.epochs_done == trained.best_epoch + 2 < 9
+    trained.finish()
+    torch.testing.assert_close(weights(trained), epochs[trained.best_epoch - 1], rtol=0, atol=0)
+    again = trainer(tmp_path / "state.safetensors", recipe, calibration=swapped)
+    assert again.is_finished
+    again.finish()
+    torch.testing.assert_close(weights(again), weights(trained), rtol=0, atol=0)
+
+
+def test_without_patience_the_last_epoch_is_kept(tmp_path):
+    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, patience=None))
+    while not trained.is_finished:
+        trained.run_epoch()
+    last = weights(trained)
+    trained.finish()
+    assert trained.epochs_done == RECIPE.epochs
+    torch.testing.assert_close(weights(trained), last, rtol=0, atol=0)
+
+
+def test_class_weights_make_all_shapes_count_alike(tmp_path):
+    few_discs = TOUCHES.select(np.flatnonzero((TOUCHES.shapes == 0) | (np.arange(96) < 12)))
+    counts = np.bincount(few_discs.shapes)
+    assert counts.tolist() == [48, 6]
+    weighted = trainer(tmp_path / "a.safetensors", replace(RECIPE, class_weights=True), train=few_discs)
+    np.testing.assert_allclose(weighted.class_weights.numpy() * counts, counts.sum() / 2)
+    plain = trainer(tmp_path / "b.safetensors", replace(RECIPE, class_weights=False), train=few_discs)
+    assert plain.class_weights.tolist() == [1.0, 1.0]
+
+
+def test_a_shape_without_images_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="no image of disc"):
+        trainer(tmp_path / "state.safetensors", train=TOUCHES.select(TOUCHES.shapes == 0))
+
+
+def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_written(tmp_path):
+    diverged = trainer(tmp_path / "state.safetensors")
+    with torch.no_grad():
+        diverged.classifier.network.head.bias.fill_(torch.inf)
+    with pytest.raises(TrainingDiverged, match=r"epoch 1: after 0 images .*--change\.bf16 False"):
+        diverged.run_epoch()
+    assert not diverged.state.exists()
+
+
+def test_another_recipe_does_not_resume(tmp_path):
+    trainer(tmp_path / "state.safetensors").run_epoch()
+    with pytest.raises(LabelMismatch, match="delete this file"):
+        trainer(tmp_path / "state.safetensors", replace(RECIPE, epochs=9))
+
+
+def test_a_damaged_training_state_is_a_clear_error(tmp_path):
+    (tmp_path / "state.safetensors").write_bytes(b"half a file")
+    with pytest.raises(CorruptFile, match="delete it to start anew"):
+        trainer(tmp_path / "state.safetensors")
+
+
+def test_a_flipped_bit_of_a_training_state_is_noticed(tmp_path):
+    state = tmp_path / "state.safetensors"
+    trainer(state).run_epoch()
+    whole, rng = state.read_bytes(), np.random.default_rng(0)
+    for place in [len(whole) - 1, *rng.integers(len(whole), size=20).tolist()]:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        state.write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="delete it to start anew"):
+            trainer(state)
+
+
+def test_the_paper_recipe_is_the_papers():
+    paper = RECIPES["paper"]
+    assert paper == TrainingRecipe()
+    assert (paper.epochs, paper.learning_rate, paper.weight_decay, paper.class_weights) == (30, 1e-4, 1e-4, True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"epochs": 0}, {"batch_size": 0}, {"learning_rate": 0.0}, {"learning_rate": np.inf}, {"weight_decay": -1.0},
+     {"warmup": 30.0}, {"rotation": -1.0}, {"patience": 0}],
+)  # fmt: skip
+def test_impossible_recipes_are_refused(change):
+    with pytest.raises(ValueError, match="got TrainingRecipe"):
+        TrainingRecipe(**change)

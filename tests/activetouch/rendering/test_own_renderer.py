@@ -1,0 +1,99 @@
+"""A renderer or a shape that breaks the rules is refused at once, and told what the rule is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from activetouch import Quasistatic, Scene
+from activetouch.distributions import Constant
+from activetouch.errors import BadMesh, WrongRenderer
+from activetouch.pressing.pad import Pad
+from activetouch.rendering import PressureRenderer
+from activetouch.scene import Variation
+from belief.errors import ActiveTouchError
+
+TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+@dataclass(frozen=True)
+class Own:
+    """Spoils the images of a good renderer."""
+
+    isotropic: ClassVar[bool] = True
+    how: str
+
+    def __call__(self, contact):
+        image = PressureRenderer()(contact)
+        return {
+            "as bytes": lambda: np.rint(255 * image).astype(np.uint8),
+            "times 255": lambda: 255 * image,
+            "negative": lambda: image - 0.5,
+            "NaN": lambda: np.where(image > 0.0, np.nan, image),
+            "infinite": lambda: np.where(image > 0.0, np.inf, image),
+            "a list": lambda: image.tolist(),
+            "nothing": lambda: None,
+            "a row": lambda: image[0],
+            "not square": lambda: image[1:],
+            "four colours": lambda: np.stack([image] * 4, axis=2),
+        }[self.how]()
+
+
+def pressed(renderer):
+    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), renderer=renderer)
+    rng = np.random.default_rng(0)
+    return scene.press(scene.sample_object(0, rng), 0, rng)
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("as bytes", "an array of uint8; divide by 255"),
+        ("times 255", "divide by 255"),
+        ("negative", "from -0.5 to"),
+        ("NaN", "from nan to nan"),
+        ("infinite", "to inf"),
+        ("a list", "a list"),
+        ("nothing", "a NoneType"),
+        ("a row", r"shape \(16,\)"),
+        ("not square", r"shape \(15, 16\)"),
+        ("four colours", r"shape \(16, 16, 4\)"),
+    ],
+)
+def test_what_is_no_image_is_refused_with_the_rule(how, told):
+    with pytest.raises(WrongRenderer, match=rf"(?s){told}.*floating-point images in \[0, 1\]"):
+        pressed(Own(how))
+
+
+def test_an_image_beyond_full_scale_saturates():
+    stiff = Variation(stiffness=Constant(2.0), force=Constant(60.0))
+    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), variation=stiff, faults=())
+    rng = np.random.default_rng(0)
+    contact, image = scene.press(scene.sample_object(1, rng), 0, rng)
+    assert scene.renderer(contact).max() > 1.0
+    assert image.max() == 255
+
+
+@pytest.mark.parametrize("renderer", ["pressure", None, 3, PressureRenderer, lambda contact: contact.pressure])
+def test_what_is_no_renderer_is_refused_when_the_scene_is_made(renderer):
+    with pytest.raises(WrongRenderer):
+        Scene(renderer=renderer)
+
+
+def test_a_shape_may_be_the_text_of_a_path(tmp_path):
+    (tmp_path / "a.obj").write_text(TETRAHEDRON)
+    assert Scene(shapes={"a": str(tmp_path / "a.obj")}).shapes == Scene(shapes={"a": tmp_path / "a.obj"}).shapes
+
+
+@pytest.mark.parametrize("shape", [3, None, np.zeros((3, 3)), "cube.step", "nowhere.stl", Path("nowhere.stl")])
+def test_what_is_no_shape_is_refused_when_the_scene_is_made(shape):
+    with pytest.raises((ActiveTouchError, FileNotFoundError), match=r"mesh file|nowhere|\.stl"):
+        Scene(shapes={"a": shape})
+
+
+def test_a_mesh_in_millimetres_is_told_the_flag_and_the_call(tmp_path):
+    (tmp_path / "a.obj").write_text(TETRAHEDRON.replace(".02", "20"))
+    with pytest.raises(BadMesh, match=r"--mesh-scale 0\.001 .*scale=0\.001"):
+        Scene(shapes={"a": tmp_path / "a.obj"})

@@ -1,0 +1,285 @@
+"""Objects from mesh files: the same touches as the true solids, MuJoCo's rays, and refusals that say why."""
+
+import pickle
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from activetouch.placement import Placement
+from activetouch.poses import random_orientation, to_matrix
+from activetouch.pressing.contact import surface_gap
+from activetouch.pressing.pad import Pad
+from activetouch.shapes import EXTENDED_SHAPES, BadMesh, Box, Mesh, Torus
+from activetouch.solids import raycast
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.016
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+CUBE_FACES = np.array([triangle for a, b, c, d in QUADS for triangle in ((a, b, c), (a, c, d))])
+CUBE = Mesh("cube", CORNERS, CUBE_FACES)
+
+
+def turned(profile, num_sides=24):
+    """A solid of revolution about the z axis from its profile of (radius, z), the first and last on the axis."""
+    mesh = trimesh.creation.revolve(np.array(profile), sections=num_sides)
+    return Mesh("turned", mesh.vertices, mesh.faces)
+
+
+def extruded(outline, half_width):
+    """A prism along y over a counter-clockwise outline of (x, z), all of which its first point sees."""
+    num = len(outline)
+    vertices = [(x, y, z) for y in (-half_width, half_width) for x, z in outline]
+    fan = [(0, i, i + 1) for i in range(1, num - 1)]
+    pairs = [(i, (i + 1) % num) for i in range(num)]
+    sides = [triangle for i, j in pairs for triangle in ((j, i, i + num), (j, i + num, j + num))]
+    back = [(a + num, c + num, b + num) for a, b, c in fan]
+    return Mesh("extruded", vertices, [*fan, *sides, *back])
+
+
+CUP = turned([(0, -0.016), (0.014, -0.016), (0.018, 0.016), (0.015, 0.016), (0.011, -0.012), (0, -0.012)])
+ELL = extruded([(0, 0), (0, 0.02), (-0.015, 0.02), (-0.015, -0.015), (0.02, -0.015), (0.02, 0)], half_width=0.012)
+
+
+def random_rays(rng, n=400):
+    rotation = to_matrix(random_orientation(rng))
+    starts = np.stack([np.full(n, -0.06), *rng.uniform(-0.03, 0.03, size=(2, n))])
+    return rotation.T @ starts, rotation.T[:, 0]
+
+
+def mesh_of_torus(torus, num_sections):
+    mesh = trimesh.creation.torus(torus.ring_radius, torus.tube_radius, 2 * num_sections, num_sections)
+    return Mesh("torus", mesh.vertices, mesh.faces)
+
+
+def every_triangle(mesh, origins, direction):
+    """Distances by asking every ray about every triangle, Möller and Trumbore's way."""
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    normal = np.cross(b - a, c - a)  # (f, 3)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = a[:, None] - origins.T  # (f, n, 3)
+        t = np.einsum("fi,fni->fn", normal, offset) / (normal @ direction)[:, None]
+        point = origins.T + t[..., None] * direction
+        inside = t >= 0
+        for start, end in ((a, b), (b, c), (c, a)):
+            side = np.cross((end - start)[:, None], point - start[:, None])
+            inside &= np.einsum("fi,fni->fn", normal, side) >= -1e-18
+    return np.where(inside, t, np.inf).min(axis=0)
+
+
+@pytest.mark.parametrize("mesh", [CUBE, CUP, ELL], ids=["cube", "cup", "ell"])
+def test_rays_end_where_the_slow_and_obvious_way_says(mesh, rng):
+    for _ in range(10):
+        origins, direction = random_rays(rng)
+        distance = mesh.entry_distance(origins, direction)
+        assert np.isfinite(distance).sum() > 50
+        np.testing.assert_allclose(distance, every_triangle(mesh, origins, direction), atol=1e-12)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("mesh", [CUP, ELL, mesh_of_torus(EXTENDED_SHAPES["torus"], 24)], ids=["cup", "ell", "torus"])
+def test_rays_into_hollow_solids_agree_with_mujocos_to_a_micrometre(mesh, rng):
+    spec = mujoco.MjSpec()
+    spec.add_mesh(name="mesh", uservert=mesh.vertices.ravel(), userface=mesh.faces.ravel())
+    spec.worldbody.add_body().add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    geom, disagreements = np.zeros(1, np.int32), 0
+    for _ in range(20):
+        origins, direction = random_rays(rng, n=200)
+        ours = mesh.entry_distance(origins, direction)
+        theirs = np.array([mujoco.mj_ray(model, data, o, direction, None, 1, -1, geom, None) for o in origins.T])
+        theirs = np.where(theirs >= 0.0, theirs, np.inf)
+        both = np.isfinite(ours) & np.isfinite(theirs)
+        disagreements += (np.isfinite(ours) != np.isfinite(theirs)).sum()
+        disagreements += (np.abs(ours[both] - theirs[both]) > 1e-6).sum()
+    assert disagreements <= 4  # of 4000: rays that graze an edge, whose corners MuJoCo keeps in single precision
+
+
+def test_the_mesh_of_a_cube_is_the_box(rng):
+    box = Box((0.016, 0.016, 0.016))
+    for _ in range(20):
+        origins, direction = random_rays(rng)
+        np.testing.assert_allclose(
+            CUBE.entry_distance(origins, direction), box.entry_distance(origins, direction), atol=1e-15
+        )
+    assert CUBE.bounding_radius == pytest.approx(box.bounding_radius)
+
+
+def test_the_mesh_of_a_torus_is_the_torus_up_to_its_facets(rng):
+    torus = Torus(0.016, 0.007)
+    mesh = mesh_of_torus(torus, 128)
+    for _ in range(10):
+        origins, direction = random_rays(rng)
+        true, facetted = torus.entry_distance(origins, direction), mesh.entry_distance(origins, direction)
+        hit = np.isfinite(true) & np.isfinite(facetted)
+        assert (np.isfinite(true) != np.isfinite(facetted)).mean() < 0.01
+        assert np.quantile(np.abs(true[hit] - facetted[hit]), 0.95) < 3e-5
+
+
+def test_the_hole_is_seen_through_and_the_hollow_felt_though_the_hull_fills_them():
+    down = np.array([0.0, 0.0, -1.0])
+    through_middle = np.array([[0.0], [0.0], [0.05]])
+    assert mesh_of_torus(Torus(0.016, 0.007), 24).entry_distance(through_middle, down) == np.inf
+    assert CUP.entry_distance(through_middle, down) == pytest.approx(0.05 + 0.012)
+    assert CUP.geom.vertices[:, 2].max() == pytest.approx(0.016)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(0, 0, 1), (0, 1, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1), (3, 4, 0)]))
+def test_no_ray_leaks_through_an_edge_or_corner(seed, direction):
+    # Rays aimed at points of the edges of a finely divided cube must all be stopped at its surface.
+    rng = np.random.default_rng(seed)
+    fine = trimesh.Trimesh(CORNERS, CUBE_FACES, process=False).subdivide().subdivide()
+    mesh, direction = Mesh("cube", fine.vertices, fine.faces), np.array(direction) / np.linalg.norm(direction)
+    edges = mesh.vertices[fine.edges_unique]
+    at = rng.choice([0.0, 0.25, 0.5, 1.0], size=(len(edges), 1))
+    targets = (edges[:, 0] * (1 - at) + edges[:, 1] * at) * (1 - 1e-9)  # not to graze the silhouette
+    origins = targets.T - 0.08 * direction[:, None]
+    expected = Box((0.016, 0.016, 0.016)).entry_distance(origins, direction)
+    np.testing.assert_allclose(mesh.entry_distance(origins, direction), expected, atol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([1, 7, 100, 10_000]))
+def test_neither_the_number_of_rays_nor_the_size_of_a_portion_matters(seed, num_rays, most_pairs):
+    rng = np.random.default_rng(seed)
+    origins, direction = random_rays(rng, num_rays)
+    one_by_one = np.concatenate([CUP.entry_distance(origin[:, None], direction) for origin in origins.T])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(raycast, "_MAX_PAIRS", most_pairs)
+        np.testing.assert_allclose(CUP.entry_distance(origins, direction), one_by_one, atol=1e-15)
+
+
+def test_what_lies_behind_a_ray_is_missed(rng):
+    origins, direction = random_rays(rng)
+    assert np.isinf(CUP.entry_distance(origins, -direction)).all()
+
+
+def test_a_mesh_leaves_the_image_of_the_solid_it_describes(rng):
+    mesh = mesh_of_torus(Torus(0.016, 0.007), 128)
+    placement = Placement(Torus(0.016, 0.007), 1.1, random_orientation(rng))
+    true, facetted = surface_gap(Pad(), placement), surface_gap(Pad(), replace(placement, shape=mesh))
+    felt = true < 0.002
+    assert felt.sum() > 100
+    np.testing.assert_allclose(facetted[felt], true[felt], atol=3e-5)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "off"])
+def test_a_file_gives_the_mesh_about_its_centre_of_mass(suffix, tmp_path, rng):
+    path = tmp_path / f"cup.{suffix}"
+    trimesh.Trimesh(CUP.vertices * 1000 + [300, -20, 50], CUP.faces, process=False).export(path)
+    mesh = Mesh.from_file(path, scale=0.001)
+    centre = trimesh.Trimesh(CUP.vertices, CUP.faces).center_mass
+    assert len(mesh.faces) == len(CUP.faces)
+    origins, direction = random_rays(rng)
+    expected = CUP.entry_distance(origins + centre[:, None], direction)
+    actual = mesh.entry_distance(origins, direction)
+    assert (np.isfinite(actual) != np.isfinite(expected)).sum() <= 1
+    both = np.isfinite(actual) & np.isfinite(expected)
+    assert np.quantile(np.abs(actual[both] - expected[both]), 0.98) < 1e-6  # files keep seven digits
+
+
+def test_a_surface_turned_inside_out_wholly_or_in_part_is_put_right(tmp_path, rng):
+    origins, direction = random_rays(rng)
+    expected = CUBE.entry_distance(origins, direction)
+    for wrong in (slice(None), slice(3, 7)):
+        faces = CUBE_FACES.copy()
+        faces[wrong] = faces[wrong, ::-1]
+        path = tmp_path / "cube.stl"
+        trimesh.Trimesh(CORNERS, faces, process=False).export(path)
+        np.testing.assert_allclose(Mesh.from_file(path).entry_distance(origins, direction), expected, atol=1e-8)
+
+
+def test_materials_and_other_files_that_a_file_names_are_not_opened(tmp_path):
+    path = tmp_path / "cube.obj"
+    text = trimesh.Trimesh(CORNERS, CUBE_FACES, process=False).export(file_type="obj")
+    path.write_text("mtllib trap.mtl\nusemtl gold\n" + text)
+    (tmp_path / "trap.mtl").mkdir()  # to open it would fail
+    assert len(Mesh.from_file(path).faces) == 12
+
+
+def test_a_mesh_is_a_value_known_by_its_triangles():
+    twin = Mesh("another name", CUBE.vertices, CUBE.faces)
+    moved = Mesh("cube", CUBE.vertices + 1e-6, CUBE.faces)
+    assert (twin, hash(twin)) == (CUBE, hash(CUBE))
+    assert pickle.loads(pickle.dumps(CUBE)) == CUBE
+    assert moved != CUBE
+    assert Box((0.016, 0.016, 0.016)) != CUBE
+    assert repr(CUBE) == f"Mesh('cube', 12 triangles, sha256 {CUBE.digest[:12]})"
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "problem"),
+    [
+        (CORNERS, np.zeros((0, 3), int), "no triangles"),
+        (CORNERS, CUBE_FACES[1:], "3 open edges"),
+        (CORNERS, np.vstack([CUBE_FACES, CUBE_FACES[:1]]), "3 shared by more than two"),
+        (CORNERS, CUBE_FACES[:, ::-1], "inside out"),
+        (CORNERS, np.vstack([CUBE_FACES[:1, ::-1], CUBE_FACES[1:]]), "disagree about which side"),
+        (CORNERS * np.nan, CUBE_FACES, "not finite"),
+        (CORNERS, CUBE_FACES + 1, "not among the 8"),
+        (CORNERS * [1, 1, 0], CUBE_FACES, "no volume"),
+        (np.vstack([CORNERS, CORNERS + 0.05]), np.vstack([CUBE_FACES, CUBE_FACES + 8]), "2 separate surfaces"),
+    ],
+)
+def test_triangles_that_bound_no_solid_are_refused(vertices, faces, problem):
+    with pytest.raises(BadMesh, match=f"thing: .*{problem}"):
+        Mesh("thing", vertices, faces)
+
+
+@pytest.mark.parametrize(
+    ("factor", "advice"),
+    [
+        (1000, r"27\.71 m .* metres.*scale: 0\.001 if it is in millimetres"),
+        (1 / 0.0254, r"1\.091 m .* scale: .* or 0\.0254 if it is in inches"),
+        (0.01, r"0\.0002771 m .* Lengths are in metres$"),
+    ],
+)
+def test_an_absurd_size_is_refused_with_the_scale_that_may_mend_it(factor, advice, tmp_path):
+    path = tmp_path / "cube.stl"
+    trimesh.Trimesh(CORNERS * factor, CUBE_FACES, process=False).export(path)
+    with pytest.raises(BadMesh, match=f"cube.stl: .*{advice}"):
+        Mesh.from_file(path)
+    assert Mesh.from_file(path, scale=1 / factor).bounding_radius == pytest.approx(CUBE.bounding_radius)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "problem"),
+    [
+        ("empty.stl", b"", "no triangles"),
+        ("empty.obj", b"", "no triangles"),
+        ("noise.stl", bytes(range(256)) * 4, "cannot be read as STL"),
+        ("noise.ply", b"ply\nformat nonsense\n", "cannot be read as PLY"),
+        ("words.obj", b"v one two three\nf 1 2 3\n", "cannot be read as OBJ"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", "not finite"),
+        ("vast.obj", b"v 1e300 0 0\nv 1e300 1e300 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", "finite"),
+        ("far.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "cannot be read as OBJ"),
+        ("part.step", b"ISO-10303-21;", r"read from \.stl, \.obj"),
+    ],
+)
+def test_a_file_that_holds_no_mesh_is_refused_by_name(name, content, problem, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BadMesh, match=f"{name}: .*{problem}"):
+        Mesh.from_file(tmp_path / name)
+
+
+def test_a_file_cut_short_is_refused(tmp_path):
+    path = tmp_path / "cube.stl"
+    path.write_bytes(trimesh.Trimesh(CORNERS, CUBE_FACES, process=False).export(file_type="stl")[:-30])
+    with pytest.raises(BadMesh, match=r"cube\.stl"):
+        Mesh.from_file(path)
+
+
+def test_a_missing_file_says_so(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        Mesh.from_file(tmp_path / "none.stl")
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+def test_a_scale_that_is_none_is_refused(scale, tmp_path):
+    with pytest.raises(ValueError, match="scale must be positive"):
+        Mesh.from_file(tmp_path / "cube.stl", scale=scale)

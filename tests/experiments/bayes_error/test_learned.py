@@ -1,0 +1,84 @@
+"""Bounds from what a network sees: neighbours are the nearest, views are averaged, and the findings are written."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+from scipy.special import log_softmax
+
+from activetouch.data.dataset import CollectionPlan
+from activetouch.errors import LabelMismatch
+from activetouch.named_scenes import SCENES
+from activetouch.scene import Symmetry
+from experiments.bayes_error.image_bank import symmetric_views
+from experiments.bayes_error.learned import LearnedView, nearest_of_first, read_views
+from experiments.bayes_error.limit import Limit
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import collect
+
+pytestmark = pytest.mark.torch
+
+
+def test_the_nearest_is_the_nearest_of_each_part(rng):
+    known, asked = rng.normal(size=(9000, 3)), rng.normal(size=(50, 3))  # more than are compared at once
+    sizes = [1, 10, 5000, 9000]
+    found = nearest_of_first(known.astype(np.float32), asked.astype(np.float32), sizes)
+    distances = cdist(asked.astype(np.float32), known.astype(np.float32))
+    for size, nearest in zip(sizes, found, strict=True):
+        assert nearest.max() < size
+        least = distances[:, :size].min(axis=1)
+        np.testing.assert_allclose(distances[np.arange(50), nearest], least, atol=1e-3)
+
+
+def test_of_rows_equally_near_the_first_is_taken():
+    known = np.array([[1.0], [2.0], [1.0], [2.0]], np.float32)
+    assert nearest_of_first(known, np.array([[2.0], [1.0]], np.float32), [4]).tolist() == [[1, 0]]
+
+
+class Corners:
+    """Reads the first pixel of an image: its logit for shape 0, and its only feature."""
+
+    def read(self, images, batch_size=64):
+        corner = images[:, 0, 0].astype(float)
+        return SimpleNamespace(
+            logits=np.stack([corner, np.zeros_like(corner)], axis=1), features=corner[:, None].astype(np.float32)
+        )
+
+
+@pytest.mark.parametrize("symmetry", list(Symmetry))
+def test_views_are_averaged_in_log_probability(symmetry, rng):
+    images = rng.integers(0, 9, size=(300, 4, 4)).astype(np.uint8)
+    found = read_views(Corners(), images, symmetry, "reading")
+    corners = symmetric_views(images, symmetry)[:, :, 0, 0].astype(float)
+    log_probs = log_softmax(np.stack([corners, np.zeros_like(corners)], axis=2), axis=2)
+    np.testing.assert_allclose(found.logits, log_probs.mean(axis=1))
+    np.testing.assert_allclose(found.features[:, 0], corners.mean(axis=1), rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def collection(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("many")
+    collect(SceneChoice("many", fidelity="quasistatic"), CollectionPlan(train=4, calibration=1, test=1), folder, jobs=1)
+    return folder
+
+
+def test_asked_for_with_a_collection_the_network_is_studied_instead_of_twins(collection):
+    assert Limit(learned_from=collection).estimator(SCENES["hard"].scene) == LearnedView(collection)
+
+
+def test_the_findings_are_written(collection, tmp_path):
+    choice = SceneChoice("many", fidelity="quasistatic")
+    Limit(choice, touches=24, learned_from=collection, out=tmp_path, jobs=1).run()
+    numbers = json.loads((tmp_path / "limit.json").read_text())
+    assert numbers["sizes"] == [18, 36, 72, 144, 288]
+    for seen in numbers["neighbours"].values():
+        assert all(nearest <= upper <= 1.0 for nearest, upper in zip(seen["nearest"], seen["upper"], strict=True))
+    assert numbers["learned_from"]["value"] > 0.5  # of shapes it was trained on, 1 in 12 by chance
+    assert "too low" in (tmp_path / "limit.md").read_text()
+
+
+def test_a_collection_of_other_shapes_is_refused(collection, tmp_path):
+    with pytest.raises(LabelMismatch, match="knows the shapes"):
+        Limit(SceneChoice("gel"), touches=24, learned_from=collection, out=tmp_path, jobs=1).run()

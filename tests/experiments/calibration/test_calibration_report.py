@@ -1,0 +1,281 @@
+"""Sequences keep the laws they are named for, verdicts follow from numbers, and the report stands alone."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch.data.dataset import CollectionPlan, TouchSet
+from belief.calibration import TemperatureScaling
+from belief.metrics import CalibrationError, StopScore, claims_at_stop
+from belief.observation_model import RatioModel
+from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
+from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
+from experiments.calibration.sequences import KINDS, Rounds, stops
+from experiments.calibration.targets import decimals, judge_model, judge_touches, verdict
+from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import collect
+
+N, R, P, K = 7, 4, 3, 2
+
+
+@pytest.fixture
+def rounds():
+    """Every touch's first logit says which it is: object, round and pose."""
+    logits = np.zeros((N, R, P, K))
+    logits[..., 0] = np.arange(N * R * P).reshape(N, R, P)
+    return Rounds(logits, np.arange(N) % K)
+
+
+def identify(sequences):
+    """Object, round and pose of each touch, ``(S, n)`` each."""
+    return np.unravel_index(sequences.batch.logits[..., 0].astype(int), (N, R, P))
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_a_sequence_feels_one_object_in_the_poses_it_says_and_no_touch_twice(kind, rounds, rng):
+    sequences = KINDS[kind](rounds, rng)
+    objects, _, poses = identify(sequences)
+    assert (objects == sequences.object_ids[:, None]).all()
+    assert (poses == sequences.batch.poses).all()
+    assert (sequences.shapes == rounds.shapes[sequences.object_ids]).all()
+    for touches in sequences.batch.logits[..., 0]:
+        assert len(set(touches)) == len(touches)
+
+
+@pytest.mark.parametrize(("kind", "per_object", "length"), [("distinct poses", R, P), ("one pose", P, R)])
+def test_distinct_and_repeated_poses_use_every_touch_once(kind, per_object, length, rounds, rng):
+    sequences = KINDS[kind](rounds, rng)
+    assert sequences.batch.poses.shape == (N * per_object, length)
+    assert sorted(sequences.batch.logits[..., 0].ravel()) == list(range(N * R * P))
+
+
+def test_distinct_poses_are_distinct_and_in_every_order(rounds, rng):
+    many = replace(rounds, logits=np.tile(rounds.logits, (100, 1, 1, 1)), shapes=np.tile(rounds.shapes, 100))
+    poses = many.distinct_poses(rng).batch.poses
+    assert (np.sort(poses, axis=1) == np.arange(P)).all()
+    assert len(np.unique(poses, axis=0)) == 6
+
+
+def test_one_pose_stays_and_its_rounds_come_in_random_order(rounds, rng):
+    sequences = rounds.one_pose(rng)
+    _, order, poses = identify(sequences)
+    assert (poses == poses[:, :1]).all()
+    assert (np.sort(order, axis=1) == np.arange(R)).all()
+    assert len(np.unique(order, axis=0)) > 5
+
+
+def test_random_poses_recur_as_long_as_there_are_rounds_left(rounds, rng):
+    poses = rounds.random_poses(rng).batch.poses
+    assert poses.shape == (N * R, P * R)  # all there are: fewer than 12 would be too many
+    assert (np.sort(poses, axis=1) == np.repeat(np.arange(P), R)).all()
+    some = rounds.random_poses(rng, num_touches=2).batch.poses
+    assert some.shape == (N * R, 2)
+    assert (some[:, 0] == some[:, 1]).any()
+    assert (some[:, 0] != some[:, 1]).any()
+
+
+def test_every_pose_comes_first_equally_often_among_random_ones(rng):
+    many = Rounds(np.zeros((3000, 2, P, K)), np.zeros(3000, np.int64))
+    counts = np.bincount(many.random_poses(rng, num_touches=1).batch.poses[:, 0], minlength=P)
+    assert np.abs(counts - 2000).max() < 5 * np.sqrt(6000 * 2 / 9)  # fails once in a million
+
+
+def test_sequences_follow_from_the_generator(rounds):
+    for gather in KINDS.values():
+        first, second = (gather(rounds, np.random.default_rng(3)).batch.logits for _ in range(2))
+        assert (first == second).all()
+
+
+def test_touches_of_a_collection_lie_object_by_object_and_round_by_round():
+    count = 2 * 3 * P
+    logits = np.arange(count * K, dtype=float).reshape(count, K)
+    blank = np.zeros(count)
+    touches = TouchSet(
+        blank, np.repeat([1, 0], 3 * P), np.repeat([5, 9], 3 * P), np.tile(np.arange(P), 6), blank, blank
+    )
+    found = Rounds.of(touches, logits, P)
+    assert found.logits.shape == (2, 3, P, K)
+    assert found.shapes.tolist() == [1, 0]
+    singles = found.singles()
+    assert (singles.batch.logits[:, 0] == logits).all()
+    assert (singles.batch.poses[:, 0] == touches.poses).all()
+    assert (singles.shapes == touches.shapes).all()
+
+
+def test_a_search_stops_at_the_first_touch_that_is_sure_enough():
+    probs = np.array(
+        [
+            [[0.6, 0.4], [0.95, 0.05], [0.99, 0.01]],  # sure after two
+            [[0.5, 0.5], [0.6, 0.4], [0.9, 0.1]],  # never
+            [[0.03, 0.97], [0.5, 0.5], [1.0 - 1e-9, 1e-9]],  # at once, and wrongly
+        ]
+    )
+    found = stops(np.log(probs), np.array([0, 0, 0]), 0.9499)
+    assert found.sequences.tolist() == [0, 2]
+    assert found.num_touches.tolist() == [2, 1]
+    assert found.claims == pytest.approx([0.95, 0.97])
+    assert found.correct.tolist() == [True, False]
+    assert len(stops(np.log(probs[1:2]), np.array([0]), 0.95).sequences) == 0
+
+
+def fused(ece, num_touches=1):
+    return Fused(num_touches, 0.9, 0.2, CalibrationError(ece, 0.005), CalibrationError(ece, 0.005))
+
+
+def stopped(claims, correct, num_touches):
+    return StopScores(10_000, claims_at_stop(claims, correct, num_touches), (float(np.mean(correct)), 0.9, 1.0))
+
+
+def scores(name, loss, ece, found):
+    return ModelScores(name, loss, {"one pose": [fused(0.001), fused(ece, 2)]}, {"one pose": found})
+
+
+def test_targets_hold_up_to_their_limits_and_say_by_how_much_they_are_missed():
+    right = np.arange(4000) % 100 < 98
+    good = scores("good", 0.1, 0.0199, stopped(np.full(4000, 0.97), right, np.arange(4000) % 2 + 1))
+    assert [check.holds for check in judge_model(good, 0.95)["one pose"]] == [True] * 3
+    wrong = np.arange(4000) % 100 < 93
+    bad = scores("bad", 0.2, 0.031, stopped(np.full(4000, 0.97), wrong, np.ones(4000, int)))
+    error, share, gap = judge_model(bad, 0.95)["one pose"]
+    assert error.missed_by == pytest.approx(0.011)
+    assert "after 2 touches" in error.detail
+    assert share.missed_by == pytest.approx(0.95 - claims_at_stop([1.0] * 4000, wrong, [1] * 4000).overall.low)
+    assert gap.missed_by == pytest.approx(0.02)
+    assert "the claim is outside" in gap.detail
+
+
+def test_few_stops_are_not_judged_and_none_are_no_error():
+    few = scores("few", 0.1, 0.01, stopped(np.full(150, 0.97), np.ones(150, bool), np.ones(150, int)))
+    _, share, gap = judge_model(few, 0.95)["one pose"]
+    assert (share.missed_by, gap.missed_by, share.holds) == (None, None, False)
+    assert "150 stops" in share.detail
+    none = replace(few, stops={"one pose": StopScores(10, None, None)})
+    assert all(check.missed_by is None for check in judge_model(none, 0.95)["one pose"][1:])
+
+
+def test_a_number_of_touches_with_too_few_stops_does_not_decide_the_gap():
+    claims, right = np.full(1199, 0.96), np.ones(1199, bool)
+    right[:199] = False
+    found = judge_model(scores("some", 0.1, 0.01, stopped(claims, right, 1 + (np.arange(1199) < 199))), 0.95)
+    assert found["one pose"][2].value == ".040"
+
+
+def test_the_verdict_names_what_is_missed_and_counts_only_what_was_judged():
+    right = np.arange(4000) % 100 < 93
+    bad = judge_model(scores("bad", 0.2, 0.031, stopped(np.full(4000, 0.97), right, np.ones(4000, int))), 0.95)
+    good = judge_model(
+        scores("good", 0.1, 0.01, stopped(np.full(150, 0.97), np.ones(150, bool), np.ones(150, int))), 0.95
+    )
+    touch = bad["one pose"][0]
+    text = verdict(replace(touch, missed_by=-0.01), good, "temperature", "good")
+    assert "calibrated by temperature, can be taken at its word" in text
+    assert "they keep 1 of 1 targets (2 more could not be judged)" in text
+    text = verdict(touch, bad, "temperature", "bad")
+    assert "misses its target by .011" in text
+    assert "keep 0 of 3 targets" in text
+    assert "Missed by .020 on one pose: claim within" in text
+
+
+@pytest.mark.parametrize(("value", "text"), [(0.0, ".000"), (0.95, ".950"), (1.0, "1.000"), (-0.02, "-.020")])
+def test_numbers_below_one_have_no_zero_before_the_point(value, text):
+    assert decimals(value) == text
+
+
+def world(rng, num_objects, num_rounds, shared=1.0, scale=1.0):
+    """Logits that are log-likelihood ratios of Gaussian touches, of which a part repeats in a pose."""
+    shapes = np.arange(num_objects) % K
+    repeats = rng.normal(size=(num_objects, 1, P, 1)) * np.sqrt(shared)
+    alone = rng.normal(size=(num_objects, num_rounds, P, 1)) * np.sqrt(1.0 - shared)
+    x = np.where(shapes == 0, 1.0, -1.0)[:, None, None, None] + repeats + alone
+    return Rounds(scale * np.concatenate([x, -x], axis=3), shapes)
+
+
+def test_raw_overconfidence_shows_and_calibration_takes_it_away(rng):
+    known, test = (world(rng, 400, 2, 0.0, scale=3.0).singles() for _ in range(2))
+    labels = (("a", "b"), ("p", "q", "r"))
+    raw, calibrated = (score_touches(name, known, test, labels, rng, 50) for name in (RAW, "temperature"))
+    assert raw.cross_validated_nll is None
+    assert not judge_touches(raw).holds
+    assert raw.report.ece_width.value > 0.05 > 3 * calibrated.classwise[0]
+    assert list(raw.poses) == ["p", "q", "r"]
+    assert np.mean([part.ece.value for part in raw.shapes.values()]) == pytest.approx(
+        raw.report.ece_classwise.value, abs=1e-3
+    )  # the mean of its parts, up to which side of an edge counts
+
+
+@pytest.mark.parametrize("name", list(CALIBRATION_FITS))
+def test_every_calibration_can_be_scored(name, rng):
+    known, test = (world(rng, 40, 2, 0.0).singles() for _ in range(2))
+    found = score_touches(name, known, test, (("a", "b"), ("p", "q", "r")), rng, 5)
+    assert np.isfinite(found.report.negative_log_likelihood)
+    assert (found.cross_validated_nll is None) == (name == RAW)
+
+
+@pytest.mark.parametrize(("shared", "correlation"), [(0.0, 0.0), (0.5, 0.5), (0.9, 0.9)])
+def test_free_weights_find_the_correlation_that_touches_were_made_with(shared, correlation, rng):
+    # Of Gaussian touches that share a part of their variance, the law is exact.
+    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), correlation, np.zeros((P, 1, 2)))
+    sequences = world(rng, 4000, R, shared).one_pose(rng)
+    for weight in free_weights(model, sequences):
+        assert weight.low < weight.free < weight.high
+        assert abs(weight.free - weight.discounted) < 2.5 * (weight.high - weight.free)  # 4.9 standard errors
+        assert weight.high - weight.free < 0.3
+
+
+def test_taking_repeats_for_independent_claims_more_than_is_right(rng):
+    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.9, np.zeros((P, 1, 2)))
+    sequences = {"one pose": world(rng, 2000, R, 0.9).one_pose(rng)}
+    honest, naive = (
+        score_model("ratio", replace(model, correlation=rho), None, sequences, 0.95, rng) for rho in (0.9, 0.0)
+    )
+    overall: list[StopScore] = [found.stops["one pose"].claims.overall for found in (honest, naive)]
+    assert abs(overall[0].mean_claim - overall[0].share_right) < 0.01
+    assert overall[1].mean_claim - overall[1].share_right > 0.03
+    assert naive.fused["one pose"][-1].nll > honest.fused["one pose"][-1].nll
+
+
+@pytest.fixture(scope="module")
+def collection(tmp_path_factory):
+    """Touches of a few objects, in two rounds."""
+    folder = tmp_path_factory.mktemp("touches") / "coarse-repeats"
+    plan = CollectionPlan(train=0, calibration=4, test=3, repeats=2)
+    collect(SceneChoice("coarse", fidelity="quasistatic"), plan, folder, jobs=1)
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path):
+    for jobs in (1, 2):
+        CalibrationReport(data=collection, out=tmp_path / str(jobs), resamples=5, jobs=jobs).run()
+    names = {path.name for path in (tmp_path / "1").iterdir()}
+    pictures = {"reliability", "fused_error", "fused_nll", "claims", "discount"}
+    assert names == {"report.html", "numbers.json", "tables.md"} | {
+        f"{p}.{s}" for p in pictures for s in ("svg", "png")
+    }
+    for name in names:
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
+    html = (tmp_path / "1" / "report.html").read_text()
+    assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script|url\((?!#)", html)
+    assert html.count("<svg") == 2 + 3 + 3 + 3 + 1
+    assert "could not be judged" in html
+    numbers = json.loads((tmp_path / "1" / "numbers.json").read_text())
+    assert numbers["num_objects"] == {"calibration": 16, "test": 12}
+    assert len(numbers["models"][0]["fused"]["distinct poses"]) == 6
+    assert "| model |" in (tmp_path / "1" / "tables.md").read_text()
+
+
+@pytest.mark.mujoco
+def test_a_collection_without_repeats_is_refused_with_the_command_to_record_one(tmp_path):
+    folder = tmp_path / "once"
+    collect(
+        SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1
+    )
+    with pytest.raises(NoRepeats, match=r"--plan\.repeats 6"):
+        CalibrationReport(data=folder, out=tmp_path / "out").run()
+    assert not (tmp_path / "out").exists()

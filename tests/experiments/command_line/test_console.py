@@ -1,0 +1,141 @@
+"""What is printed is printed as it is, on any terminal."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+
+from experiments import parallel
+from experiments.bayes_error.estimator import Grid
+from experiments.command_line.collection_arguments import PlanArguments
+from experiments.command_line.console import plain_console
+from experiments.reporting.csv_text import csv_text
+from experiments.reporting.page import write_csv
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.setting import Setting
+from experiments.search.tables import Sheet
+from experiments.sensor.collect import Collect
+
+ROOT = Path(__file__).parents[3]
+HOSTILE = ["runs/[/green]", "[bold]cone[/bold]", ":smile:", "[link=x]y", "\\[x]", "[[", "[#ff0000]nut"]
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_is_printed_as_it_is_alone_in_tables_and_before_progress_bars(text, monkeypatch):
+    file = io.StringIO()
+    console = plain_console(file=file, width=200)
+    console.print(f"report: {text}")
+    table = Table(text, title=text, caption=text)
+    table.add_row(text)
+    console.print(table)
+    console.rule(text)
+    console.print(Grid(text, (text,), [(text,)]).rich())
+    monkeypatch.setattr(parallel, "plain_console", lambda: console)
+    assert list(parallel.run_tasks([lambda: 1], 1, text)) == [1]
+    assert file.getvalue().count(text) >= 8
+
+
+def test_no_command_prints_with_a_console_of_its_own():
+    allowed = {"console.py"}
+    for path in sorted((ROOT / "experiments").glob("*.py")):
+        if path.name not in allowed:
+            assert "Console(" not in path.read_text().replace("plain_console(", ""), path.name
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_a_comparison_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
+    out = tmp_path / "[/green]" / "[bold]"
+    setting = Setting(SceneChoice("coarse"))
+    Compare(deciders=("random_confirm",), targets=("cone",), episodes=1, setting=setting, out=out, jobs=1).run()
+    assert "[/green]/[bold]" in capsys.readouterr().out
+    assert (out / "report.html").exists()
+
+
+@pytest.mark.mujoco
+def test_a_collection_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
+    out = tmp_path / "[/green]"
+    Collect(SceneChoice("coarse"), out=out, plan=PlanArguments(train=1, calibration=0, test=0), jobs=1).run()
+    assert "[/green] is complete" in capsys.readouterr().out
+
+
+def run(arguments, where, **environment):
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=where,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True,
+        timeout=300,
+    )
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["compare", "--help"],
+        ["compare", "--scene", "coarse", "--deciders", "random_confirm", "--episodes", "1", "--jobs", "1"],
+        ["touch", "--shape", "größe–λ"],
+        ["nonsense–λ"],
+    ],
+    ids=lambda arguments: " ".join(arguments[:2]),
+)
+def test_a_terminal_that_is_not_utf_8_gets_all_in_ascii(tmp_path, arguments):
+    environments = {"PYTHONIOENCODING": "ascii", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    found = run(["-m", "experiments.cli", *arguments], tmp_path, **environments)
+    words = (found.stdout + found.stderr).decode("ascii")
+    assert "Traceback" not in words
+    assert "UnicodeEncodeError" not in words
+    assert (found.returncode == 0) is (arguments[0] == "compare"), words
+
+
+def test_characters_that_cannot_be_printed_are_replaced_by_what_looks_alike(tmp_path):
+    script = r"""
+from experiments.command_line.console import print_on_any_terminal
+
+print_on_any_terminal()
+print("12–14 → λ ≤ 3 … größe µs 触 \udcff")
+"""
+    assert run(["-c", script], tmp_path, PYTHONIOENCODING="ascii").stdout == b"12-14 -> lambda <= 3 ... grosse us ? ?\n"
+    text = run(["-c", script], tmp_path, PYTHONIOENCODING="utf-8").stdout.decode()  # which lacks halves of pairs only
+    assert text == "12–14 → λ ≤ 3 … größe µs 触 ?\n"
+
+
+FORMULAS = [
+    "=1+1",
+    "+1+1",
+    "-2+3+cmd|' /C calc'!A0",
+    "@SUM(A1)",
+    "\t=1",
+    "\r=1",
+    "\n=1",
+    "a\r=1",
+    "＝1",
+    "=cmd|'/C calc'!A0",
+]
+
+
+@pytest.mark.parametrize("label", FORMULAS)
+def test_no_cell_of_a_table_is_a_formula(tmp_path, label):
+    import csv
+
+    sheet = Sheet("name", "title", [(label, ""), ("number", ".2f")], [(label, -0.5), ("cone", (-1.0, 2.0))])
+    write_csv(tmp_path / "grid.csv", Grid("", (label, "number"), [(label, "-0.5")]))
+    texts = [csv_text([(label, -0.5)]), sheet.csv(), (tmp_path / "grid.csv").read_bytes().decode()]
+    for text in texts:
+        cells = [cell for row in csv.reader(io.StringIO(text, newline="")) for cell in row]
+        assert not any(cell.startswith("=") for cell in cells)
+        assert label.startswith("a") or "'" + label.replace("\r", "\n") in cells
+        assert label not in cells
+        assert {"-0.5", "-1.0"} & {*cells}  # numbers stay numbers
+
+
+@pytest.mark.parametrize("cell", ["cone", "", "-0.5", "+1e-3", "-inf", -0.5, -1, None, "a=b", "'=1"])
+def test_harmless_cells_stay_as_they_are(cell):
+    assert csv_text([(cell, "x")]) == f"{'' if cell is None else cell},x\n"

@@ -1,0 +1,178 @@
+"""A command that is interrupted, told to end, or killed: one line at most, and no process left behind."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from experiments.command_line.signals import loading, running
+
+ROOT = Path(__file__).parents[3]
+SECONDS = 90  # of a busy machine; what is waited for takes two or three
+COMPARE = ["-m", "experiments.cli", "compare", "--scene", "coarse", "--deciders", "threshold", "--targets", "cone"]
+COMPARE += ["--episodes", "5000", "--jobs", "2"]
+FIVE = 5  # a command, two workers, and the trackers of what they share
+SLEEPERS = """
+import time
+from functools import partial
+from experiments.parallel import run_tasks
+from experiments.command_line.signals import running
+
+with running():
+    list(run_tasks([partial(time.sleep, 60)] * 4, 2, "sleeping"))
+"""
+POOL = """
+import multiprocessing, sys, time
+from pathlib import Path
+from activetouch.workers import in_own_process
+from experiments.command_line.signals import running
+
+
+def work():
+    Path("at work").touch()
+    time.sleep(60)
+
+
+if __name__ == "__main__":
+    with running():
+        in_own_process(multiprocessing.get_context(sys.argv[1]), work)
+"""
+linux = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are listed by /proc")
+
+
+def start(arguments, where, path=()):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([*map(str, path), str(ROOT)])}
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=where,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def processes_of(session):
+    """Numbers of all that run in a session, which is where a process and all its descendants are."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, _, of, *_ = status.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(of) == session and state not in "ZX":
+            found.append(int(status.parent.name))
+    return found
+
+
+def until(condition):
+    deadline = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
+
+
+def stopped(process, number, send, is_at_work):
+    """Exit code and standard error of a process that got a signal once its workers were there; all are gone then."""
+    try:
+        until(lambda: process.poll() is not None or is_at_work())
+        assert process.poll() is None, process.stderr.read()
+        send(process.pid, number)
+        process.wait(SECONDS)
+        until(lambda: not processes_of(process.pid))
+        return process.returncode, process.stderr.read()
+    finally:
+        for left in processes_of(process.pid):
+            os.kill(left, signal.SIGKILL)
+        process.communicate()
+
+
+ENDS = pytest.mark.parametrize(
+    ("number", "send", "code"),
+    [(signal.SIGTERM, os.kill, 143), (signal.SIGKILL, os.kill, -9), (signal.SIGINT, os.killpg, 130)],
+    ids=["SIGTERM", "SIGKILL", "Ctrl-C"],
+)
+
+
+def judge(found, code):
+    assert found[0] == code
+    if code > 0:
+        assert "interrupted; what was finished is kept" in found[1]
+        assert "Traceback" not in found[1]
+
+
+@linux
+@ENDS
+def test_no_worker_outlives_its_command(tmp_path, number, send, code):
+    process = start(["-c", SLEEPERS], tmp_path)
+    judge(stopped(process, number, send, lambda: len(processes_of(process.pid)) >= FIVE), code)
+
+
+@linux
+@pytest.mark.slow
+@pytest.mark.mujoco
+@pytest.mark.torch
+@ENDS
+def test_no_worker_of_a_comparison_outlives_it(tmp_path, number, send, code):
+    process = start([*COMPARE, "--out", "run"], tmp_path)
+    judge(stopped(process, number, send, lambda: len(processes_of(process.pid)) >= FIVE), code)
+
+
+@linux
+@ENDS
+@pytest.mark.parametrize("kind", ["spawn", "forkserver"])
+def test_no_process_that_measures_on_its_own_outlives_its_command(tmp_path, kind, number, send, code):
+    (tmp_path / "pool.py").write_text(POOL)
+    judge(stopped(start(["pool.py", kind], tmp_path), number, send, (tmp_path / "at work").exists), code)
+
+
+@pytest.mark.parametrize("module", ["tyro", "numpy", "rich"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_while_a_command_loads_ends_it_with_one_line(tmp_path, module, name):
+    (tmp_path / f"{module}.py").write_text(
+        f"import os, signal, time\nos.kill(os.getpid(), signal.{name})\ntime.sleep(60)\n"
+    )
+    process = start(["-m", "experiments.cli", "compare", "--help"], tmp_path, path=[tmp_path])
+    _, errors = process.communicate(timeout=SECONDS)
+    assert process.returncode == 128 + getattr(signal, name)
+    assert errors.strip() == "interrupted; what was finished is kept, run the same command to go on"
+
+
+def test_told_to_end_a_command_ends_even_where_foreign_code_swallows_the_exception(tmp_path):
+    script = """
+import os, signal, time
+from experiments.command_line import signals as stopping
+
+stopping._PATIENCE = 0.2
+with stopping.running():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+    except BaseException:
+        pass
+    time.sleep(60)
+"""
+    process = start(["-c", script], tmp_path)
+    _, errors = process.communicate(timeout=SECONDS)
+    assert process.returncode == 143
+    assert "interrupted" in errors
+
+
+def test_a_signal_that_is_ignored_stays_ignored_and_handlers_come_back(tmp_path):
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell has it for what runs in its background
+    try:
+        for guard in (loading, running):
+            with guard():
+                assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+                assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, before[0])
+    with pytest.raises(SystemExit) as end, running():
+        raise KeyboardInterrupt
+    assert end.value.code == 130
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before

@@ -1,0 +1,28 @@
+"""A command whose results have nowhere to go says so before its work."""
+
+import pytest
+
+from belief.errors import CannotWrite
+from experiments.bayes_error.limit import Limit
+from experiments.ppo.train_ppo import TrainPPO
+from experiments.press.fidelity import Fidelity
+from experiments.press.touch import Gallery, Record, Touch
+from experiments.robustness.robustness import Robustness
+from experiments.search.compare import Compare
+from experiments.search.replay import Replay
+from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.collect import Collect
+from experiments.tradeoff.tradeoff import Tradeoff
+
+PICTURES = (Replay, Touch, Gallery)
+
+
+@pytest.mark.parametrize(
+    "command", [*PICTURES, Calibrate, Collect, Compare, Fidelity, Limit, Record, Robustness, Tradeoff, TrainPPO]
+)
+def test_a_place_below_a_file_is_refused_at_once(command, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    ending = {Fidelity: ".json"}.get(command, ".png" if command in PICTURES else "")
+    with pytest.raises(CannotWrite, match="file"):
+        command(out=tmp_path / "file" / f"out{ending}").run()
+    assert (tmp_path / "file").read_text() == "mine"

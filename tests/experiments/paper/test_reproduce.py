@@ -1,0 +1,115 @@
+"""The paper's tables and figures: what is missing is said, what is finished is kept, however often it is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch.named_scenes import SCENES
+from belief.statistics import wilson_interval
+from experiments.paper.reproduce import DEVIATIONS
+from experiments.paper.sliding_windows import WindowPlan, kept_windows
+from experiments.paper.table2 import PAPER, Column, search_columns, to_markdown
+
+ROOT = Path(__file__).parents[3]
+TINY = ["--parts", "table2", "figure2", "figure3", "--scenes", "coarse", "--deciders", "threshold", "random_confirm"]
+TINY += ["--episodes", "25", "--images.objects", "2", "--images.presses", "1", "--images.images", "3", "--jobs", "1"]
+
+
+def test_the_papers_numbers_are_those_it_printed():
+    assert [PAPER["Manual"][s] for s in ("sphere", "cube", "cylinder", "cone")] == [1.00, 1.00, 0.05, 0.08]
+    assert [PAPER["PPO"][s] for s in ("sphere", "cube", "cylinder", "cone")] == [0.46, 0.13, 0.15, 0.20]
+
+
+def test_a_table_has_every_target_with_its_interval_and_says_what_is_missing():
+    successes = {"sphere": 9, "cube": 10, "cylinder": 0, "cone": 5}
+    there = Column("coarse", "threshold", successes, 10, touches=7.25, floor=0.25, ceiling=(9, 10))
+    absent = Column("coarse", "ppo", {}, 0, missing="no policy, train one with: activetouch train-ppo")
+    text = to_markdown([there, absent])
+    low, high = wilson_interval(9, 10)
+    least, most = wilson_interval(24, 40)
+    assert "| paper: PPO | 0.46 | 0.13 | 0.15 | 0.20 | **0.235** |" in text
+    assert f"| threshold, coarse | 0.90 [{low:.2f}, {high:.2f}] | 1.00 [" in text
+    assert f"| **0.600 [{least:.3f}, {most:.3f}]** | 7.2 | 0.25 | 9/10 |" in text
+    assert "| ppo, coarse | – | – | – | – | – | – | – | – |" in text
+    assert "ppo, coarse is not available: no policy, train one with: activetouch train-ppo." in text
+
+
+@pytest.mark.mujoco
+def test_windows_are_pressed_once_and_read_from_their_file_afterwards(tmp_path):
+    scene, plan = SCENES["paper"].scene, WindowPlan(objects=1, presses=1, images=2)
+    first = kept_windows(scene, plan, 0, 1, tmp_path)
+    [file] = tmp_path.iterdir()
+    before = file.stat().st_mtime_ns
+    again = kept_windows(scene, plan, 0, 1, tmp_path)
+    assert file.stat().st_mtime_ns == before
+    assert all(np.array_equal(vars(first)[name], vars(again)[name]) for name in vars(first))
+    kept_windows(scene, WindowPlan(objects=1, presses=1, images=3), 0, 1, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.slow
+def test_a_decider_without_its_policies_is_left_out_and_named(tmp_path):
+    empty = tmp_path / "sensor"
+    empty.mkdir()
+    for file in (ROOT / "activetouch" / "models" / "coarse").glob("*.*"):
+        (empty / file.name).write_bytes(file.read_bytes())
+    columns = search_columns({"coarse": empty}, ["random_confirm", "ppo"], 5, 0, tmp_path / "runs", 1)
+    assert [column.decider for column in columns] == ["random_confirm", "ppo"]
+    assert sum(columns[0].successes.values()) > 0
+    assert "train-ppo --scene coarse" in columns[1].missing
+
+
+def finished(folder: Path) -> dict[Path, int]:
+    """Files of finished pieces, with the time they were written; half-written ones begin with a dot."""
+    kinds = (".jsonl", ".npz")
+    return {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.suffix in kinds and not p.name.startswith(".")}
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.slow
+def test_killed_three_times_it_loses_no_finished_work(tmp_path):
+    command = [sys.executable, "-m", "experiments.cli", "reproduce", *TINY, "--out", str(tmp_path)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    kept: dict[Path, int] = {}
+    for _ in range(3):
+        process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+        while process.poll() is None and len(finished(tmp_path)) <= len(kept):
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        found = finished(tmp_path)
+        assert kept.items() <= found.items()
+        assert len(found) > len(kept)
+        kept = found
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    shards = {path: at for path, at in kept.items() if path.name != "episodes.jsonl"}
+    assert shards.items() <= finished(tmp_path).items()
+    numbers = json.loads((tmp_path / "table2.json").read_text())
+    assert [column["decider"] for column in numbers] == ["threshold", "random_confirm"]
+    assert all(sum(column["successes"].values()) <= 4 * 25 for column in numbers)
+    page = (tmp_path / "reproduce.md").read_text()
+    assert "Where we deviate" in page
+    assert "--from-nothing makes them anew" in page
+    assert {"figure2.svg", "figure3.svg"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_the_tables_of_the_documentation_are_those_that_were_made():
+    docs = ROOT / "docs"
+    page = (docs / "reproduction.md").read_text()
+    entries = json.loads((docs / "reproduction" / "table2.json").read_text())
+    columns = [Column(**{**entry, "ceiling": tuple(entry["ceiling"])}) for entry in entries]
+    assert len(columns) == 10
+    assert to_markdown(columns).strip() in page
+    assert (docs / "table1" / "table1.md").read_text().strip() in page
+    assert all(line in page for line in DEVIATIONS)

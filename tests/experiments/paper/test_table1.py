@@ -1,0 +1,155 @@
+"""The paper's Table 1: what the splits share, and the command from nothing to its files."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from activetouch.named_scenes import SCENES
+from activetouch.perception.training import Trainer
+from belief.errors import CorruptFile
+from belief.metrics import shape_scores
+from experiments.command_line.arguments import BadArgument
+from experiments.paper.reproduce import Reproduce
+from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
+from experiments.paper.table1 import PAPER, Result, to_markdown
+from experiments.sensor.train import Changes
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
+PLAN = WindowPlan(objects=5, presses=2, images=4)
+
+
+@pytest.fixture(scope="module")
+def images():
+    return record_windows(SCENES["paper"].scene, PLAN, 0, jobs=1)
+
+
+def test_every_shape_has_as_many_images_as_planned(images):
+    assert images.images.shape == (160, 128, 128, 3)
+    assert np.bincount(images.shapes).tolist() == [40] * 4
+    assert len(np.unique(images.object_ids)) == 20
+
+
+def test_images_do_not_depend_on_the_number_of_processes(images):
+    again = record_windows(SCENES["paper"].scene, PLAN, 0, jobs=2)
+    np.testing.assert_array_equal(again.images, images.images)
+
+
+def test_another_stream_is_other_objects(images):
+    fresh = record_windows(SCENES["paper"].scene, PLAN, 1, jobs=1)
+    known = {image.tobytes() for image in images.images}
+    assert sum(image.tobytes() in known for image in fresh.images) <= 8  # images of a first, weak contact may coincide
+
+
+@pytest.mark.parametrize("split", [split_by_image, split_by_object])
+def test_a_split_keeps_every_image_once(images, split):
+    first, second = split(images, 0.8, np.random.default_rng(0))
+    assert (len(first.images), len(second.images)) == (128, 32)
+    rows = sorted(image.tobytes() for part in (first, second) for image in part.images)
+    assert rows == sorted(image.tobytes() for image in images.images)
+
+
+def test_split_by_object_shares_no_object_and_by_image_nearly_all(images):
+    first, second = split_by_object(images, 0.8, np.random.default_rng(0))
+    assert not set(first.object_ids) & set(second.object_ids)
+    assert np.bincount(second.shapes).tolist() == [8] * 4
+    first, second = split_by_image(images, 0.8, np.random.default_rng(0))
+    # An object has 8 images: none among the 128 with probability C(152, 128) / C(160, 128) below 1e-5.
+    assert set(second.object_ids) <= set(first.object_ids)
+
+
+def test_windows_of_one_press_are_near_copies_and_other_presses_are_not(images):
+    flat = images.images.reshape(len(images.images), -1).astype(float)
+    key = 10 * images.object_ids + images.poses
+    distance = cdist(flat, flat)
+    np.fill_diagonal(distance, np.inf)
+    same = key[:, None] == key[None]
+    nearest_is_sibling = np.take_along_axis(same, distance.argmin(axis=1)[:, None], axis=1).mean()
+    assert nearest_is_sibling > 0.6  # 3 of 159 others are siblings: .02 by chance
+
+
+def test_impossible_plans_are_refused():
+    with pytest.raises(BadArgument, match="presses"):
+        record_windows(SCENES["paper"].scene, WindowPlan(presses=0), 0, 1)
+
+
+def test_the_papers_table_agrees_with_itself():
+    # Counts of right answers follow from recall and support; .81 is their share of all.
+    right = sum(round(score.recall * score.support) for score in PAPER.values())
+    assert right / sum(score.support for score in PAPER.values()) == pytest.approx(0.81, abs=0.005)
+    for score in PAPER.values():
+        mean = 2 * score.precision * score.recall / (score.precision + score.recall)
+        assert score.f1 == pytest.approx(mean, abs=0.011)
+
+
+def test_the_table_holds_the_scores_of_the_confusion_matrix():
+    confusion = [[9, 1, 0, 0], [2, 8, 0, 0], [0, 0, 5, 5], [0, 0, 4, 6]]
+    labels = ("sphere", "cube", "cylinder", "cone")
+    table = to_markdown({"by image": {"held out": Result(0.7, (0.6, 0.8), confusion, 0.4, (0.3, 0.5))}}, labels)
+    cube = shape_scores(confusion)[1]
+    assert f"| cube | 0.77 / 0.80 / 0.78 (144) | {cube.precision:.2f} / 0.80 / {cube.f1:.2f} (10) |" in table
+    assert "| accuracy | **.81** | **0.700** [0.600, 0.800] |" in table
+    assert "| of the nearest training image | | 0.400 [0.300, 0.500] |" in table
+
+
+@pytest.mark.slow
+def test_the_command_goes_on_where_it_stopped_and_writes_its_files(tmp_path):
+    def reproduce(epochs):
+        settings = {"backbone": "cnn", "input_size": 32, "images": PLAN, "jobs": 1}
+        Reproduce(parts=("table1",), **settings, change=Changes(epochs=epochs), out=tmp_path).run()
+        return json.loads((tmp_path / "table1.json").read_text())
+
+    first = reproduce(1)
+    state = tmp_path / "table1" / "by-object" / "state.safetensors"
+    written = state.stat().st_mtime_ns
+    assert reproduce(1)["splits"] == first["splits"]
+    assert state.stat().st_mtime_ns == written  # nothing was trained again
+    assert np.sum(first["splits"]["by object"]["fresh objects"]["confusion"]) == 160
+    by_image = first["splits"]["by image"]  # near copies help where there are some
+    assert by_image["held out"]["nearest"] > by_image["fresh objects"]["nearest"] + 0.1
+    assert (tmp_path / "table1.md").read_text().startswith("| | paper | by image, held out |")
+    assert (tmp_path / "table1.svg").read_text().count("<svg") == 1
+
+
+@pytest.mark.slow
+def test_killed_between_epochs_and_in_another_folder_it_ends_with_the_same_file(tmp_path, monkeypatch):
+    def reproduce(folder):
+        plan, few = WindowPlan(objects=3, presses=1, images=2), Changes(epochs=2)
+        settings = {"backbone": "cnn", "input_size": 16, "images": plan, "change": few, "jobs": 1}
+        Reproduce(parts=("table1",), **settings, out=tmp_path / folder).run()
+        return (tmp_path / folder / "table1.json").read_bytes()
+
+    whole, run_epoch = reproduce("whole"), Trainer.run_epoch
+
+    def run_epoch_and_stop(self, *arguments):
+        run_epoch(self, *arguments)
+        raise KeyboardInterrupt
+
+    for _ in range(3):  # of two trainings of two epochs each
+        with monkeypatch.context() as patched:
+            patched.setattr(Trainer, "run_epoch", run_epoch_and_stop)
+            with pytest.raises(KeyboardInterrupt):
+                reproduce("parts")
+    assert reproduce("parts") == whole
+    confusion = Reproduce(out=tmp_path / "parts")._confusion()
+    assert np.shape(confusion) == (4, 4)
+    (tmp_path / "parts" / "table1.json").write_bytes(whole.replace(b'"support": ', b'"support": 1'))
+    with pytest.raises(CorruptFile, match="reproduce --table 1"):
+        Reproduce(out=tmp_path / "parts")._confusion()
+
+
+def test_damaged_windows_are_refused(tmp_path):
+    scene, plan = SCENES["paper"].scene, WindowPlan(objects=1, presses=1, images=2)
+    kept_windows(scene, plan, 0, 1, tmp_path)
+    [file] = tmp_path.iterdir()
+    whole = file.read_bytes()
+    for place in (0, len(whole) // 3, len(whole) // 2):
+        damaged = bytearray(whole)
+        damaged[place] ^= 4
+        file.write_bytes(damaged)
+        with pytest.raises(CorruptFile, match="delete it to press"):
+            kept_windows(scene, plan, 0, 1, tmp_path)
+    file.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(CorruptFile, match="delete it to press"):
+        kept_windows(scene, plan, 0, 1, tmp_path)

@@ -1,0 +1,60 @@
+"""The policies that come with the package probe what nobody touched, and searches are those of one set of policies."""
+
+import shutil
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from activetouch.world import MODELS, POLICIES, load_observation_model
+from belief import Belief, Probe, SearchProblem
+from experiments.scene_choice import SceneChoice
+from experiments.search.setting import Setting
+from experiments.search.shards import identity, made_by
+from planners import InformationState
+from planners.ppo import MissingPolicy, Policy, PPODecider, policy_file
+
+LABELS = ("sphere", "cube", "cylinder", "cone")
+SCENES = sorted(path.parent.name for path in MODELS.glob(f"*/{POLICIES}"))
+
+
+def test_three_scenes_come_with_policies():
+    assert SCENES == ["coarse", "gel", "paper"]
+
+
+@pytest.mark.parametrize("state", ["paper", "posterior"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_an_untouched_object_of_a_search_is_probed(scene, state):
+    # At the priors of a search of four: all shapes alike, or those that are left after one or two were rejected for
+    # certain; and at one half. A touch costs .02 there and is worth far more on every one of these scenes.
+    model = load_observation_model(MODELS / scene)
+    labels, rng = model.shape_labels, np.random.default_rng(0)
+    pose_labels = ("front", "z45", "z90", "y45", "y90", "corner")
+    problem, decider = SearchProblem(labels, pose_labels, 4), PPODecider(MODELS / scene / POLICIES, state)
+    for target in range(4):
+        others = [shape for shape in range(4) if shape != target]
+        beliefs = [
+            np.isin(range(4), [target, *some]) / (1.0 + n) for n in (1, 2, 3) for some in combinations(others, n)
+        ]
+        beliefs.append(np.where(np.arange(4) == target, 0.5, 1.0 / 6.0))
+        for probs in beliefs:
+            info = InformationState(problem, target, Belief.from_probs(labels, probs))
+            assert isinstance(decider.decide(info, rng).action, Probe), f"{scene}, {labels[target]} at {probs}"
+
+
+def test_a_new_policy_is_another_decider_for_its_target_and_for_nobody_else(tmp_path):
+    sensor = tmp_path / "sensor"
+    shutil.copytree(MODELS / "coarse", sensor)
+    setting = Setting(SceneChoice("coarse"), sensor=sensor)
+    cells = [(name, target) for name in ("threshold", "ppo", "ppo_posterior", "ppo_confident") for target in LABELS]
+    before, run = {cell: made_by(setting, *cell) for cell in cells}, dict(identity(setting, 0))
+    file = sensor / POLICIES / policy_file("paper", "cone")
+    policy = Policy.from_bytes(file.read_bytes())
+    file.write_bytes(replace(policy, card=replace(policy.card, training="trained anew")).to_bytes())
+    changed = {cell for cell in cells if made_by(setting, *cell) != before[cell]}
+    assert changed == {("ppo", "cone"), ("ppo_confident", "cone")}
+    assert dict(identity(setting, 0)) == run
+    file.unlink()
+    with pytest.raises(MissingPolicy):
+        made_by(setting, "ppo", "cone")

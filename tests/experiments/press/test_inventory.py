@@ -1,0 +1,71 @@
+"""What a scene models is counted in the compiled model, and less or more is one step away."""
+
+import pytest
+
+from activetouch import SCENES, Quasistatic, Scene
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.rig import build_spec
+from activetouch.pressing.setup import Stage
+from experiments.press.inventory import inventory, leaner, richer
+from experiments.press.step_counter import measure
+
+pytestmark = pytest.mark.mujoco
+
+
+def numbers(scene):
+    return {entry.part: entry.number for entry in inventory(scene)}
+
+
+def test_the_default_scene_models_a_pad_an_object_and_nothing_else():
+    modelled = numbers(Scene())
+    assert modelled["moving bodies"] == 2
+    assert modelled["slide joint"] == modelled["contact pair"] == modelled["actuator"] == 1
+    assert not modelled.keys() & {"sensor", "finger segments", "parked objects", "robot parts", "servos"}
+
+
+def test_the_paper_scene_adds_finger_parking_and_a_sensor_but_no_contact_pair():
+    modelled = numbers(SCENES["paper"].scene)
+    assert (modelled["finger segments"], modelled["parked objects"], modelled["sensor"]) == (2, 3, 1)
+    assert modelled["contact pair"] == 1
+
+
+def test_without_time_stepping_there_are_no_bodies():
+    assert "moving bodies" not in numbers(Scene(press_model=Quasistatic()))
+
+
+def test_a_soft_pad_is_made_of_nodes_and_elements():
+    modelled = numbers(Scene(press_model=Deformable(nodes=5, layers=2)))
+    assert modelled["flex nodes"] == 5 * 5 * 3
+    assert modelled["degrees of freedom"] == 5 * 5 * 2 * 3 + 1
+
+
+def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_soft_pad():
+    scene, changes = SCENES["paper"].scene, []
+    while (found := leaner(scene)) is not None:
+        changes.append(found[0])
+        scene = found[1]
+    assert isinstance(scene.press_model, Quasistatic)
+    assert scene.stage == Stage(height=scene.height)
+    assert len(changes) == 3
+    while (found := richer(scene)) is not None:
+        scene = found[1]
+    assert isinstance(scene.press_model, Deformable)
+
+
+def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
+    bare, loaded = (
+        build_spec(stage, Scene().shapes["cone"], 0.002).compile()
+        for stage in (Stage(), Stage(finger=True, loaded=tuple(Scene().shapes.values())))
+    )
+    assert loaded.ngeom == bare.ngeom + 5
+    for count in ("nbody", "nv", "nu", "npair"):
+        assert getattr(loaded, count) == getattr(bare, count)
+
+
+@pytest.mark.slow
+def test_the_leanest_scene_never_loads_mujoco():
+    cost = measure(Scene(press_model=Quasistatic()), 8)
+    assert "mujoco" not in cost.imports
+    assert "torch" not in cost.imports
+    assert cost.num_steps == 0
+    assert measure(Scene(), 8).memory > cost.memory

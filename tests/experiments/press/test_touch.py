@@ -1,0 +1,71 @@
+"""The commands that show presses write what they say."""
+
+import pandas
+import pytest
+from PIL import Image
+
+from activetouch import SHAPES
+from activetouch.errors import MissingPackage, WrongPress
+from activetouch.pressing.trace import Phase
+from belief.errors import UnknownName
+from experiments.press.touch import Gallery, Record, Touch, View, press_once
+from experiments.scene_choice import SceneChoice
+
+pytestmark = pytest.mark.mujoco
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [SceneChoice(), SceneChoice(scene="paper"), SceneChoice(fidelity="quasistatic"), SceneChoice(scene="coarse")],
+    ids=["gel", "paper", "quasistatic", "coarse"],
+)
+def test_a_touch_is_drawn_in_every_scene(choice, tmp_path, capsys):
+    path = tmp_path / "touch.png"
+    Touch(choice, shape="cone", pose="corner", out=path).run()
+    with Image.open(path) as picture:
+        assert min(picture.size) > 500
+        assert len(picture.convert("RGB").getcolors(maxcolors=10**7)) > 500
+    assert f"wrote {path}" in capsys.readouterr().out
+
+
+def test_the_gallery_shows_every_shape_pose_and_renderer(tmp_path):
+    path = tmp_path / "gallery.png"
+    Gallery(out=path).run()
+    with Image.open(path) as picture:
+        assert picture.height > 1.3 * picture.width
+
+
+def test_a_log_is_written_for_every_object(tmp_path):
+    Record(cycles=2, out=tmp_path).run()
+    assert {path.stem for path in tmp_path.iterdir()} == set(SHAPES)
+    for path in tmp_path.iterdir():
+        table = pandas.read_csv(path)
+        assert set(table["phase"]) == {phase.value for phase in Phase}
+        assert table["cycle"].nunique() == 2
+        assert table["fx"].max() > 0.3
+
+
+def test_the_same_seed_presses_the_same_object():
+    scene = SceneChoice(fidelity="quasistatic").named.scene
+    first, second = (press_once(scene, "cube", "z45", 5)[1] for _ in range(2))
+    assert first.pressure.tobytes() == second.pressure.tobytes()
+
+
+@pytest.mark.parametrize(("shape", "pose", "meant"), [("cones", "front", "'cone'"), ("cone", "z54", "'z45'")])
+def test_an_unknown_shape_or_pose_suggests_the_nearest(shape, pose, meant):
+    with pytest.raises(UnknownName, match=f"Did you mean {meant}"):
+        press_once(SceneChoice().named.scene, shape, pose, 0)
+
+
+def test_the_viewer_says_what_it_lacks(monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(MissingPackage, match=r"activetouch\[viewer\]|no display"):
+        View().run()
+    with pytest.raises(WrongPress, match="nothing moves"):
+        View(SceneChoice(fidelity="quasistatic")).run()
+
+
+def test_a_log_of_another_press_than_the_papers_is_refused(tmp_path):
+    with pytest.raises(WrongPress, match="use the scene 'paper'"):
+        Record(SceneChoice(), out=tmp_path).run()

@@ -1,0 +1,231 @@
+"""Conditions change what they name and nothing else; what a sensor then tells is measured pair by pair."""
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from activetouch import SCENES, Quasistatic, TactileSensor
+from activetouch.distributions import Uniform
+from activetouch.errors import UnstablePress
+from activetouch.placement import Placement
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.setup import Stage
+from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
+from experiments.robustness import shifted_touches as felt_module
+from experiments.robustness.conditions import CONDITIONS
+from experiments.robustness.report import tabulate, to_markdown
+from experiments.robustness.robustness import Robustness, measure, tell_apart
+from experiments.robustness.shifted_touches import AS_TRAINED, Felt, Part, Series, choose, feel, part_rng
+from experiments.scene_choice import SceneChoice
+
+COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return TactileSensor.shipped("coarse", COARSE, anyway=True)
+
+
+def measured(sensor, scenes, num_objects=4):
+    """Figures of all scenes, the first being the one trained in."""
+    felt = feel(sensor, {name: Series(scene, num_objects) for name, scene in scenes.items()}, seed=5, jobs=1)
+    trained = next(iter(felt.values()))
+    return felt, {name: measure(some, trained, sensor.model, seed=5) for name, some in felt.items()}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
+    scene = SCENES[name].scene
+    series, left_out = choose(scene, num_objects=7, num_deformable=3)
+    assert series.keys() | left_out.keys() == {AS_TRAINED, *CONDITIONS}
+    assert not series.keys() & left_out.keys()
+    assert series[AS_TRAINED].scene is scene
+    assert [label for label, some in series.items() if some.scene == scene] == [AS_TRAINED]
+    assert series["press deformable"].num_objects == 3
+    assert all(left_out.values())
+
+
+@pytest.mark.parametrize(
+    ("scene", "condition", "reason"),
+    [
+        (SCENES["paper"].scene, "noise × 2", "no noise"),
+        (SCENES["paper"].scene, "4 bits", "not readings of taxels"),
+        (SCENES["hard"].scene, "size ± 25 %", "trained so"),
+        (SCENES["coarse"].scene, "1 % more dead", "1 % of its 16 taxels"),
+        (COARSE, "friction .3 to 1", "nothing slides"),
+        (SCENES["gel"].scene, "press deformable", "--deformable"),
+    ],
+)
+def test_what_means_nothing_in_a_scene_is_left_out(scene, condition, reason):
+    series, left_out = choose(scene, num_objects=7)
+    assert condition not in series
+    assert reason in left_out[condition]
+
+
+def test_dead_taxels_stay_dead_when_more_of_them_die():
+    image, rng = np.ones((4, 4)), np.random.default_rng(0)
+    old, new = (
+        next(fault for fault in scene.faults if isinstance(fault, DeadTaxels))
+        for scene in (COARSE, CONDITIONS["5 % more dead"](COARSE))
+    )
+    dead, more = old(image, rng) == 0.0, new(image, rng) == 0.0
+    assert (dead.sum(), more.sum()) == (2, 3)
+    assert more[dead].all()
+
+
+def test_hysteresis_comes_before_the_noise_and_the_converter_last():
+    faults = [type(fault) for fault in CONDITIONS["hysteresis 5 %"](COARSE).faults]
+    assert faults.index(Hysteresis) < faults.index(Noise)
+    assert isinstance(CONDITIONS["4 bits"](COARSE).faults[-1], Quantisation)
+
+
+def test_sizes_beyond_those_trained_begin_where_these_end():
+    smaller, larger = (CONDITIONS[f"{name} by ≤ 15 %"](COARSE).variation.size for name in ("smaller", "larger"))
+    trained = COARSE.variation.size
+    assert (smaller.low, smaller.high) == (trained.low - 0.15, trained.low)
+    assert (larger.low, larger.high) == (trained.high, trained.high + 0.15)
+
+
+@pytest.mark.torch
+def test_a_condition_that_changes_nothing_makes_no_difference_at_all(sensor):
+    # The first is pressed anew and draws a friction; the second reads the same presses through one more fault.
+    drawn = replace(COARSE, variation=replace(COARSE.variation, friction=Uniform(1.0, 1.0)))
+    idle = replace(COARSE, faults=(Hysteresis(0.0), *COARSE.faults))
+    felt, numbers = measured(sensor, {AS_TRAINED: COARSE, "drawn": drawn, "idle": idle})
+    for name in ("drawn", "idle"):
+        np.testing.assert_array_equal(felt[name].logits, felt[AS_TRAINED].logits)
+        assert (numbers[name]["difference"], *numbers[name]["difference_interval"]) == (0.0, 0.0, 0.0)
+        assert numbers[name] | {"difference": 0.0} == numbers[AS_TRAINED]
+
+
+@pytest.mark.torch
+def test_a_sensor_without_information_is_reported_at_chance(sensor):
+    # Every image is the same, so one shape is named throughout: of equally many objects a shape, exactly a quarter is
+    # right. As trained .708 of 12 000 touches were; below .35 here lie five standard errors even if the six touches of
+    # each of the 40 objects were right or wrong together, a probability below 1e-5.
+    scenes = {AS_TRAINED: COARSE, "all taxels dead": CONDITIONS["all taxels dead"](COARSE)}
+    _, numbers = measured(sensor, scenes, num_objects=10)
+    blank, trained = numbers["all taxels dead"], numbers[AS_TRAINED]
+    assert blank["accuracy"] == 0.25
+    assert blank["is_chance"]
+    assert not trained["is_chance"]
+    assert trained["accuracy"] > 0.35
+    assert blank["difference"] == pytest.approx(0.25 - trained["accuracy"])
+    assert blank["difference_interval"][0] <= blank["difference"] <= blank["difference_interval"][1]
+    report = {"scene": "coarse", "objects_per_shape": 10, "num_poses": 6, "unseen": {}, "left_out": {}}
+    text = to_markdown(tabulate(report | {"conditions": numbers}))
+    assert [line.split(" | ")[0] for line in text.splitlines() if "(chance)" in line] == ["| all taxels dead"]
+
+
+@dataclass(frozen=True)
+class Fragile:
+    """Presses like ``Quasistatic``, but gives up on what is larger than ``limit``."""
+
+    limit: float
+
+    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+        if placement.scale > self.limit:
+            raise UnstablePress(f"{placement} is too large")
+        return Quasistatic().press(stage, placement, target_force)
+
+
+@pytest.mark.torch
+def test_objects_that_cannot_be_pressed_are_missing_and_the_others_still_paired(sensor):
+    felt, numbers = measured(sensor, {AS_TRAINED: COARSE, "fragile": replace(COARSE, press_model=Fragile(1.02))})
+    kept = np.isin(felt[AS_TRAINED].numbers, felt["fragile"].numbers)
+    assert 0 < numbers["fragile"]["num_objects"] == kept.sum() < 16
+    # Not bit by bit: batches of another size are multiplied in another order.
+    np.testing.assert_allclose(felt["fragile"].logits, felt[AS_TRAINED].logits[kept], atol=1e-3)
+    assert numbers["fragile"]["difference"] == 0.0
+
+
+@pytest.mark.torch
+def test_a_condition_in_which_nothing_can_be_pressed_is_named(sensor):
+    with pytest.raises(UnstablePress, match="'hopeless'"):
+        measured(sensor, {AS_TRAINED: COARSE, "hopeless": replace(COARSE, press_model=Fragile(0.0))})
+
+
+def test_parts_objects_poses_streams_and_seeds_have_chance_of_their_own():
+    keys = [((seed, stream), number, part, pose) for seed in (0, 1, 2**32) for stream in (0, 1) for number in (0, 1)
+            for part in Part for pose in (0, 1)]  # fmt: skip
+    assert len({part_rng(*key).integers(2**62) for key in keys}) == len(keys)
+
+
+def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
+    drawn, objects, real = [], [], np.random.default_rng
+
+    def spy(key):
+        if isinstance(key, list):  # a sensor's faults may have a seed of their own
+            drawn.append(tuple(key))
+        return real(key)
+
+    def place(scene, thing, pose, rng):
+        objects.append(thing)
+        return real_place(scene, thing, pose, rng)
+
+    real_place = type(COARSE).place
+    monkeypatch.setattr(felt_module.np.random, "default_rng", spy)
+    monkeypatch.setattr(type(COARSE), "place", place)
+    vary = replace(COARSE.variation, friction=Uniform(0.3, 1.0), stiffness=Uniform(0.5, 2.0))
+    scene = replace(COARSE, variation=vary)
+    felt_module._press_some(scene, {"as it is": scene.faults}, range(2), (3, 0))
+    assert len(drawn) == len(set(drawn)) == 2 * (4 + 3 * len(scene.poses))
+    for number, thing in ((0, objects[0]), (1, objects[-1])):
+        size, friction, stiffness, orientation = (part_rng((3, 0), number, part) for part in list(Part)[:4])
+        expected = (vary.size.sample(size), vary.friction.sample(friction), vary.stiffness.sample(stiffness))
+        assert (thing.scale, thing.friction, thing.stiffness) == expected
+        np.testing.assert_array_equal(thing.orientation, scene.presentation.rest(orientation))
+
+
+@pytest.mark.torch
+def test_another_stream_has_other_objects(sensor):
+    felt = feel(sensor, {"here": Series(COARSE, 2), "there": Series(COARSE, 2, stream=1)}, seed=5, jobs=1)
+    np.testing.assert_array_equal(felt["here"].shapes, felt["there"].shapes)
+    assert not np.isclose(felt["here"].logits, felt["there"].logits).all(axis=(1, 2)).any()
+
+
+def clouds(rng, number, shift=0.0):
+    """Touches of ``number`` objects of three shapes in four poses, whose features differ by object, moved by shift."""
+    shapes = np.arange(number) % 3
+    centres = 9.0 * np.eye(3, 8)[shapes][:, None]
+    features = (centres + rng.normal(size=(number, 1, 8)) + rng.normal(size=(number, 4, 8)) + shift).astype(np.float32)
+    return Felt(np.arange(number), shapes, features[:, :, :3].astype(float), features)
+
+
+def test_what_lies_apart_is_told_apart_and_what_is_alike_is_not(model):
+    rng = np.random.default_rng(0)
+    model = replace(model, shape_labels=("a", "b", "c"), probs=np.full((4, 3, 3), 1 / 3), confidence_edges=())
+    fit, known, alike = (clouds(rng, 300) for _ in range(3))
+    told = tell_apart(fit, known, alike, model, ("x", "y", "z"))["all"]["auroc"]
+    # 300 against 300 objects: standard deviation at most .024 (whole objects alike); five of them happen once in a
+    # million.
+    for score in told.values():
+        for value, low, high in score.values():
+            assert abs(value - 0.5) < 0.12
+            assert low < value < high
+    apart = tell_apart(fit, known, clouds(rng, 30, shift=-40.0), model, ("x", "y", "z"))
+    assert list(apart) == ["x", "y", "z", "all"]
+    assert [row["num_objects"] for row in apart.values()] == [10, 10, 10, 30]
+    for row in apart.values():
+        assert all(score[unit][0] == 1.0 for score in row["auroc"].values() for unit in ("touch", "object"))
+    assert [row["taken_for"] for row in apart.values()][:3] == ["a", "b", "c"]
+
+
+@pytest.mark.torch
+@pytest.mark.mujoco
+@pytest.mark.slow
+def test_the_report_does_not_depend_on_the_number_of_workers(tmp_path):
+    for jobs in (1, 2):
+        Robustness(SceneChoice("coarse"), objects=3, seed=3, out=tmp_path / str(jobs), jobs=jobs).run()
+    for name in ("robustness.json", "robustness.md", "robustness.svg"):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
+    numbers = json.loads((tmp_path / "1" / "robustness.json").read_text())
+    assert numbers["seed"] == 3
+    assert set(numbers["conditions"]) | set(numbers["left_out"]) == {AS_TRAINED, *CONDITIONS}
+    assert {row["num_objects"] for row in numbers["conditions"].values()} == {12}
+    assert numbers["conditions"]["all taxels dead"]["accuracy"] == 0.25
+    assert set(numbers["unseen"]) > {"torus", "wedge", "all"}
+    assert numbers["unseen"]["all"]["num_objects"] == 24
+    assert (tmp_path / "1" / "robustness.png").stat().st_size > 10_000

@@ -1,0 +1,84 @@
+"""A real process is killed without warning, in the middle of a run; nothing finished is lost, nothing is doubled."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.run_folder import RunFolder
+from experiments.search.setting import Setting
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
+SMALL = {"deciders": ("threshold", "random_confirm"), "targets": ("sphere",), "episodes": 60}
+OPTIONS = [
+    "--deciders",
+    *SMALL["deciders"],
+    "--targets",
+    *SMALL["targets"],
+    "--episodes",
+    "60",
+    "--scene",
+    "coarse",
+]
+
+
+def start(folder):
+    """The command in a process group of its own."""
+    command = [sys.executable, "-m", "experiments.cli", "compare", *OPTIONS, "--jobs", "1", "--out", str(folder)]
+    return subprocess.Popen(
+        command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+
+
+def shards(folder):
+    return {path.name: path.read_bytes() for path in (folder / "shards").glob("[!.]*.jsonl")}
+
+
+def finish(folder):
+    setting = Setting(SceneChoice(scene="coarse"))
+    Compare(**SMALL, setting=setting, out=folder, jobs=1).play()
+    return (folder / "episodes.jsonl").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a run that nothing happened to."""
+    folder = tmp_path_factory.mktemp("whole")
+    finish(folder)
+    return folder
+
+
+def test_a_run_killed_again_and_again_ends_like_one_that_was_not(whole, tmp_path):
+    for kill in (1, 2):
+        process = start(tmp_path / "killed")
+        deadline = time.monotonic() + 120
+        while process.poll() is None and len(shards(tmp_path / "killed")) < 2 * kill and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert process.poll() is None, process.stderr.read()
+        os.killpg(process.pid, signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        process.stderr.close()
+        kept = shards(tmp_path / "killed")
+        assert 2 * kill <= len(kept) < 8
+        assert len(RunFolder(tmp_path / "killed").complete_keys()) == len(kept)
+    lines = finish(tmp_path / "killed")
+    after = shards(tmp_path / "killed")
+    assert {name: after[name] for name in kept} == kept
+    assert len(after) == 8  # three shards of each decider, two of the ceiling
+    assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 60
+    assert lines == finish(whole)
+    assert after == shards(whole)
+
+
+def test_two_processes_fill_one_folder_at_once(whole, tmp_path):
+    processes = [start(tmp_path / "both") for _ in range(2)]
+    for process in processes:
+        _, errors = process.communicate(timeout=300)
+        assert process.returncode == 0, errors
+    assert (tmp_path / "both" / "episodes.jsonl").read_bytes() == finish(whole)
+    assert shards(tmp_path / "both") == shards(whole)

@@ -1,0 +1,68 @@
+"""A recorded search can be seen again: as a picture, and as an animation with a picture for every step."""
+
+import pytest
+from PIL import Image
+
+from experiments.scene_choice import SceneChoice
+from experiments.search.replay import NoSuchEpisode, Replay, replay
+from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
+from experiments.search.setting import Setting, play
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
+COARSE = Setting(SceneChoice(scene="coarse"))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A folder with one shard, and the episodes in it."""
+    folder = RunFolder(tmp_path_factory.mktemp("run"))
+    folder.open({}, {"setting": COARSE.to_dict()})
+    episodes, seconds = play(COARSE, "threshold", 0, 0, range(25))
+    folder.write(ShardKey("threshold", "sphere", 0), Shard(episode_lines("threshold", episodes), seconds, "v1"))
+    return folder.path, episodes
+
+
+@pytest.mark.parametrize("ending", ["gif", "webp"])
+def test_an_animation_has_a_picture_for_every_step_and_dwells_on_the_last(run, tmp_path, ending):
+    folder, episodes = run
+    number = max(range(25), key=lambda n: episodes[n].num_touches)
+    out = tmp_path / f"search.{ending}"
+    Replay(folder, decider="threshold", target="sphere", number=number, out=out).run()
+    with Image.open(out) as picture:
+        assert picture.n_frames == len(episodes[number].steps)
+        times = []
+        for frame in range(picture.n_frames):
+            picture.seek(frame)
+            picture.load()
+            times.append(picture.info["duration"])
+    assert times[-1] > 2 * times[0]
+
+
+@pytest.mark.parametrize("number", [0, 24])
+def test_a_still_picture_is_drawn_of_any_search(run, tmp_path, number):
+    Replay(run[0], decider="threshold", target="sphere", number=number, out=tmp_path / "search.png").run()
+    with Image.open(tmp_path / "search.png") as picture:
+        assert picture.width > 400
+
+
+def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
+    _, episodes = run
+    for frame, step in zip(replay(COARSE, episodes[3]), episodes[3].steps, strict=True):
+        assert (frame.image is not None) == (step.touch is not None)
+        assert frame.shape == episodes[3].arrangement[step.object_index]
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"number": 99}, "--number 99.*25 searches of threshold for a sphere, numbers 0 to 24"),
+        ({"number": -1}, "--number -1.*numbers 0 to 24"),
+        ({"target": "cone"}, "no searches of 'threshold' for 'cone'. It holds: threshold for sphere"),
+        ({"decider": "ppo"}, "no searches of 'ppo' for 'sphere'"),
+    ],
+)
+def test_a_search_that_is_not_there_is_refused_with_what_is(run, tmp_path, asked, message):
+    how = {"decider": "threshold", "target": "sphere", **asked}
+    with pytest.raises(NoSuchEpisode, match=message):
+        Replay(run[0], **how, out=tmp_path / "search.png").run()
+    assert list(tmp_path.iterdir()) == []

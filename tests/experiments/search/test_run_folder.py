@@ -1,0 +1,289 @@
+"""Nothing finished is lost, and a failed write leaves the old file."""
+
+import errno
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from belief.errors import CannotWrite, CorruptFile
+from belief.files import atomic_path, sealed_json, write_text
+from experiments.command_line.arguments import BadArgument
+from experiments.search.merge import Conflict, Merge, merge
+from experiments.search.run_folder import RunFolder, RunMismatch, Seconds, Shard, ShardKey
+
+ROOT = Path(__file__).parents[3]
+KEY = ShardKey("threshold", "hex-nut", 3)
+LINES = [f'{{"decider": "threshold", "number": {number}}}\n' for number in range(25)]
+TIME = Seconds(1.0, 2.0, 3.0, 40)
+SHARD = Shard(LINES, TIME, "v1")
+
+
+def a_run(path, keys=(KEY,), identity=None, shard=SHARD):
+    """A folder with some shards."""
+    folder = RunFolder(path)
+    players = {}
+    for key in keys:
+        players.setdefault(key.decider, {})[key.target] = shard.made_by
+    folder.open(identity or {"seed": 1}, {"deciders": ["threshold"], "targets": ["hex-nut"]}, players)
+    for key in keys:
+        folder.write(key, shard)
+    return folder
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_no_debris(tmp_path):
+    path = tmp_path / "result.json"
+    path.write_text("old")
+
+    def write_until_the_disk_is_full():
+        with atomic_path(path) as temporary:
+            temporary.write_text("half of the n")
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        write_until_the_disk_is_full()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_write_makes_its_folder(tmp_path):
+    with atomic_path(tmp_path / "a" / "b.txt") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "a" / "b.txt").read_text() == "new"
+
+
+def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
+    folder = RunFolder(tmp_path)
+    folder.open({"seed": 1, "scene": "x"}, {})
+    folder.open({"seed": 1, "scene": "x"}, {})
+    with pytest.raises(RunMismatch, match="other scene, seed"):
+        folder.open({"seed": 2, "scene": "y"}, {})
+
+
+@pytest.mark.parametrize(
+    "text", ["", '{"identity": {"se', "[]", "{}", "null", '{"identity": {}}', "\xff", sealed_json({"identity": {}})]
+)
+def test_a_torn_or_foreign_run_json_is_a_clear_error_and_stays(tmp_path, text):
+    a_run(tmp_path)
+    (tmp_path / "run.json").write_text(text, encoding="latin-1")
+    for read in (lambda: RunFolder(tmp_path).open({"seed": 1}, {}), RunFolder(tmp_path).read_run):
+        with pytest.raises(CorruptFile, match=r"run\.json does not say what was run: .*\. Choose another --out; or"):
+            read()
+    assert (tmp_path / "run.json").read_text(encoding="latin-1") == text
+    assert RunFolder(tmp_path).has(KEY)
+
+
+def test_a_folder_that_is_a_file_or_lies_in_one_is_a_clear_error(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    for path in (tmp_path / "run", tmp_path / "run" / "deeper"):
+        with pytest.raises(CannotWrite, match="is no folder, and none can be made there; choose another --out"):
+            RunFolder(path).open({"seed": 1}, {})
+    assert (tmp_path / "run").read_text() == "mine"
+
+
+def test_episodes_that_are_not_there_say_how_to_play_them(tmp_path):
+    with pytest.raises(FileNotFoundError, match="activetouch compare --out"):
+        RunFolder(tmp_path).lines(ShardKey("threshold", "a", 0))
+
+
+def test_episodes_of_another_commit_are_kept_with_a_warning(tmp_path, monkeypatch):
+    folder = RunFolder(tmp_path)
+    assert folder.open({"seed": 1}, {}) is None
+    monkeypatch.setattr("experiments.search.run_folder._commit", lambda: "another")
+    assert "another" in folder.open({"seed": 1}, {})
+
+
+def test_a_key_reads_back_from_its_file_name():
+    assert ShardKey.from_stem(KEY.stem) == KEY
+
+
+def test_a_shard_reads_back_as_it_was_written(tmp_path):
+    folder = a_run(tmp_path)
+    assert folder.has(KEY)
+    assert folder.complete_keys() == [KEY]
+    assert folder.read(KEY) == SHARD
+
+
+@pytest.mark.parametrize("kept", [0, 1, 40, 400, -1])
+def test_a_torn_shard_counts_as_missing_and_is_replaced(tmp_path, kept):
+    folder = a_run(tmp_path)
+    file = tmp_path / "shards" / f"{KEY.stem}.jsonl"
+    file.write_bytes(file.read_bytes()[:kept])  # as a copy that broke off leaves it
+    assert not folder.has(KEY)
+    assert folder.complete_keys() == []
+    folder.write(KEY, SHARD)
+    assert folder.lines(KEY) == LINES
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"physics": 1'])
+def test_a_shard_without_its_whole_seal_counts_as_missing(tmp_path, text):
+    folder = a_run(tmp_path)
+    (tmp_path / "shards" / f"{KEY.stem}.seal.json").write_text(text)
+    assert not folder.has(KEY)
+
+
+def no_room(*_):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_full_disk_loses_nothing_and_says_what_to_do(tmp_path, monkeypatch):
+    folder = a_run(tmp_path)
+    other = ShardKey("threshold", "hex-nut", 4)
+    monkeypatch.setattr("os.fsync", no_room)
+    with pytest.raises(CannotWrite, match=r"No space left on device\. What was there is kept; make room"):
+        folder.write(other, SHARD)
+    with pytest.raises(CannotWrite, match="No space left"):
+        folder.write_episodes(LINES)
+    with pytest.raises(CannotWrite, match="No space left"):
+        folder.write_run({})
+    monkeypatch.undo()
+    assert folder.complete_keys() == [KEY]
+    assert folder.read_run()["identity"]["seed"] == 1
+    assert not list(tmp_path.glob("**/.*"))  # no debris
+    folder.write(other, SHARD)
+    assert folder.complete_keys() == [KEY, other]
+
+
+@pytest.mark.parametrize("name", ["seal.json", "jsonl"])
+def test_a_disk_that_fills_up_between_seal_and_episodes_leaves_no_half_shard(tmp_path, monkeypatch, name):
+    folder, write = a_run(tmp_path, keys=()), write_text
+
+    def until_full(path, text):
+        if path.name.endswith(name):
+            no_room()
+        write(path, text)
+
+    monkeypatch.setattr("experiments.search.run_folder.write_text", until_full)
+    with pytest.raises(CannotWrite):
+        folder.write(KEY, SHARD)
+    monkeypatch.undo()
+    assert not folder.has(KEY)
+    folder.write(KEY, SHARD)
+    assert folder.has(KEY)
+
+
+WRITER = """
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from experiments.search.run_folder import RunFolder, Seconds, Shard, ShardKey
+
+folder, order, lines = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].splitlines(keepends=True)
+for number in np.random.default_rng(order).permutation(30).tolist():
+    RunFolder(folder).write(ShardKey("threshold", "hex-nut", number), Shard(lines, Seconds(1.0, 2.0, 3.0, 40), "v1"))
+"""
+
+
+def test_two_writers_at_once_leave_every_shard_once_and_whole(tmp_path):
+    keys = [ShardKey("threshold", "hex-nut", number) for number in range(30)]
+    folder = a_run(tmp_path, keys=())
+    command = [sys.executable, "-c", WRITER, str(tmp_path)]
+    writers = [subprocess.Popen([*command, order, "".join(LINES)], cwd=ROOT) for order in "01"]
+    seen = 0
+    while any(writer.poll() is None for writer in writers):  # a reader meanwhile never sees half a shard
+        there = sorted((tmp_path / "shards").glob("[!.]*.jsonl"))
+        assert all(file.read_text() == "".join(LINES) for file in there)
+        seen = max(seen, len(there))
+    for writer in writers:
+        assert writer.wait() == 0
+    assert folder.complete_keys() == keys
+    assert len(list((tmp_path / "shards").iterdir())) == 2 * len(keys)
+
+
+def test_merging_takes_every_whole_shard_once(tmp_path):
+    keys = [ShardKey("threshold", "hex-nut", number) for number in range(4)]
+    a_run(tmp_path / "a", keys[:3])
+    a_run(tmp_path / "b", keys[2:])
+    torn = tmp_path / "a" / "shards" / f"{keys[0].stem}.jsonl"
+    torn.write_text(torn.read_text()[:-3])
+    assert merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c") == keys[1:]
+    assert (tmp_path / "c" / "episodes.jsonl").read_text() == "".join(LINES * 3)
+    assert RunFolder(tmp_path / "c").read_run()["arguments"]["targets"] == ["hex-nut"]
+    assert torn.exists()
+
+
+def test_merging_again_or_into_one_of_them_changes_nothing(tmp_path):
+    a_run(tmp_path / "a", [ShardKey("x", "t", 0)])
+    a_run(tmp_path / "b", [ShardKey("y", "t", 0)])
+    merge([tmp_path / "a", tmp_path / "b"], tmp_path / "a")
+    before = {path: path.read_bytes() for path in (tmp_path / "a").glob("**/*.json*")}
+    merge([tmp_path / "b", tmp_path / "a", tmp_path / "b"], tmp_path / "a")
+    assert {path: path.read_bytes() for path in before} == before
+    assert RunFolder(tmp_path / "a").read_run()["arguments"]["deciders"] == ["x", "y"]
+
+
+def test_runs_of_another_identity_are_not_merged(tmp_path):
+    a_run(tmp_path / "a")
+    a_run(tmp_path / "b", identity={"seed": 2})
+    with pytest.raises(RunMismatch, match=r"other seed\. Only runs of the same seed"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+    with pytest.raises(RunMismatch, match="b holds another run"):
+        merge([tmp_path / "a"], tmp_path / "b")
+    with pytest.raises(FileNotFoundError, match="holds no run"):
+        merge([tmp_path / "a", tmp_path / "nowhere"], tmp_path / "c")
+
+
+def test_different_episodes_under_one_key_are_a_conflict(tmp_path):
+    a_run(tmp_path / "a")
+    a_run(tmp_path / "b", shard=Shard([line.replace("threshold", "threshoId") for line in LINES], TIME, "v1"))
+    with pytest.raises(Conflict, match="threshold-hex-nut-00003"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+
+
+@pytest.mark.parametrize(
+    ("place", "what"),
+    [("run.json", b'"seed": 1'), ("shards/{}.jsonl", b'"number": 7'), ("shards/{}.seal.json", b'"num_touches": 40')],
+)
+def test_a_digit_that_flips_is_noticed_in_every_file_that_numbers_depend_on(tmp_path, place, what):
+    folder = a_run(tmp_path)
+    file = tmp_path / place.format(KEY.stem)
+    assert file.read_bytes().count(what) == 1
+    file.write_bytes(file.read_bytes().replace(what, what[:-1] + bytes([what[-1] ^ 1])))
+    if place == "run.json":
+        with pytest.raises(CorruptFile, match="SHA-256"):
+            folder.read_run()
+    else:
+        assert folder.read(KEY) is None
+        assert folder.complete_keys() == []
+
+
+def test_a_partly_filled_shard_is_one_and_a_fuller_one_takes_its_place(tmp_path):
+    folder = a_run(tmp_path, shard=Shard(LINES[:4], TIME, "v1"))
+    assert folder.complete_keys() == [KEY]
+    assert folder.has(KEY, "v1", 4)
+    assert not folder.has(KEY, "v1", 5)
+    assert not folder.has(KEY)
+    a_run(tmp_path / "b")
+    merge([tmp_path, tmp_path / "b"], tmp_path / "c")
+    assert RunFolder(tmp_path / "c").read(KEY) == SHARD
+
+
+def test_shards_of_an_earlier_version_are_kept_out_of_what_the_folder_holds(tmp_path):
+    folder = a_run(tmp_path)
+    folder.open({"seed": 1}, {}, {"threshold": {"hex-nut": "v2"}})
+    assert not folder.has(KEY, "v2")
+    assert folder.complete_keys() == []
+
+
+def test_folders_of_two_versions_of_a_decider_are_not_merged(tmp_path):
+    a_run(tmp_path / "a")
+    a_run(tmp_path / "b", shard=Shard(LINES, TIME, "v2"))
+    with pytest.raises(Conflict, match="threshold for hex-nut that another version"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_merging_nothing_is_a_clear_error(tmp_path):
+    with pytest.raises(BadArgument, match="activetouch merge runs/a runs/b"):
+        Merge((), tmp_path).run()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_shard_among_shards_is_left_alone(tmp_path):
+    folder = a_run(tmp_path)
+    (tmp_path / "shards" / "notes.jsonl").write_text("mine")
+    assert folder.complete_keys() == [KEY]

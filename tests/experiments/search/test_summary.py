@@ -1,0 +1,248 @@
+"""Search metrics on episodes made by hand."""
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+from belief.statistics import clopper_pearson_interval, wilson_interval
+from experiments.search.episode_statistics import by_position, claims, gap, regret
+from experiments.search.paired import prob_best
+from experiments.search.run_folder import Seconds
+from experiments.search.summary import compare_episodes, summarise
+from experiments.search.tables import Sheet, sheets
+from experiments.search.verdict import verdict
+from planners import Decision, Episode, Outcome, Step
+
+PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)
+
+
+def search(actions, target=0, arrangement=(0, 1), outcome=Outcome.CONFIRMED, claim=0.5, number=0):
+    """An episode from a string of "t" (touch), "r" (reject) and "c" (confirm), all on one belief."""
+    steps, position = [], 0
+    probs = (claim, 1 - claim) if target == 0 else (1 - claim, claim)
+    for name in actions:
+        action = {"t": Probe(0), "r": Reject(), "c": Confirm()}[name]
+        touch = Touch(0, np.zeros(2)) if name == "t" else None
+        steps.append(Step(position, Belief.from_probs("ab", probs), Decision(action), touch))
+        position += name == "r"
+    return Episode((0, target, number), target, arrangement, tuple(steps), outcome)
+
+
+def compared(by_decider, rng, solved=(True,), reference=None, pressed_again=0):
+    """A comparison on one target, "a"."""
+    return compare_episodes(
+        PROBLEM,
+        {(name, "a"): some for name, some in by_decider.items()},
+        {(name, "a"): Seconds(0.1, 0.2, 0.3, 10, pressed_again) for name in by_decider},
+        {"a": solved},
+        reference or next(iter(by_decider)),
+        rng,
+    )
+
+
+def test_a_cell_counts_successes_failures_and_touches():
+    episodes = [
+        search("tc"),  # found with one touch
+        search("rttc", target=1),  # found with two
+        search("rc"),  # confirmed the wrong one, no touch
+        search("trtr", outcome=Outcome.EXHAUSTED),  # found nothing, two touches
+        search("ttt", outcome=Outcome.TRUNCATED),
+    ]
+    cell = summarise(episodes, Seconds(1.0, 2.0, 3.0, 8), PROBLEM)
+    assert (cell.successes, cell.wrong, cell.none, cell.truncated) == (2, 1, 1, 1)
+    assert cell.success == 0.4
+    assert cell.success_interval == wilson_interval(2, 5)
+    assert cell.touches == pytest.approx((1 + 2 + 0 + 2 + 3) / 5)
+    assert cell.touch_quantiles == (2, 3, 3)  # of 0 1 2 2 3: the third, and nine tenths need the last
+    assert cell.reward == pytest.approx((0.9 + 0.8 - 1.0 - 1.2 - 1.3) / 5)
+    assert cell.seconds.ms_per_touch() == {"physics": 125.0, "network": 250.0, "decision": 375.0}
+
+
+def test_differences_are_paired_episode_by_episode(rng):
+    good, bad = [search("tc")] * 30, [search("tc")] * 20 + [search("rc")] * 10
+    comparison = compared({"good": good, "bad": bad}, rng)
+    difference = comparison.differences["bad"]
+    mean, low, high = difference.success
+    assert mean == pytest.approx(-1 / 3)
+    # Standard error of the mean of 30 zeros and minus ones: .086; a 95 % interval is about ±.17.
+    assert (low, high) == pytest.approx((-1 / 3 - 0.17, -1 / 3 + 0.17), abs=0.04)
+    assert (difference.mcnemar.first_only, difference.mcnemar.second_only) == (0, 10)
+    exact = stats.binomtest(0, 10).pvalue
+    assert difference.mcnemar.p_value == pytest.approx(exact)
+    assert difference.p_value == pytest.approx(exact - stats.binom.pmf(0, 10, 0.5))
+    assert difference.touches[0] == pytest.approx(-1 / 3)
+    assert difference.reward[0] == pytest.approx((10 * (-1.0 - 0.9)) / 30)
+    assert comparison.floor == 0.5
+    assert comparison.ceiling == (1, 1)
+
+
+def test_the_reference_can_be_any_decider(rng):
+    some = {"x": [search("tc")] * 9, "y": [search("rc")] * 9}
+    assert set(compared(some, rng).differences) == {"y"}
+    turned = compared(some, rng, reference="y").differences
+    assert set(turned) == {"x"}
+    assert turned["x"].success == (1.0, 1.0, 1.0)
+
+
+def test_p_values_are_corrected_for_the_number_of_deciders(rng):
+    base, worse = [search("tc")] * 20, [search("tc")] * 14 + [search("rc")] * 6
+    one = compared({"base": base, "worse": worse}, rng).differences["worse"]
+    two = compared({"base": base, "worse": worse, "same": base}, rng).differences["worse"]
+    assert two.p_value == pytest.approx(2 * one.p_value)
+
+
+def test_the_best_decider_is_best_in_most_resamples(rng):
+    # Paired differences of mean .1 and standard deviation 1 over 100 episodes: positive with Φ(1) = .841.
+    noise = np.concatenate([np.ones(50), -np.ones(50)])
+    probs = prob_best({"x": (noise + 0.1).tolist(), "y": [0.0] * 100}, rng)
+    assert probs["x"] == pytest.approx(stats.norm.cdf(1.0), abs=0.05)
+    assert sum(probs.values()) == pytest.approx(1.0)
+
+
+def test_deciders_that_tie_share_the_chance_of_being_best(rng):
+    assert prob_best({"x": [1.0, 0.0], "y": [1.0, 0.0]}, rng) == {"x": 0.5, "y": 0.5}
+
+
+def test_success_is_counted_by_where_the_target_lay():
+    episodes = [
+        search("tc"),
+        search("rc"),  # both first; the second confirmed wrongly
+        search("rtc", target=1),  # last
+        search("rr", target=0, arrangement=(1, 1), outcome=Outcome.EXHAUSTED),  # rightly nothing
+        search("rtc", target=1, arrangement=(0, 1)),
+    ]
+    places = {place.label: place for place in by_position(episodes)}
+    assert list(places) == ["1", "2", "absent"]
+    assert [(p.num_episodes, p.successes, p.wrong) for p in places.values()] == [(2, 1, 1), (2, 2, 0), (1, 1, 0)]
+    assert places["2"].touches == 1.0
+    assert places["1"].interval == wilson_interval(1, 2)
+
+
+def test_of_two_targets_the_first_one_counts_for_the_position():
+    assert by_position([search("c", arrangement=(0, 0))])[0].position == 0
+
+
+def test_claims_are_the_posterior_of_the_confirmed_object_by_its_own_touches():
+    episodes = [
+        search("ttrtc", target=1, claim=0.9),  # three touches, one of them on the confirmed object
+        search("tc", claim=0.8),
+        search("rtc", claim=0.7),  # wrong
+        search("rr", outcome=Outcome.EXHAUSTED),  # confirms nothing, claims nothing
+        search("ttt", outcome=Outcome.TRUNCATED),
+    ]
+    found = claims(episodes)
+    assert [(s.num_touches, s.count) for s in found.by_num_touches] == [(1, 3)]
+    assert found.overall.mean_claim == pytest.approx(0.8)
+    assert found.overall.share_right == pytest.approx(2 / 3)
+    assert (found.overall.low, found.overall.high) == clopper_pearson_interval(2, 3)
+    assert claims(episodes[3:]) is None
+
+
+def test_regret_is_to_the_best_reader_on_the_episodes_it_was_tried_on(rng):
+    episodes = {"a": [search("tc"), search("rc"), search("c")], "b": [search("rttc", target=1)]}
+    mean, low, high = regret(episodes, {"a": [True, False], "b": [True]}, PROBLEM, rng)
+    # Best +1, -1, +1; got .9, -1, .8; the third search for "a" was not tried.
+    assert mean == pytest.approx((0.1 + 0.0 + 0.2) / 3)
+    assert low <= mean <= high
+
+
+def test_the_gap_is_to_the_bound_of_each_target(rng):
+    episodes = {"a": [search("tc"), search("rc"), search("c")], "b": [search("rttc", target=1)]}
+    mean, low, high = gap(episodes, {"a": 0.95, "b": 0.85}, PROBLEM, rng)
+    assert mean == pytest.approx((0.05 + 1.95 - 0.05 + 0.05) / 4)
+    assert low < mean < high
+    assert gap(episodes, {"a": 0.95, "b": None}, PROBLEM, rng) is None
+    assert gap(episodes, {}, PROBLEM, rng) is None
+
+
+def test_the_verdict_names_the_bound_where_there_is_one(rng):
+    some = [search("tc")] * 8
+    comparison = compare_episodes(
+        PROBLEM, {("x", "a"): some}, {("x", "a"): Seconds()}, {"a": [True]}, "x", rng, {"a": 0.95}
+    )
+    frame = verdict(comparison)[1]
+    for words in ("upper bound", "0.950", "discretised", "independent given the shape", "can exceed"):
+        assert words in frame
+    assert "x is 0.050 below [+0.050, +0.050]" in verdict(comparison)[1]
+    assert "planner" not in verdict(compared({"x": some}, rng))[1]
+
+
+def test_a_clear_result_is_called_settled(rng):
+    told = " ".join(verdict(compared({"good": [search("tc", claim=0.99)] * 60, "bad": [search("rc")] * 60}, rng)))
+    assert "good does best: it succeeds in 1.000 [0.940, 1.000] of 60" in told
+    assert "as good as certain" in told
+    assert "bad succeeds less often than good: 0 of 60 go right with it alone, 60 with the other (p < .001)" in told
+    assert "which settles it" in told
+    assert "bad claims more than it keeps: 0.500 on average when confirming, and is right in 0.000" in told
+    assert "When confirming, good keeps its promise" in told
+
+
+def test_an_open_result_says_how_many_searches_would_settle_it(rng):
+    x = [search("tc")] * 97 + [search("rc")] * 3
+    y = [search("rc")] + [search("tc")] * 99
+    told = " ".join(verdict(compared({"x": x, "y": y}, rng)))
+    assert (
+        "y and x cannot be told apart in success: 3 of 100 go right with it alone, 1 with the other (p = 0.38)" in told
+    )
+    # ψ = .04 and δ = .02 need (1.96 · .2 + .8416 · √(.04 - .0004))² / .0004 = 783 in all, so 683 more.
+    assert "about 690 searches more would settle it (--episodes 790)" in told
+    assert "is likely" in told or "is open" in told or "is sure" in told
+
+
+def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
+    same = [search("tc")] * 100
+    told = " ".join(verdict(compared({"x": same, "y": same}, rng)))
+    assert "they differ in fewer than 3 % of all searches (95 %)" in told  # 1 - .05^(1/100)
+
+
+def test_presses_that_were_made_again_are_counted_and_told(rng):
+    comparison = compared({"x": [search("tc")], "y": [search("tc")]}, rng, pressed_again=3)
+    assert comparison.pressed_again == 6
+    assert verdict(comparison)[-1] == "6 presses did not settle and were made again."
+
+
+def test_one_decider_alone_is_told_without_a_contest(rng):
+    told = verdict(compared({"only": [search("tc")] * 10}, rng))
+    assert told[0].startswith("only succeeds in 1.000")
+    assert "best" not in " ".join(told)
+
+
+def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
+    comparison = compared(
+        {"x": [search("tc")] * 7 + [search("rc")], "y": [search("rr", outcome=Outcome.EXHAUSTED)] * 8}, rng
+    )
+    for sheet in sheets(comparison):
+        assert {len(row) for row in sheet.cells()} <= {len(sheet.columns)}, sheet.name
+        assert len(set(sheet.headings)) == len(sheet.headings), sheet.name
+        rows = list(csv.DictReader(io.StringIO(sheet.csv())))
+        assert len(rows) == len(sheet.rows)
+        assert all(None not in row and None not in row.values() for row in rows), sheet.name
+    [row, *_] = csv.DictReader(io.StringIO(sheets(comparison)[0].csv()))
+    assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
+
+
+def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
+    sheet = Sheet("s", "S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
+    assert sheet.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
+    assert sheet.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
+
+
+def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
+    problem = SearchProblem(("a", "b"), ("p",), num_objects=3, composition="independent")
+    comparison = compare_episodes(
+        problem,
+        {("x", "a"): [search("c", arrangement=(0, 1, 1))]},
+        {("x", "a"): Seconds()},
+        {"a": [True]},
+        "x",
+        rng,
+    )
+    assert comparison.floor == 0.5  # confirming any object; that none of three is there has probability 1/8
+
+
+def test_no_touches_cost_no_time():
+    assert Seconds().ms_per_touch() == {"physics": 0.0, "network": 0.0, "decision": 0.0}

@@ -1,0 +1,213 @@
+"""A collection is recorded once, whatever happens meanwhile, and can be made again byte for byte."""
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from activetouch import Quasistatic
+from activetouch.data.dataset import read_manifest, read_split
+from activetouch.data.manifest import Manifest
+from activetouch.errors import UnstablePress
+from activetouch.pressing.contact import elastic_contact, surface_gap
+from activetouch.rendering import Noise
+from activetouch.scene_description import scene_fields
+from belief.errors import CorruptFile
+from belief.files import sealed_json, unsealed_json
+from experiments.command_line.collection_arguments import PlanArguments
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import Collect, NotReproduced, collect
+
+pytestmark = pytest.mark.mujoco
+PLAN = PlanArguments(train=13, calibration=1, test=1)
+COARSE = SceneChoice("coarse")
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("original")
+    Collect(COARSE, out=folder, plan=PLAN, jobs=1).run()
+    return folder
+
+
+@pytest.fixture
+def folder(original, tmp_path):
+    return Path(shutil.copytree(original, tmp_path / "copy"))
+
+
+def contents(folder):
+    """Bytes of every file, by its path in the folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def change_manifest(folder, **changes):
+    path = folder / "manifest.json"
+    path.write_text(sealed_json({**unsealed_json(path.read_text()), **changes}))
+
+
+def test_a_complete_collection_has_a_digest_of_every_shard(original):
+    manifest = read_manifest(original)
+    assert manifest.sha256.keys() == contents(original).keys() - {"manifest.json"}
+    assert len(manifest.sha256) == 4
+    assert manifest.choice == COARSE.to_dict()
+    assert manifest.contact_model["cone"] == "mjCONE_ELLIPTIC"
+    assert manifest.versions["numpy"] == np.__version__
+
+
+def test_a_collection_made_again_from_its_manifest_has_the_same_bytes(original, tmp_path, capsys):
+    Collect(from_manifest=original / "manifest.json", out=tmp_path / "again", jobs=1).run()
+    assert contents(tmp_path / "again") == contents(original)
+    assert "4 shards identical" in capsys.readouterr().out
+
+
+def test_what_came_out_different_is_named_and_why_it_may(folder, tmp_path):
+    sha256, versions = dict(read_manifest(folder).sha256), dict(read_manifest(folder).versions)
+    change_manifest(folder, shards={**sha256, "train/00001.npz": "0" * 64}, versions={**versions, "numpy": "2.0.9"})
+    with pytest.raises(NotReproduced, match=rf"1 of 4 .*train/00001\.npz\. Numpy 2\.0\.9 there, {np.__version__} here"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+    change_manifest(folder, versions=versions)
+    with pytest.raises(NotReproduced, match=r"versions are the same\. Another kind of processor"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+
+
+def test_a_scene_that_has_changed_since_is_not_recorded_in_its_name(folder, tmp_path):
+    scene = COARSE.named.scene
+    noisier = replace(scene, faults=(scene.faults[0], Noise(0.07), scene.faults[2]))
+    change_manifest(folder, scene=scene_fields(noisier))
+    with pytest.raises(NotReproduced, match=r"another one now: faults\.1\.std is 0\.05, not 0\.07"):
+        Collect(from_manifest=folder, out=tmp_path / "again", jobs=1).run()
+    assert not (tmp_path / "again").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "changes", "told"),
+    [
+        ({"out": None}, {}, "needs an --out other than"),
+        ({"choice": COARSE}, {}, "leave out --scene"),
+        ({"plan": PLAN}, {}, "leave out --scene, --plan"),
+        ({}, {"shards": None}, "is not complete.*finish it with: activetouch collect --scene coarse"),
+        ({}, {"choice": None}, "recorded by a program"),
+        ({}, {"choice": {"scene": "gel"}}, r"does not know \('meshes'\)"),
+        ({}, {"choice": {**COARSE.to_dict(), "weather": "rain"}}, "does not know .*weather"),
+    ],
+)
+def test_what_cannot_be_made_again_says_why(folder, tmp_path, command, changes, told):
+    change_manifest(folder, **changes)
+    with pytest.raises(NotReproduced, match=told):
+        replace(Collect(from_manifest=folder, out=tmp_path / "again", jobs=1), **command).run()
+
+
+def test_a_collection_is_not_compared_with_itself(folder):
+    with pytest.raises(NotReproduced, match="needs an --out other than"):
+        Collect(from_manifest=folder / "manifest.json", out=folder / "train" / "..", jobs=1).run()
+
+
+KILLED = """
+from pathlib import Path
+from experiments.sensor.collect import Collect, PlanArguments, SceneChoice
+if __name__ == "__main__":
+    Collect(SceneChoice("coarse", fidelity="quasistatic"), Path({out!r}), PlanArguments(96, 1, 1), jobs=2).run()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="kills a group of processes, which only POSIX has")
+def test_a_killed_run_goes_on_to_the_bytes_of_one_that_was_not(tmp_path):
+    choice, plan = SceneChoice("coarse", fidelity="quasistatic"), PlanArguments(96, 1, 1)
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    program = [sys.executable, "-c", KILLED.format(out=str(killed))]
+    with subprocess.Popen(program, start_new_session=True, stdout=subprocess.DEVNULL) as process:
+        while not list(killed.glob("train/0*.npz")):
+            assert process.poll() is None, "the run ended before it could be killed"
+            time.sleep(0.002)
+        os.killpg(process.pid, signal.SIGKILL)
+    for left in Path("/dev/shm").glob(f"*[-_]{process.pid}[-_]*"):  # of joblib, whose own cleaner was killed, too
+        shutil.rmtree(left) if left.is_dir() else left.unlink()
+    assert process.returncode == -signal.SIGKILL
+    finished = {path: path.stat().st_mtime_ns for path in killed.glob("*/0*.npz")}
+    assert 0 < len(finished) < 10
+    assert read_manifest(killed).sha256 is None
+    Collect(choice, killed, plan, jobs=1).run()
+    Collect(choice, whole, plan, jobs=1).run()
+    assert contents(killed) == contents(whole)
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished  # not recorded a second time
+
+
+def test_a_half_written_shard_of_a_killed_run_does_not_count_and_goes(original, tmp_path):
+    folder = Path(shutil.copytree(original, tmp_path / "killed"))
+    change_manifest(folder, shards=None)
+    shard = folder / "train" / "00001.npz"
+    shard.rename(folder / "train" / ".00001.npz.k1ll3d00.npz")
+    with pytest.raises(CorruptFile, match="1 of 2 shards are missing"):
+        read_split(folder, "train")
+    collect(COARSE, PLAN, folder, jobs=1)
+    assert contents(folder) == contents(original)
+
+
+def test_a_lost_shard_is_recorded_again_as_it_was(folder, original):
+    (folder / "calibration" / "00000.npz").unlink()
+    collect(COARSE, PLAN, folder, jobs=1)
+    assert contents(folder) == contents(original)
+
+
+def test_a_lost_shard_that_comes_out_different_is_told(folder):
+    sha256 = {**read_manifest(folder).sha256, "test/00000.npz": "0" * 64}
+    change_manifest(folder, shards=sha256)
+    (folder / "test" / "00000.npz").unlink()
+    with pytest.raises(NotReproduced, match=r"1 lost shards .* other bytes than they had: test/00000\.npz"):
+        collect(COARSE, PLAN, folder, jobs=1)
+
+
+def test_a_changed_shard_is_found_when_the_command_is_run_again(folder):
+    path = folder / "test" / "00000.npz"
+    with np.load(path) as file:
+        np.savez(path, **{**file, "depths": file["depths"] + 1e-9})
+    with pytest.raises(CorruptFile, match=r"1 shards in .* were changed after they were recorded: test/00000\.npz"):
+        collect(COARSE, PLAN, folder, jobs=1)
+
+
+def test_a_damaged_shard_never_gets_a_digest(folder):
+    change_manifest(folder, shards=None)
+    path = folder / "test" / "00000.npz"
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(CorruptFile, match="truncated or damaged"):
+        collect(COARSE, PLAN, folder, jobs=1)
+    assert read_manifest(folder).sha256 is None
+
+
+def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
+    choice = SceneChoice("hard", fidelity="quasistatic", meshes=(Path("a b.stl"), Path("c.stl")), mesh_scale=0.001)
+    folder = tmp_path / "some where"
+    manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
+    program, name, *arguments = shlex.split(manifest.command(folder))
+    assert (program, name) == ("activetouch", "collect")
+    named = tyro.cli(Collect, args=arguments)
+    assert (named.choice, named.plan, named.out) == (choice, PLAN, folder)
+
+
+def test_replaced_objects_are_counted_in_the_manifest_and_told(monkeypatch, tmp_path, capsys):
+    def press_what_is_small(self, stage, placement, target_force):
+        if placement.scale > 1.05:
+            raise UnstablePress(f"{placement} is too large")
+        return elastic_contact(stage.pad, surface_gap(stage.pad, placement), target_force)
+
+    choice = SceneChoice("coarse", fidelity="quasistatic")
+    Collect(choice, out=tmp_path / "plain", plan=PLAN, jobs=1).run()
+    assert "drawn anew" not in capsys.readouterr().out
+    assert read_manifest(tmp_path / "plain").redrawn == 0
+    monkeypatch.setattr(Quasistatic, "press", press_what_is_small)
+    Collect(choice, out=tmp_path / "replaced", plan=PLAN, jobs=1).run()
+    redrawn = read_manifest(tmp_path / "replaced").redrawn
+    assert 0 < redrawn < 15 * 4
+    assert f"{redrawn} objects were drawn anew" in capsys.readouterr().out
+    Collect(from_manifest=tmp_path / "replaced", out=tmp_path / "again", jobs=1).run()
+    assert contents(tmp_path / "again") == contents(tmp_path / "replaced")

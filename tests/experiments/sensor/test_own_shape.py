@@ -1,0 +1,44 @@
+"""A shape from a mesh file goes all the way: touches, classifier, observation model, live searches."""
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+from activetouch.data.dataset import read_manifest
+from activetouch.scene import Symmetry
+from activetouch.shapes import Mesh
+from activetouch.world import CLASSIFIER_FILE
+from experiments.command_line.collection_arguments import PlanArguments
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.setting import Setting
+from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.collect import Collect
+from experiments.sensor.train import Changes, Train
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
+EXAMPLE = Path(__file__).parents[3] / "examples" / "04_a_mesh_of_your_own.py"
+
+
+def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
+    cup = tmp_path / "cup.obj"
+    runpy.run_path(str(EXAMPLE))["write_cup"](cup)
+    assert Mesh.from_file(cup).entry_distance  # closed, the right way round, of a size that can be felt
+    choice = SceneChoice(meshes=(cup,), fidelity="quasistatic")
+    data, trained, sensor = tmp_path / "touches", tmp_path / "trained", tmp_path / "sensor"
+    Collect(choice, out=data, plan=PlanArguments(train=12, calibration=6, test=4), jobs=2).run()
+    assert read_manifest(data).symmetry == Symmetry.ROTATIONS
+    Train(data=data, out=trained, input_size=32, recipe="large", change=Changes(epochs=1), threads=1).run()
+    Calibrate(classifier=trained / CLASSIFIER_FILE, data=data, out=sensor).run()
+    comparison = Compare(
+        deciders=("information_gain", "random_confirm"),
+        targets=("cup",),
+        episodes=4,
+        setting=Setting(choice, sensor=sensor, num_objects=5),
+        out=tmp_path / "compare",
+        jobs=1,
+    ).play()
+    assert comparison.problem.shape_labels == ("sphere", "cube", "cylinder", "cone", "cup")
+    assert comparison.floor == pytest.approx(0.2)
+    assert comparison.cells["information_gain", "cup"].num_episodes == 4

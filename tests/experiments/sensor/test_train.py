@@ -1,0 +1,166 @@
+"""The commands around a classifier, on a small collection: train, learning curve, frontier."""
+
+import json
+
+import numpy as np
+import pytest
+
+from activetouch.data.dataset import read_split
+from activetouch.errors import ImpossibleRecipe, MissingWeights
+from activetouch.perception.classifier import TouchClassifier
+from activetouch.perception.recipe import RECIPES
+from activetouch.world import CLASSIFIER_FILE, MODELS
+from experiments.command_line.arguments import BadArgument
+from experiments.command_line.collection_arguments import PlanArguments
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import Collect
+from experiments.sensor.frontier import Frontier
+from experiments.sensor.learning_curve import LearningCurve
+from experiments.sensor.scores import scores
+from experiments.sensor.train import Changes, Train, card_for, new_classifier
+
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
+SHIPPED = MODELS / "coarse" / CLASSIFIER_FILE
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("touches") / "coarse"
+    choice = SceneChoice("coarse", fidelity="quasistatic")
+    Collect(choice, out=folder, plan=PlanArguments(train=24, calibration=12, test=12), jobs=1).run()
+    return folder
+
+
+def trained(data, out, **settings):
+    change = Changes(epochs=2, batch_size=64)
+    settings = {"backbone": "cnn", "input_size": 16, "recipe": "large", "change": change, "threads": 1} | settings
+    Train(scene="coarse", data=data, out=out, **settings).run()
+    return TouchClassifier.load(out / CLASSIFIER_FILE)
+
+
+def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsys):
+    card = trained(data, tmp_path).card
+    train = read_split(data, "train")
+    assert card.shape_labels == ("sphere", "cube", "cylinder", "cone")
+    assert card.pixel_mean == pytest.approx(train.images.mean() / 255, abs=2e-3)
+    assert card.pixel_std == pytest.approx(train.images.std() / 255, abs=5e-3)
+    assert "576 images, from random weights" in card.training
+    said = capsys.readouterr().out
+    assert "576 images, from random weights" in said
+    assert "learning rate 0.001" in said
+    assert "epoch 2: training loss" in said
+    assert "TrainingRecipe(" not in said + card.training
+    assert "EpochReport(" not in said
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"objects": 1}, ("--objects", "[4, 96]", "got 1", "sphere, cube, cylinder, cone")),
+        ({"objects": 97}, ("--objects", "[4, 96]", "got 97")),
+        ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
+        ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
+    ],
+)
+def test_what_a_collection_or_a_network_cannot_give_is_refused_before_training(data, tmp_path, wrong, words):
+    with pytest.raises(BadArgument) as refused:
+        trained(data, tmp_path / "out", **wrong)
+    assert all(word in str(refused.value) for word in words)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_same_command_trains_the_same_classifier(data, tmp_path):
+    for name in ("first", "second"):
+        trained(data, tmp_path / name)
+    first, second = ((tmp_path / name / CLASSIFIER_FILE).read_bytes() for name in ("first", "second"))
+    assert first == second
+
+
+def test_fewer_objects_are_the_first_ones(data, tmp_path):
+    assert "48 images" in trained(data, tmp_path, objects=8).card.training
+
+
+def test_a_training_may_start_from_a_checkpoint_and_says_so(data, tmp_path):
+    trained(data, tmp_path / "first")
+    start = tmp_path / "first" / CLASSIFIER_FILE
+    again = trained(data, tmp_path / "second", weights=str(start), change=Changes(epochs=1, learning_rate=1e-12))
+    assert f"from the weights of {start}" in again.card.training
+    before = TouchClassifier.load(start).network.backbone.state_dict()
+    for name, value in again.network.backbone.state_dict().items():
+        if "weight" in name:  # running means and variances move on
+            np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
+
+
+def test_a_checkpoint_of_another_backbone_is_refused(data):
+    card = card_for(read_split(data, "test"), "femto", 16, ("a", "b", "c", "d"), ("p",))
+    with pytest.raises(MissingWeights, match="wanted is femto for 1"):
+        new_classifier(card, 0, str(SHIPPED))
+
+
+def test_nobody_publishes_weights_of_the_small_network(data, tmp_path):
+    card = card_for(read_split(data, "test"), "cnn", 16, ("a", "b", "c", "d"), ("p",))
+    with pytest.raises(MissingWeights, match="nobody publishes weights of 'cnn'"):
+        new_classifier(card, 0, str(tmp_path))
+
+
+def test_changes_leave_the_rest_of_a_recipe():
+    changed = Changes(epochs=3, seed=7).of(RECIPES["large"])
+    assert (changed.epochs, changed.seed, changed.learning_rate) == (3, 7, RECIPES["large"].learning_rate)
+    with pytest.raises(ImpossibleRecipe):
+        Changes(epochs=0).of(RECIPES["large"])
+
+
+def test_scores_of_a_classifier_that_knows_are_perfect_and_of_one_that_does_not_are_chance(data):
+    calibration, test = read_split(data, "calibration"), read_split(data, "test")
+    card = card_for(test, "cnn", 16, ("a", "b", "c", "d"), ("p",))
+
+    class Oracle(TouchClassifier):
+        def __init__(self, answers):
+            super().__init__(card, new_classifier(card, 0).network)
+            self.answers = answers
+
+        def read(self, images, batch_size=64):
+            touches = calibration if images is calibration.images else test
+            return super().read(images, batch_size)._replace(logits=20.0 * np.eye(4)[self.answers(touches)])
+
+    rng = np.random.default_rng(0)
+    knows = scores(Oracle(lambda touches: touches.shapes), calibration, test, rng)
+    assert (knows.accuracy, knows.interval) == (1.0, (1.0, 1.0))
+    assert knows.nll < 0.01  # a fitted temperature never claims more than its data show
+    guesses = scores(Oracle(lambda touches: np.zeros(len(touches.shapes), int)), calibration, test, rng)
+    assert guesses.accuracy == 0.25
+    assert guesses.nll == pytest.approx(np.log(4), abs=0.02)  # scaled down until nothing is claimed
+
+
+@pytest.mark.slow
+def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
+    LearningCurve(
+        "coarse",
+        data,
+        shares=(0.25, 1.0),
+        input_size=16,
+        change=Changes(epochs=2, patience=99),
+        threads=1,
+        out=tmp_path,
+    ).run()
+    points = json.loads((tmp_path / "learning_curve.json").read_text())["points"]
+    assert [(p["images"], p["epochs"]) for p in points] == [(36, 8), (144, 2)]
+    assert all(0.0 <= p["scores"]["accuracy"] <= 1.0 for p in points)
+    assert (tmp_path / "learning_curve.svg").exists()
+
+
+@pytest.mark.slow
+def test_the_frontier_compares_precisions_with_the_first_as_reference(data, tmp_path):
+    Frontier((SHIPPED,), "coarse", data, touches=60, batches=(1, 8), rounds=3, out=tmp_path).run()
+    numbers = json.loads((tmp_path / "frontier.json").read_text())
+    assert [(entry["network"], entry["precision"]) for entry in numbers["entries"]] == [
+        ("cnn 16 px", precision) for precision in ("fp32", "bf16", "int8")
+    ]
+    single, *others = numbers["entries"]
+    assert single["ratio"] == {"1": 1.0, "8": 1.0}
+    for other in others:
+        assert abs(single["scores"]["accuracy"] - other["scores"]["accuracy"]) <= 0.05
+        assert other["parameters"] == single["parameters"]
+    assert numbers["num_touches"] == 60
+    assert (tmp_path / "frontier.md").read_text().count("\n") == 5
+    assert (tmp_path / "frontier.svg").exists()

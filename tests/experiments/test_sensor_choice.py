@@ -1,0 +1,235 @@
+"""Commands refuse sensors and collections of other scenes before any work, with remedies that can be pasted."""
+
+import re
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import tyro
+
+from activetouch import SCENES
+from activetouch.data.dataset import CollectionPlan
+from activetouch.data.manifest import NoCollection, read_manifest
+from activetouch.envs.touch_bank import TouchBank
+from activetouch.errors import LabelMismatch, SceneShift, WrongScene
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, TactileSensor, load_observation_model
+from belief.errors import ActiveTouchError, CorruptFile
+from experiments.bayes_error.limit import Limit
+from experiments.calibration.calibration_report import CalibrationReport
+from experiments.cli import commands
+from experiments.ppo.touch_bank import MakeTouchBank
+from experiments.ppo.train_ppo import TrainPPO
+from experiments.press.leak import Leak
+from experiments.robustness.robustness import Robustness
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.setting import Setting
+from experiments.sensor.calibrate import Calibrate, TooFewObjects
+from experiments.sensor.collect import Collect, collect
+from experiments.sensor.train import Train
+from experiments.sensor_choice import NoSensor, policy_commands, sensor_commands
+from planners.ppo import MissingPolicy
+
+GEL, COARSE, PAPER, MANY = (MODELS / name for name in ("gel", "coarse", "paper", "many"))
+QUICK = SceneChoice("coarse", fidelity="quasistatic")
+
+
+def compared(choice, sensor=None, **changes):
+    return lambda out: Compare(
+        setting=Setting(choice, sensor=sensor), deciders=("threshold",), episodes=1, jobs=1, out=out / "run", **changes
+    ).run()
+
+
+REFUSED = {
+    "a finer pad": (compared(SceneChoice("coarse"), GEL), WrongScene, "pad.num_taxels is 32, not 128"),
+    "a larger pad": (compared(SceneChoice("hard"), MANY), WrongScene, "pad.half_width is 0.0075, not 0.015"),
+    "the paper's images": (compared(SceneChoice("gel"), PAPER), WrongScene, "PressureRenderer, not ForcePatch"),
+    "another renderer": (compared(SceneChoice(renderer="gelsight")), WrongScene, "GelSightRenderer, not Pressure"),
+    "another renderer of coarse": (compared(SceneChoice("coarse", renderer="force_patch")), WrongScene, "ForcePatch"),
+    "other shapes": (compared(SceneChoice("hard"), GEL), LabelMismatch, "torus"),
+    "no sensor": (compared(SceneChoice("gel"), Path(".")), NoSensor, "there is no classifier.safetensors"),
+    "no policies": (
+        lambda out: Compare(setting=Setting(SceneChoice("hard")), deciders=("ppo",), out=out / "run").run(),
+        MissingPolicy,
+        "touch-bank --scene hard",
+    ),
+    "robustness": (
+        lambda out: Robustness(SceneChoice(renderer="gelsight"), out=out / "run").run(),
+        WrongScene,
+        "GelSightRenderer",
+    ),
+    "limit": (lambda out: Limit(SceneChoice("coarse"), sensor=GEL, out=out / "run").run(), WrongScene, "num_taxels"),
+    "train without a collection": (
+        lambda out: Train(scene="coarse", data=out / "none", out=out / "run").run(),
+        NoCollection,
+        "collect --scene coarse --out",
+    ),
+    "calibrate without a collection": (
+        lambda out: Calibrate(scene="coarse", data=out / "none", out=out / "run").run(),
+        NoCollection,
+        "collect --scene coarse --plan.train 0 --plan.repeats 6 --out",
+    ),
+    "train-ppo without a bank": (
+        lambda out: TrainPPO(scene="coarse", bank=out / "none", out=out / "run").run(),
+        CorruptFile,
+        "touch-bank --scene coarse",
+    ),
+}
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_does_not_belong_together_is_refused_before_any_work(what, tmp_path):
+    run, error, told = REFUSED[what]
+    with pytest.raises(error, match=re.escape(told)) as found:
+        run(tmp_path)
+    assert not (tmp_path / "run").exists()
+    pastes(str(found.value))
+
+
+def pastes(text):
+    """Check that every command in a text is one: the program's own parser takes it."""
+    for line in re.findall(r"activetouch (?:[a-z-]+) .*", text):
+        _, name, *arguments = shlex.split(line)
+        tyro.cli(commands()[name], args=arguments)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """A tiny collection of ``coarse``, pressed without an engine."""
+    folder = tmp_path_factory.mktemp("data") / "quick"
+    collect(QUICK, CollectionPlan(0, 1, 1, repeats=2), folder, jobs=1)
+    return folder
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("command", [CalibrationReport, MakeTouchBank])
+def test_a_collection_of_another_scene_than_the_sensors_is_refused(command, quick, tmp_path):
+    with pytest.raises(WrongScene, match=r"pad\.num_taxels is 32, not 128") as found:
+        command(scene="gel", data=quick, out=tmp_path / "out").run()
+    assert "collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats" in str(found.value)
+    pastes(str(found.value))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.torch
+def test_calibrate_refuses_a_collection_of_another_scene_and_results_under_a_wrong_name(quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(WrongScene, match="no collection of the classifier's scene"):
+        Calibrate(scene="coarse", data=quick, classifier=GEL / CLASSIFIER_FILE).run()
+    with pytest.raises(WrongScene, match="no collection of the scene 'gel'"):
+        Calibrate(scene="gel", data=quick, classifier=COARSE / CLASSIFIER_FILE).run()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.torch
+def test_calibrating_on_four_objects_says_how_many_it_takes(quick, tmp_path, capsys):
+    with pytest.raises(TooFewObjects, match=r"1 calibration objects and 1 test objects of every shape; .* at least 2"):
+        Calibrate(scene="coarse", data=quick, classifier=COARSE / CLASSIFIER_FILE, out=tmp_path / "out").run()
+    assert "press_model is Quasistatic, not Dynamic" in capsys.readouterr().err  # a known shift warns
+
+
+@pytest.mark.torch
+def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "sensor"
+    collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
+    Calibrate(scene="coarse", data=data, classifier=COARSE / CLASSIFIER_FILE, out=out).run()
+    with pytest.warns(SceneShift, match="press_model is Quasistatic, not Dynamic"):
+        sensor = TactileSensor.load(out, QUICK.named.scene)
+    assert sensor.shift == ("press_model is Quasistatic, not Dynamic",)
+    MakeTouchBank(scene="coarse", data=data, sensor=out, out=tmp_path / "bank").run()
+    assert TouchBank.open(tmp_path / "bank" / "test").scene == read_manifest(data).scene
+    with pytest.raises(WrongScene, match=r"num_taxels.*touch-bank --scene gel") as found:
+        TrainPPO(scene="gel", bank=tmp_path / "bank", out=tmp_path / "ppo").run()
+    pastes(str(found.value))
+
+
+@pytest.mark.torch
+def test_a_known_shift_warns_and_the_report_tells_it(tmp_path, capsys):
+    compared(QUICK, targets=("cone",))(tmp_path)
+    told = "press_model is Quasistatic, not Dynamic"
+    assert told in capsys.readouterr().err
+    assert told in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.torch
+def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys):
+    setting = Setting(QUICK, sensor=GEL, anyway=True)
+    with pytest.raises(WrongScene, match="num_taxels"):
+        _ = replace(setting, anyway=False).shift
+    Compare(setting=setting, deciders=("threshold",), targets=("cone",), episodes=1, jobs=1, out=tmp_path / "run").run()
+    for text in (capsys.readouterr().err, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")):
+        assert "pad.num_taxels is 32, not 128" in text
+    assert Setting.from_dict(setting.to_dict()) == setting
+
+
+def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
+    for choice, offered in ((SceneChoice("coarse"), True), (SceneChoice(renderer="gelsight"), False)):
+        with pytest.raises(WrongScene) as found:
+            _ = Setting(choice, sensor=GEL).shift
+        assert ("--anyway" in str(found.value)) == offered
+    with pytest.raises(WrongScene, match="reads images of 1 channels"):
+        _ = Setting(SceneChoice(renderer="gelsight"), anyway=True).shift
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_a_shipped_sensor_belongs_to_its_scene(name):
+    assert Setting(SceneChoice(name)).shift == ()
+    assert Setting(SceneChoice(name, fidelity="deformable")).shift != ()
+
+
+@pytest.mark.parametrize("file", [CLASSIFIER_FILE, OBSERVATION_FILE])
+def test_a_damaged_sensor_is_refused_before_any_work(file, tmp_path):
+    shutil.copytree(COARSE, tmp_path / "sensor")
+    path = tmp_path / "sensor" / file
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(CorruptFile, match=file):
+        _ = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor").shift
+
+
+def test_an_observation_model_in_which_one_digit_flipped_is_refused(tmp_path):
+    shutil.copytree(COARSE, tmp_path / "sensor")
+    path = tmp_path / "sensor" / OBSERVATION_FILE
+    text = path.read_text()
+    at = [found.start() + 2 for found in re.finditer(r"\d\.[1-8]", text)][len(text) // 10_000]
+    path.write_text(text[:at] + str(int(text[at]) + 1) + text[at + 1 :])
+    with pytest.raises(CorruptFile, match="was changed after it was written"):
+        load_observation_model(tmp_path / "sensor")
+
+
+@pytest.mark.parametrize(
+    "choice",
+    [
+        SceneChoice("coarse", fidelity="guarded_move", renderer="force_patch", presentation="upright"),
+        SceneChoice(meshes=(Path("a mug.stl"), Path("b.stl")), mesh_scale=0.001),
+    ],
+)
+def test_commands_for_a_sensor_make_it_for_that_scene(choice):
+    text = sensor_commands(choice)
+    pastes(text)
+    first = tyro.cli(Collect, args=shlex.split(text.splitlines()[0])[2:])
+    assert first.choice == choice
+    assert text.count("activetouch ") == 4
+    pastes(policy_commands("hard", Path("some where")))
+
+
+HALF = r"(with|run|calibrate|scene|again)[:,]? `?activetouch (collect|train|calibrate|touch-bank|train-ppo)\b(?! \{)"
+
+
+def test_no_remedy_in_the_code_is_half_a_command():
+    """What tells people to type a command of those that need a scene is made by ``command``, never written by hand."""
+    root, halves = Path(__file__).parents[2], []
+    for package in ("belief", "planners", "activetouch", "experiments"):
+        for path in (root / package).rglob("*.py"):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            halves += [f"{path.name}:{n}: {line}" for n, line in enumerate(lines, 1) if re.search(HALF, line)]
+    assert not halves
+
+
+@pytest.mark.torch
+def test_every_refusal_of_a_sensor_is_one_of_ours():
+    for run in (lambda: Leak(SceneChoice("coarse"), sensor=GEL, objects=2)._classifier(SCENES["coarse"].scene),):
+        with pytest.raises(ActiveTouchError):
+            run()

@@ -1,0 +1,209 @@
+"""The trade of speed for accuracy: keys, recorded worlds, fronts and picks by hand, a small sweep that resumes."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import beta, kstest
+
+from activetouch.named_scenes import SCENES
+from belief.errors import UnknownName
+from belief.statistics import wilson_interval
+from experiments.bayes_error.estimator import Grid
+from experiments.command_line.arguments import BadArgument
+from experiments.tradeoff.configuration import SHIPPED, Configuration, Network, sweep
+from experiments.tradeoff.figures import _MARKERS as MARKERS
+from experiments.tradeoff.measure import Result, TouchCost, measured
+from experiments.tradeoff.picks import Point, _resampled, fronts, picks
+from experiments.tradeoff.tradeoff import Tradeoff
+from planners import DECIDERS
+from planners.registry import TRAINED
+
+COARSE = Network("coarse", "", "cnn 16 px", "ab" * 32)
+GEL = Network("gel", "", "cnn 64 px", "cd" * 32)
+HARD = Network("hard", "", "cnn 64 px", "12" * 32)
+SMALL = Network("gel", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
+
+
+def point(name: str, successes: int, touches: float, physics: float = 1.0, **changes) -> Point:
+    """Of 400 searches."""
+    configuration = replace(Configuration(GEL, decider=name), **changes)
+    right = [1] * successes + [0] * (400 - successes)
+    result = Result(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0, 0.0)
+    return Point(result, TouchCost(physics, 0.0, 1.0, 1.0))
+
+
+def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
+    base = Configuration(SMALL)
+    moved = replace(base, network=replace(SMALL, checkpoint="elsewhere/small.safetensors"))
+    assert moved.key == base.key
+    changes = [
+        {"decider": "threshold"}, {"touch_cost": 0.03}, {"precision": "bf16"}, {"observation_model": "plda"},
+        {"fidelity": "quasistatic"}, {"episodes": 9}, {"seed": 1},
+        {"network": replace(SMALL, sha256="00" * 32)},
+    ]  # fmt: skip
+    keys = [replace(base, **change).key for change in changes]
+    assert len({base.key, *keys}) == len(changes) + 1
+
+
+def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
+    found = sweep([COARSE, GEL, SMALL], ["coarse", "gel"], episodes=100, seed=0)
+    assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
+    wanted = {name for name in DECIDERS if name != "random_confirm" and name not in TRAINED}
+    assert {c.decider for c in found if c.scene == "coarse"} == wanted
+    assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
+    assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
+    assert {c.precision for c in found if c.network == SMALL} == {"fp32", "bf16"}
+
+
+def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
+    found = sweep([COARSE, GEL, SMALL], ["coarse"], episodes=100, seed=0)
+    assert {c.observation_model for c in found if c.scene == "gel"} == {SHIPPED}
+    assert SMALL not in {c.network for c in found}
+
+
+def test_an_interrupted_sweep_has_the_main_deciders_of_all_scenes_first_and_tree_search_last():
+    found = sweep([HARD, COARSE, GEL], ["coarse"], episodes=100, seed=0)
+    assert [c.scene for c in found[:12]] == ["gel"] * 4 + ["coarse"] * 4 + ["hard"] * 4
+    assert len({c.decider for c in found[:12]}) == 4
+    assert [c.decider in ("pouct", "pomcp") for c in found].index(True) == len(found) - 8
+    assert [c.episodes for c in found[::4][:3]] == [100, 60, 16]
+
+
+def test_what_is_varied_has_a_word():
+    base = Configuration(GEL)
+    words = {
+        "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
+        "network": {"network": SMALL, "observation_model": "ratio"}, "precision": {"precision": "bf16"},
+        "observation model": {"observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
+    }  # fmt: skip
+    assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
+    assert all(replace(base, **change).varied == word for word, change in words.items())
+
+
+def test_a_point_costs_its_touches_and_its_decisions():
+    result = Result(
+        Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], decision_seconds=0.016, planning_seconds=0.0
+    )
+    here = Point(result, TouchCost(physics=1.5, network=0.5, weights=1.0, memory=1.0))
+    assert here.result.ms_per_decision == pytest.approx(2.0)  # 16 ms for 8 decisions
+    assert here.ms_of_searches.tolist() == pytest.approx([2 * 2.0 + 3 * 2.0, 4 * 2.0 + 5 * 2.0])
+    assert here.ms_per_search == pytest.approx(14.0)
+    assert here.interval == wilson_interval(1, 2)
+
+
+def test_the_front_and_the_picks_are_those_found_by_hand():
+    cheap = point("threshold", 300, 2)
+    good = point("information_gain", 399, 4)
+    wasteful = point("fixed_poses", 399, 8)
+    best = point("value_of_information", 400, 9)
+    half = point("point_based", 400, 1, precision="bf16")
+    [front] = fronts([best, wasteful, good, cheap], np.random.default_rng(0), num_resamples=50)
+    assert [p.configuration.decider for p in front.points] == [
+        "threshold", "information_gain", "fixed_poses", "value_of_information",
+    ]  # fmt: skip
+    assert front.on_front.tolist() == [True, True, False, True]
+    assert front.probs[0] == 1.0  # nothing is cheaper
+    assert [pick.point for pick in picks(front, 0.98, 50.0)] == [good, best]
+    assert [pick.point for pick in picks(front, 0.9999, 0.5)] == [None, None]
+    [other] = fronts([half, good], np.random.default_rng(0), num_resamples=50)
+    assert picks(other, 0.98, 50.0)[0].point == good  # a comparison cannot play the other
+
+
+def test_of_equally_good_configurations_the_one_that_touches_least_is_the_best():
+    few, many = point("information_gain", 400, 2, physics=9.0), point("threshold", 400, 6, physics=1.0)
+    [front] = fronts([few, many], np.random.default_rng(0), num_resamples=20)
+    assert [pick.point for pick in picks(front, 0.98, 50.0)] == [many, few]
+
+
+def test_whether_a_dearer_configuration_is_on_the_front_is_a_toss_up_where_both_succeeded_alike():
+    cheap, dear = point("threshold", 400, 2), point("information_gain", 400, 3)
+    [front] = fronts([dear, cheap], np.random.default_rng(0), num_resamples=4000)
+    assert front.probs[0] == 1.0
+    assert front.probs[1] == pytest.approx(0.5, abs=0.04)
+    assert front.on_front.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("successes", [400, 390, 100])
+def test_success_as_it_may_truly_be_is_distributed_by_jeffreys(successes):
+    _, qualities = _resampled([point("threshold", successes, 2)], np.random.default_rng(0), 4000)
+    assert kstest(qualities[:, 0], beta(successes + 0.5, 400 - successes + 0.5).cdf).pvalue > 0.001
+
+
+def test_slow_touches_are_not_fast_enough():
+    slow, fast = point("information_gain", 400, 2, physics=60.0), point("threshold", 350, 2, physics=3.0)
+    [front] = fronts([slow, fast], np.random.default_rng(0), num_resamples=20)
+    assert [pick.point for pick in picks(front, 0.98, 50.0)] == [slow, fast]
+
+
+def test_what_makes_no_sense_is_refused(tmp_path):
+    with pytest.raises(UnknownName, match="coarse"):
+        Tradeoff(scenes=("coarze",), out=tmp_path).run()
+    with pytest.raises(BadArgument, match="leave out --finished"):
+        Tradeoff(finished=True, out=tmp_path).run()
+    for checkpoint in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
+        with pytest.raises(BadArgument, match="SCENE=FILE"):
+            Tradeoff(scenes=("coarse",), checkpoints=(checkpoint,), out=tmp_path).run()
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.slow
+def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.tradeoff.tradeoff.repeats_folder", lambda _: tmp_path)  # where nothing is recorded
+    monkeypatch.setattr("experiments.tradeoff.configuration.sweep", lambda *given: sweep(*given)[:12:4])
+    sweep_of = Tradeoff(scenes=("coarse",), episodes=4, out=tmp_path)
+    sweep_of.run()
+    shards = sorted((tmp_path / "results").glob("*.json"))
+    numbers = json.loads((tmp_path / "tradeoff.json").read_text())
+    assert len(shards) == len(numbers["points"]) == 3
+    assert all(p["searches"] == 8 and p["touches"] > 0 and p["ms_per_search"] > 0 for p in numbers["points"])
+    assert any("activetouch compare --scene coarse --deciders" in line for line in numbers["answers"])
+    assert "<svg" in (tmp_path / "report.html").read_text()
+    kept = {path: path.stat().st_mtime_ns for path in shards[1:]}
+    before = json.loads(shards[0].read_text())
+    shards[0].unlink()  # as if it had been killed
+    (tmp_path / "results" / f".{shards[0].name}.half").write_text('{"configurat')
+    sweep_of.run()
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    again = json.loads(shards[0].read_text())
+    assert [k for k in again if again[k] != before[k] and not k.endswith("_seconds")] == []
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
+    configuration = Configuration(Network.of("coarse"), episodes=1, decider="threshold")
+    first, _ = measured(configuration, tmp_path)
+    [shard] = (tmp_path / "results").iterdir()
+    assert shard.stem == configuration.key
+    shard.write_text(shard.read_text().replace('"decision_seconds": ', '"decision_seconds": 1'))
+    again, _ = measured(configuration, tmp_path)
+    assert again.decision_seconds > first.decision_seconds
+    assert again.successes == first.successes
+
+
+def test_the_figures_of_the_documentation_are_those_of_its_table():
+    folder = Path(__file__).parents[3] / "docs" / "tradeoff"
+    numbers = json.loads((folder / "tradeoff.json").read_text())
+    page = (folder.parent / "tradeoff.md").read_text()
+    assert len(numbers["points"]) >= 40
+    assert {p["configuration"]["network"]["scene"] for p in numbers["points"]} == set(SCENES)
+    with (folder / "tradeoff.csv").open(newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    assert len(rows) == len(numbers["points"])
+    assert all(f"| {' | '.join(row)} |" in page for row in rows)
+    for line in numbers["answers"]:
+        assert line.split(". Success")[0] in page
+
+
+def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
+    grid = Grid(
+        "", ("who", "what", "share", "n"), [("1 a", "good", "0.5 [0.4, 0.6]", "3"), ("b", "bad", "default", "4")]
+    )
+    assert grid.is_word == [True, True, False, False]
+    assert grid.markdown().splitlines()[3] == "| --- | --- | ---: | ---: |"
+    assert Grid("", ("who", "n"), []).is_word == [True, False]

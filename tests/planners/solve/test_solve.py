@@ -1,0 +1,446 @@
+"""Solved touch problems against hand-derived values, brute force, and their own certified bounds."""
+
+import itertools
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import softmax
+
+from belief.errors import InvalidArgument
+from planners.bounds.belief_grid import BeliefGrid
+from planners.bounds.object import ObjectBound, touch_bound
+from planners.bounds.search import search_bound
+from planners.bounds.simplex import SimplexGrid
+from planners.pomdp.stages import stage_belief, staged
+from planners.pomdp.touch_costs import TouchTerms
+from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
+
+NINE_OF_TEN = np.array([[[0.9, 0.1], [0.1, 0.9]]])
+CONFIRM, REJECT = 1, 2  # with one pose
+
+
+def random_table(seed, num_poses=3, num_shapes=3, num_outcomes=4, sharpness=1.5):
+    scores = np.random.default_rng(seed).normal(size=(num_poses, num_shapes, num_outcomes))
+    return softmax(sharpness * scores, axis=2)
+
+
+def uniform(table, target=0, touch_cost=0.05, **options):
+    num_shapes = table.shape[1]
+    return TouchProblem(table, np.full(num_shapes, 1 / num_shapes), target, touch_cost, **options)
+
+
+def value_by_recursion(problem, weights, touches_left):
+    """The definition, outcome by outcome."""
+    sign = np.where(np.arange(problem.num_shapes) == problem.target, 1.0, -1.0)
+    best = abs(weights @ sign)
+    if touches_left:
+        for table in problem.outcome_probs:
+            worth = sum(value_by_recursion(problem, weights * column, touches_left - 1) for column in table.T)
+            best = max(best, problem.discount * worth - problem.touch_cost * weights.sum())
+    return best
+
+
+@pytest.mark.parametrize("max_touches", range(5))
+@pytest.mark.parametrize("discount", [1.0, 0.9])
+def test_the_finite_horizon_value_is_that_of_the_recursion(max_touches, discount):
+    for seed, target in itertools.product(range(2), range(2)):
+        problem = TouchProblem(random_table(seed, 2, 3, 3), [0.5, 0.3, 0.2], target, 0.03, discount)
+        expected = value_by_recursion(problem, problem.prior, max_touches)
+        assert finite_horizon_value(problem, max_touches) == pytest.approx(expected, abs=1e-9)
+
+
+def test_four_touches_of_the_largest_tables_are_not_refused():
+    problem = uniform(random_table(0, 8, 4, 12), touch_cost=0.3)
+    assert 0.0 <= finite_horizon_value(problem, 3) <= 1.0
+    with pytest.raises(ValueError, match="histories"):
+        finite_horizon_value(problem, 12)
+
+
+def test_a_search_for_two_shapes_is_walds_test():
+    # V(.9) = -λ + .82 · .976 + .18 (V(.9) - λ) and V(.5) = V(.9) - λ, if one stops two outcomes ahead
+    beyond = 2 * 0.81 / 0.82 - 1
+    at_nine = (-0.05 + 0.82 * beyond - 0.18 * 0.05) / 0.82
+    policy = solve(uniform(NINE_OF_TEN))
+    assert policy.lower_bound == pytest.approx(at_nine - 0.05, abs=1e-5)
+    assert policy.upper_bound == pytest.approx(at_nine - 0.05, abs=1e-5)
+    assert [int(policy.action([b, 1 - b])) for b in (0.5, 0.9, 0.988, 0.012)] == [0, 0, CONFIRM, REJECT]
+
+
+def test_a_perfect_pose_is_touched_once():
+    table = np.stack([np.full((2, 2), 0.5), np.eye(2)])
+    policy = solve(uniform(table, touch_cost=0.1))
+    assert policy.lower_bound == pytest.approx(0.9, abs=1e-12)
+    assert policy.upper_bound == pytest.approx(0.9, abs=1e-6)
+    assert policy.action([0.5, 0.5]) == 1
+    assert policy.q_values([0.5, 0.5]) == pytest.approx([-0.1 + 0.9, 0.9, 0.0, 0.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("table", [np.full((3, 2, 4), 0.25), np.full((1, 2, 1), 1.0)])
+def test_useless_poses_are_never_touched_and_ties_go_to_stopping(table):
+    policy = solve(uniform(table, touch_cost=0.01))
+    assert policy.action([0.5, 0.5]) == len(table)  # CONFIRM and REJECT are both worth 0
+    assert policy.lower_bound == 0.0 == policy.upper_bound
+
+
+def test_equally_good_poses_go_to_the_lowest():
+    assert solve(uniform(np.repeat(NINE_OF_TEN, 4, axis=0))).action([0.5, 0.5]) == 0
+
+
+def test_a_touch_that_costs_too_much_is_not_made():
+    policy = solve(uniform(NINE_OF_TEN, touch_cost=0.81))  # one touch is worth .8
+    assert policy.action([0.5, 0.5]) == CONFIRM
+    assert policy.upper_bound == pytest.approx(0.0, abs=1e-9)
+
+
+def test_complementary_poses_are_both_touched_though_one_alone_tells_nothing():
+    # Shapes 00, 01, 10, 11; pose i shows bit i; the target is 00 among 00 and 11 against 01 and 10 … told by both only.
+    bits = np.array([[0, 0, 1, 1], [0, 1, 0, 1]])
+    table = np.eye(2)[bits]  # (2, 4, 2)
+    problem = TouchProblem(table, [0.25] * 4, target=0, touch_cost=0.05)
+    prior = TouchProblem(table, [0.5, 0.25, 0.25, 0.0], target=0, touch_cost=0.05)
+    for case in (problem, prior):
+        policy = solve(case)
+        assert policy.lower_bound == pytest.approx(finite_horizon_value(case, 2), abs=1e-9)
+        assert policy.upper_bound == pytest.approx(policy.lower_bound, abs=1e-3)
+
+
+def test_impossible_outcomes_and_shapes_are_no_trouble():
+    table = np.array([[[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.2, 0.8, 0.0]]])
+    problem = TouchProblem(table, [0.6, 0.4, 0.0], target=0, touch_cost=0.02)
+    policy = solve(problem)
+    # Outcome 1 rules the target out; outcome 0, n times, leaves odds .6 : .4 · 2^-n.
+    assert policy.lower_bound <= policy.upper_bound <= policy.lower_bound + 1e-3
+    assert policy.lower_bound >= finite_horizon_value(problem, 4) - 1e-9
+    assert policy.action([0.0, 1.0, 0.0]) == REJECT
+
+
+def test_a_certain_prior_stops_at_once():
+    policy = solve(TouchProblem(NINE_OF_TEN, [1.0, 0.0], target=0, touch_cost=0.05))
+    assert policy.lower_bound == policy.upper_bound == 1.0
+    absent = solve(TouchProblem(NINE_OF_TEN, [0.0, 1.0], target=0, touch_cost=0.05))
+    assert absent.action([0.0, 1.0]) == REJECT
+    assert absent.lower_bound == 1.0
+
+
+@pytest.mark.parametrize("num_shapes", [2, 3, 4, 5, 6])
+@pytest.mark.parametrize("touch_cost", [0.02, 0.1])
+def test_the_bounds_enclose_what_brute_force_finds(num_shapes, touch_cost):
+    problem = uniform(random_table(num_shapes, 3, num_shapes, 3), target=1, touch_cost=touch_cost)
+    policy = solve(problem)
+    assert finite_horizon_value(problem, 4) <= policy.upper_bound + 1e-9
+    assert policy.lower_bound <= policy.upper_bound
+    assert policy.lower_bound >= 0.98 * finite_horizon_value(problem, 4)
+    if num_shapes <= 4:
+        assert policy.lower_bound >= 0.997 * policy.upper_bound
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000), st.sampled_from([0.01, 0.03, 0.1]))
+def test_dearer_touches_are_never_worth_more(seed, touch_cost):
+    table = random_table(seed, 2, 3, 3)
+    rng = np.random.default_rng(seed)
+    cheap, dear = (touch_bound(uniform(table, touch_cost=c), rng) for c in (touch_cost, 2 * touch_cost))
+    assert solve(uniform(table, touch_cost=2 * touch_cost), rounds=(100, 100)).lower_bound <= cheap + 1e-9
+    assert dear <= cheap + 1e-6
+
+
+def test_relabelling_shapes_changes_nothing():
+    table, order = random_table(3), np.array([2, 0, 1])
+    policy = solve(uniform(table, target=2))
+    other = solve(uniform(table[:, order], target=0))
+    assert other.lower_bound == pytest.approx(policy.lower_bound, abs=2e-3)
+    assert other.upper_bound == pytest.approx(policy.upper_bound, abs=2e-3)
+
+
+def test_the_same_problem_has_the_same_solution():
+    one, other = (solve(uniform(random_table(1))) for _ in range(2))
+    assert (one.plans.alphas == other.plans.alphas).all()
+
+
+def test_batches_and_single_beliefs_are_treated_alike():
+    policy = solve(uniform(random_table(2)))
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(3), size=(4, 5))
+    assert policy.action(beliefs).shape == policy.value(beliefs).shape == (4, 5)
+    assert policy.q_values(beliefs).shape == (4, 5, 5)
+    assert policy.action(beliefs)[2, 3] == policy.action(beliefs[2, 3])
+    assert policy.value(beliefs.astype(np.float16)) == pytest.approx(policy.value(beliefs), abs=2e-3)
+
+
+def test_choosing_anew_after_a_touch_loses_next_to_nothing_against_the_plan():
+    policy = solve(uniform(random_table(4, 4, 4, 6), touch_cost=0.02))
+    beliefs = np.random.default_rng(0).dirichlet(np.ones(4), size=500)
+    loss = policy.value(beliefs) - policy.q_values(beliefs).max(axis=1)
+    assert loss.max() <= 1e-3
+    assert loss.mean() < 0.0  # one exact step gains, on average
+
+
+def test_free_touches_need_a_limit():
+    with pytest.raises(ValueError, match="touch limit"):
+        solve(uniform(NINE_OF_TEN, touch_cost=0.0))
+    assert finite_horizon_value(uniform(NINE_OF_TEN, touch_cost=0.0), 3) == pytest.approx(0.944, abs=1e-9)
+    assert 0.8 < solve(uniform(NINE_OF_TEN, touch_cost=0.0, discount=0.99)).lower_bound < 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"target": 2}, "target"),
+        ({"touch_cost": -0.1}, "touch_cost"),
+        ({"touch_cost": np.nan}, "touch_cost"),
+        ({"discount": 0.0}, "discount"),
+        ({"prior": [0.5, 0.6]}, "prior"),
+        ({"prior": [np.nan, 1.0]}, "prior"),
+        ({"outcome_probs": NINE_OF_TEN[0]}, "probs"),
+    ],
+)
+def test_what_is_no_problem_is_refused_by_name(change, message):
+    arguments = {"outcome_probs": NINE_OF_TEN, "prior": [0.5, 0.5], "target": 0, "touch_cost": 0.1}
+    with pytest.raises(ValueError, match=message):
+        TouchProblem(**arguments | change)
+
+
+@pytest.mark.parametrize("belief", [[0.5, np.nan], [0.7, 0.7], [0.5, 0.25, 0.25], [-0.1, 1.1]])
+def test_what_is_no_belief_is_refused(belief):
+    policy = solve(uniform(NINE_OF_TEN))
+    with pytest.raises(ValueError, match="belief"):
+        policy.value(belief)
+
+
+# Searches
+
+
+def search_value_by_recursion(problem, arrangements, weights, number, touches_left, told):
+    """Value of a search with so many touches in all, over whole arrangements: the definition."""
+    total = weights.sum()
+    if total == 0.0:
+        return 0.0
+    if number == problem.num_objects:
+        present = (arrangements == problem.target).any(axis=1)
+        return float(weights @ np.where(present, -1.0, 1.0))
+    shapes = arrangements[:, number]
+    sign = np.where(shapes == problem.target, 1.0, -1.0)
+    best = float(weights @ sign)
+    last = number + 1 == problem.num_objects
+    gamma = 1.0 if last else problem.discount
+    groups = [shapes == shape for shape in np.unique(shapes)] if told else [np.ones(len(shapes), bool)]
+    best = max(
+        best,
+        gamma
+        * sum(
+            search_value_by_recursion(problem, arrangements, weights * group, number + 1, touches_left, told)
+            for group in groups
+        ),
+    )
+    if touches_left:
+        for table in problem.outcome_probs:
+            worth = sum(
+                search_value_by_recursion(
+                    problem, arrangements, weights * column[shapes], number, touches_left - 1, told
+                )
+                for column in table.T
+            )
+            best = max(best, problem.discount * worth - problem.touch_cost * total)
+    return best
+
+
+def arrangements_of(problem):
+    shapes = range(problem.num_shapes)
+    if problem.composition == "distinct":
+        rows = np.array(list(itertools.permutations(shapes, problem.num_objects)))
+        return rows, np.full(len(rows), 1 / len(rows))
+    rows = np.array(list(itertools.product(shapes, repeat=problem.num_objects)))
+    return rows, problem.prior[rows].prod(axis=1)
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+@pytest.mark.parametrize(("num_objects", "num_shapes"), [(1, 2), (2, 2), (2, 3), (3, 3)])
+@pytest.mark.parametrize("discount", [1.0, 0.9])
+def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, num_shapes, discount):
+    table = random_table(num_shapes, 2, num_shapes, 2, sharpness=2.5)
+    problem = SearchTouchProblem(table, num_objects, composition, 0, 0.15, discount=discount)
+    policy = solve(problem)
+    rows, weights = arrangements_of(problem)
+    least = search_value_by_recursion(problem, rows, weights, 0, 3, told=False)
+    assert policy.lower_bound <= policy.upper_bound + 1e-12
+    assert least <= policy.upper_bound + 1e-6
+    # touches are dear, so that three in all are nearly as good as any number
+    assert policy.lower_bound >= least - 0.01
+    assert policy.initial_value == policy.lower_bound
+
+
+def value_of_touches_that_may_show_nothing(problem, arrangements, weights, number, touches, shown):
+    """Value of a search in which an object's t-th touch shows an outcome with probability shown[t], else nothing."""
+    if number == problem.num_objects:
+        present = (arrangements == problem.target).any(axis=1)
+        return float(weights @ np.where(present, -1.0, 1.0))
+    shapes = arrangements[:, number]
+    best = float(weights @ np.where(shapes == problem.target, 1.0, -1.0))
+    best = max(best, value_of_touches_that_may_show_nothing(problem, arrangements, weights, number + 1, 0, shown))
+    if touches < len(shown):
+        after = (number, touches + 1, shown)
+        nothing = value_of_touches_that_may_show_nothing(problem, arrangements, weights, *after)
+        for table in problem.outcome_probs:
+            worth = sum(
+                value_of_touches_that_may_show_nothing(problem, arrangements, weights * column[shapes], *after)
+                for column in table.T
+            )
+            worth = shown[touches] * worth + (1.0 - shown[touches]) * nothing
+            best = max(best, worth - problem.touch_cost * weights.sum())
+    return best
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+@pytest.mark.parametrize(("num_objects", "num_shapes"), [(1, 2), (1, 4), (2, 2), (2, 3), (3, 3)])
+def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(composition, num_objects, num_shapes):
+    table = random_table(num_shapes, 2, num_shapes, 2, sharpness=2.5)
+    problem = SearchTouchProblem(table, num_objects, composition, 0, 0.04)
+    rows, weights = arrangements_of(problem)
+    expected = value_of_touches_that_may_show_nothing(problem, rows, weights, 0, 0, (0.9, 0.4))
+    found = search_bound(problem, np.random.default_rng(0), (0.9, 0.4, 0.0))
+    assert expected - 1e-9 <= found <= expected + 0.03
+    fresh = search_bound(problem, np.random.default_rng(0))
+    assert found <= fresh + 1e-9
+
+
+def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
+    table = random_table(1, 2, 3, 3)
+    rare = ObjectBound(table, np.arange(3), TouchTerms(0.02, 1.0, (0.25,)), np.random.default_rng(0))
+    dear = ObjectBound(table, np.arange(3), TouchTerms(0.08), np.random.default_rng(0))
+    arguments = np.full(3, 1 / 3), np.array([1.0, -1.0, -1.0]), np.array([-1.0, 1.0, 1.0])
+    assert rare(*arguments) == pytest.approx(dear(*arguments), abs=2e-4)
+
+
+@pytest.mark.parametrize("weights", [(), (0.5, 0.6), (1.1,), (0.5, -0.1), (np.nan,)])
+def test_what_is_no_worth_of_touches_is_refused(weights):
+    with pytest.raises(ValueError, match="weights"):
+        TouchTerms(0.1, 1.0, weights)
+
+
+def test_of_many_shapes_the_bound_is_as_tight_where_most_are_easily_told_from_the_target():
+    few = random_table(0, 3, 3, 4)
+    table = np.zeros((3, 9, 5))
+    table[:, :3, :4] = few
+    table[:, 3:, 4] = 1.0  # one touch tells them from the target
+    problem = SearchTouchProblem(table, 1, "independent", 0, 0.02, prior=np.full(9, 1 / 9))
+    policy = solve(problem)
+    assert policy.lower_bound <= policy.upper_bound <= policy.lower_bound + 0.02
+
+
+def test_the_last_of_all_distinct_objects_is_confirmed_untouched():
+    problem = SearchTouchProblem(np.full((2, 3, 2), 0.5), 3, "distinct", 1, 0.01)
+    policy = solve(problem)
+    assert policy.initial_value == pytest.approx(-1 / 3)  # nothing is told: confirm one of three
+    belief = stage_belief(staged(problem), np.array([[0.0, -np.inf, 0.0], [0.0, -np.inf, 0.0], [0.0, 0.0, 0.0]]), 2)
+    assert policy.action(2, belief) == problem.num_poses  # CONFIRM
+    assert policy.value(2, belief) == pytest.approx(1.0)
+
+
+@given(st.integers(0, 1000))
+def test_the_belief_about_a_stage_is_that_of_all_arrangements(seed):
+    rng = np.random.default_rng(seed)
+    for composition, prior in (("distinct", None), ("independent", [0.5, 0.3, 0.2])):
+        problem = SearchTouchProblem(random_table(seed), 3, composition, 1, 0.05, prior=prior)
+        logs = 3.0 * rng.normal(size=(3, 3))
+        logs[2] = 0.0
+        rows, weights = arrangements_of(problem)
+        joint = weights * np.exp(logs[np.arange(3), rows].sum(axis=1))
+        found = stage_belief(staged(problem), logs, 1)
+        shapes = staged(problem).stages[1].shapes
+        for shape in range(3):
+            expected = joint[rows[:, 1] == shape].sum() / joint.sum()
+            assert found[shapes == shape].sum() == pytest.approx(expected, abs=1e-9)
+
+
+def test_likelihoods_of_any_size_leave_a_belief():
+    problem = staged(SearchTouchProblem(random_table(0), 3, "distinct", 0, 0.05))
+    logs = np.array([[0.0, -1e300, -1e300], [-2e300, 0.0, 0.0], [0.0, 0.0, -1e4]])
+    for stage in range(3):
+        belief = stage_belief(problem, logs, stage)
+        assert np.isfinite(belief).all()
+        assert belief.sum() == pytest.approx(1.0)
+
+
+def test_too_many_hidden_states_are_refused_with_the_way_out():
+    with pytest.raises(ValueError, match="hidden states"):
+        solve(SearchTouchProblem(np.full((1, 12, 2), 0.5), 12, "distinct", 0, 0.05))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"num_objects": 0}, "num_objects"),
+        ({"num_objects": 4}, "cannot all differ"),
+        ({"composition": "bag"}, "composition|bag"),
+        ({"prior": [1.0, 0.0, 0.0]}, "fixes the prior"),
+    ],
+)
+def test_what_is_no_search_is_refused_by_name(change, message):
+    arguments = {
+        "outcome_probs": random_table(0),
+        "num_objects": 3,
+        "composition": "distinct",
+        "target": 0,
+        "touch_cost": 0.1,
+    }
+    with pytest.raises(ValueError, match=message):
+        SearchTouchProblem(**arguments | change)
+
+
+# The parts
+
+
+@given(st.integers(2, 6), st.integers(0, 1000))
+def test_interpolation_returns_the_belief_itself(num_shapes, seed):
+    rng = np.random.default_rng(seed)
+    beliefs = rng.dirichlet(np.full(num_shapes, 0.5), size=50)
+    beliefs[0] = np.eye(num_shapes)[0]
+    grid = BeliefGrid(np.full((1, num_shapes, 1), 1.0), beliefs[:20])
+    for shape in range(num_shapes):  # exact for linear functions
+        assert grid.interpolate(grid.points[:, shape], beliefs) == pytest.approx(beliefs[:, shape], abs=1e-9)
+    convex = (grid.points**2).sum(axis=1)
+    assert (grid.interpolate(convex, beliefs) >= (beliefs**2).sum(axis=1) - 1e-9).all()
+
+
+def test_a_bound_for_forty_shapes_is_a_bound_in_little_memory():
+    # A perfect pose: touch once, then stop; by hand 1 - λ, as REJECT at once is worth 1 - 2/40 = .95.
+    num_shapes = 40
+    table = np.stack([np.eye(num_shapes), np.full((num_shapes, num_shapes), 1 / num_shapes)])
+    problem = TouchProblem(table, np.full(num_shapes, 1 / num_shapes), 0, 0.02)
+    tracemalloc.start()
+    try:
+        bound = touch_bound(problem, np.random.default_rng(0))
+        assert tracemalloc.get_traced_memory()[1] < 4e8  # bytes; 5 GB before it was made in blocks
+    finally:
+        tracemalloc.stop()
+    assert 0.98 - 1e-9 <= bound <= 1.0
+
+
+@pytest.mark.parametrize("num_parts", [3, 17, 45])
+def test_points_of_a_grid_of_many_parts_are_told_apart(num_parts):
+    # Numbers for points of more than some forty parts do not fit 64 bits.
+    grid, rng = SimplexGrid(num_parts, [2], np.empty((0, num_parts))), np.random.default_rng(0)
+    assert len(grid.points) == num_parts * (num_parts + 1) // 2
+    columns, weights = grid.look_up(grid.points)
+    assert (np.take_along_axis(columns, weights.argmax(axis=1)[:, None], axis=1)[:, 0] == np.arange(len(columns))).all()
+    some = rng.dirichlet(np.full(num_parts, 0.3), size=20)
+    columns, weights = grid.look_up(some)
+    np.testing.assert_allclose((weights[:, :, None] * grid.points[columns]).sum(axis=1), some, atol=1e-12)
+
+
+def test_a_table_too_large_for_any_grid_is_refused_by_a_stated_limit(monkeypatch):
+    monkeypatch.setattr("planners.bounds.belief_grid._MOST_NUMBERS", 1000)
+    with pytest.raises(InvalidArgument, match=r"1 poses, 2 shapes and 2 outcomes needs .* more than 1000"):
+        touch_bound(TouchProblem([[[0.9, 0.1], [0.1, 0.9]]], [0.5, 0.5], 0, 0.05), np.random.default_rng(0))
+
+
+def test_a_grid_beyond_the_limit_is_coarser_and_still_bounds(monkeypatch):
+    table = np.random.default_rng(0).dirichlet(np.full(3, 0.5), size=(2, 4))
+    problem = TouchProblem(table, np.full(4, 0.25), 0, 0.05)
+    fine = touch_bound(problem, np.random.default_rng(0))
+    monkeypatch.setattr("planners.bounds.belief_grid._MOST_NUMBERS", 6000 * table.size)
+    coarse = touch_bound(problem, np.random.default_rng(0))
+    assert solve(problem, rounds=(50, 50)).lower_bound <= coarse
+    assert fine <= coarse + 1e-6 <= fine + 0.01

@@ -1,0 +1,153 @@
+"""The default planner in whole searches: its plans are followed, repeats are priced, extremes are survived."""
+
+import numpy as np
+import pytest
+
+from belief import Belief, Composition, Confirm, Counts, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.observation_model import ConfusionModel, OutcomeTable
+from belief.synthetic import random_model, sample_arrangement
+from planners import InformationState, make_decider, search
+from planners.point_based import PointBased
+from planners.repeats import CorrelatedRepeats
+from planners.solve import SearchTouchProblem, solve
+from planners.target_abstraction import belief_by_target, stages_by_target
+
+POSES = ("p0", "p1", "p2")
+
+
+class SampledWorld:
+    """Objects whose touches come from the model itself."""
+
+    def __init__(self, model, arrangement):
+        self.model, self.arrangement, self.current = model, arrangement, 0
+
+    def touch(self, pose, rng):
+        return self.model.sample(self.arrangement[self.current], [pose], rng)[0]
+
+    def advance(self):
+        self.current += 1
+
+    def reset(self):
+        self.current = 0
+
+
+def problem_of(model, num_objects, composition=Composition.DISTINCT, **options):
+    return SearchProblem(model.shape_labels, POSES, num_objects, composition, **options)
+
+
+def play(decider, model, problem, target, number):
+    arrangement = sample_arrangement(problem, np.random.default_rng([number, 1]))
+    return search(SampledWorld(model, arrangement), decider, problem, target, model, (number, 0, 7))
+
+
+def test_searches_return_what_the_plan_promises():
+    model = random_model(np.random.default_rng(0), sharpness=2.5)
+    problem = problem_of(model, 4, touch_cost=0.05)
+    decider = PointBased(model.outcome_table(), CorrelatedRepeats(0.0))
+    policy = solve(SearchTouchProblem(model.outcome_table().probs, 4, "distinct", 1, 0.05))
+    returns = np.array([play(decider, model, problem, 1, n).reward(problem) for n in range(600)])
+    error = returns.std() / np.sqrt(len(returns))
+    assert abs(returns.mean() - policy.initial_value) < 4 * error  # fails once in 10^4
+    assert returns.mean() > policy.initial_value - 0.1
+
+
+@pytest.mark.parametrize(
+    ("num_objects", "num_shapes", "composition", "exact"),
+    [
+        (1, 4, Composition.DISTINCT, True),
+        (4, 4, Composition.DISTINCT, True),
+        (3, 5, Composition.DISTINCT, True),
+        (12, 12, Composition.DISTINCT, False),
+        (8, 12, Composition.INDEPENDENT, True),
+        (4, 3, Counts({"shape_0": 2, "shape_1": 1, "shape_2": 2}), False),
+    ],
+)
+def test_any_composition_is_planned_for_and_searched(num_objects, num_shapes, composition, exact):
+    model = random_model(np.random.default_rng(1), num_shapes, sharpness=5.0)
+    problem = problem_of(model, num_objects, composition, touch_limit=12 * num_objects)
+    decider = PointBased(model.outcome_table(), rounds=(50, 100))
+    assert decider.planned(problem, 0).exact is exact
+    successes = [play(decider, model, problem, 0, n).success for n in range(12)]
+    assert np.mean(successes) > 0.6  # the floor is at most one half
+
+
+def test_a_belief_by_target_has_the_exact_marginals():
+    model = random_model(np.random.default_rng(2), 4)
+    problem = problem_of(model, 4)
+    scene = SceneBelief(problem, model)
+    rng = np.random.default_rng(0)
+    scene.update(0, model.sample(1, [0, 1], rng))
+    scene.update(1, model.sample(2, [2], rng))
+    belief = belief_by_target(problem, scene, 2, 1).reshape(2, 4)
+    assert belief.sum(axis=0) == pytest.approx(scene.marginals()[1])
+    assert belief[1].sum() == pytest.approx(scene.marginals()[0, 2])
+    assert belief[1, 2] == 0.0  # there is one target only
+
+
+@pytest.mark.parametrize("counts", [{"shape_0": 1, "shape_1": 5}, {"shape_0": 3}, {"shape_1": 2, "shape_2": 2}])
+def test_stages_by_target_are_stochastic_for_any_bag(counts):
+    model = random_model(np.random.default_rng(2), 3)
+    for target in range(3):
+        num_objects = sum(counts.values()) - 1
+        staged = stages_by_target(
+            problem_of(model, num_objects, Counts(counts)), model.outcome_table().probs, target, 0.1
+        )
+        assert len(staged.stages) == num_objects
+        for stage in staged.stages[:-1]:
+            assert stage.moves.sum(axis=1) == pytest.approx(np.ones(6))
+            assert (stage.moves >= 0.0).all()
+
+
+def test_a_repeat_that_tells_nothing_is_not_bought():
+    table = OutcomeTable(np.array([[[0.8, 0.2], [0.2, 0.8]]]))
+    problem = SearchProblem(("a", "b"), ("p",), 1, Composition.INDEPENDENT, touch_cost=0.02)
+    touch = Touch(0, np.log([0.6, 0.4]))
+    info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.6, 0.4]), (touch,))
+    rng = np.random.default_rng(0)
+    assert PointBased(table, CorrelatedRepeats(0.0)).decide(info, rng).action == Probe(0)
+    assert PointBased(table, CorrelatedRepeats(1.0)).decide(info, rng).action == Confirm()
+
+
+def test_a_pose_that_was_not_used_is_preferred_to_its_twin():
+    table = OutcomeTable(np.repeat(np.array([[[0.8, 0.2], [0.2, 0.8]]]), 2, axis=0))
+    problem = SearchProblem(("a", "b"), ("p", "q"), 1, Composition.INDEPENDENT, touch_cost=0.02)
+    info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.5, 0.5]), (Touch(0, np.zeros(2)),))
+    assert PointBased(table, CorrelatedRepeats(0.4)).decide(info, np.random.default_rng(0)).action == Probe(1)
+
+
+def test_scores_say_why_it_stopped():
+    model = random_model(np.random.default_rng(0), sharpness=4.0)
+    problem = problem_of(model, 4)
+    episode = play(make_decider("point_based", model.outcome_table(), model), model, problem, 0, 3)
+    last = episode.steps[-1].decision
+    assert isinstance(last.action, Confirm)
+    assert last.scores["value_confirm"] >= last.scores["value_reject"]
+
+
+def test_free_touches_are_planned_for_and_end():
+    model = random_model(np.random.default_rng(0), sharpness=1.0)
+    problem = problem_of(model, 2, touch_cost=0.0, touch_limit=20)
+    episode = play(PointBased(model.outcome_table(), rounds=(50, 50)), model, problem, 0, 0)
+    assert episode.num_touches <= 20
+
+
+def test_at_the_touch_limit_it_answers():
+    model = random_model(np.random.default_rng(0), sharpness=0.5)
+    problem = problem_of(model, 2, touch_cost=0.0001, touch_limit=1)
+    decider = PointBased(model.outcome_table(), rounds=(50, 50))
+    for number in range(10):
+        assert play(decider, model, problem, 0, number).outcome != "truncated"
+
+
+def test_a_shape_that_was_ruled_out_is_rejected_untouched():
+    model = random_model(np.random.default_rng(0))
+    problem = problem_of(model, 4)
+    info = InformationState(problem, 0, Belief.from_probs(model.shape_labels, [0.0, 0.5, 0.5, 0.0]))
+    assert PointBased(model.outcome_table()).decide(info, np.random.default_rng(0)).action == Reject()
+
+
+def test_shape_labels_in_a_list_will_do():
+    model = ConfusionModel.fit([Touch(0, np.array([1.0, 0.0])), Touch(0, np.array([0.0, 1.0]))], [0, 1])
+    problem = SearchProblem(list(model.shape_labels), ["p"], 2)
+    info = InformationState(problem, 0, Belief.uniform(model.shape_labels))
+    assert PointBased(model.outcome_table()).decide(info, np.random.default_rng(0)).action in (Probe(0), Confirm())
