@@ -27,6 +27,10 @@ class CannotWrite(ActiveTouchError, OSError):
     """A file cannot be written: the disk is full, or the folder is read-only or no folder."""
 
 
+class BrokenContract(ActiveTouchError, AssertionError):
+    """A part of a user's own does not do what its protocol promises; the message says what, and for which input."""
+
+
 class UnknownName(ActiveTouchError, KeyError):
     """A name was looked up that no table has; the message suggests the nearest one and lists all."""
 

@@ -1,0 +1,98 @@
+"""Check that a decider keeps the contract that searches and comparisons rely on."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+
+from belief import Composition, SearchProblem
+from belief.errors import BrokenContract
+from belief.observation_model import ObservationModel
+from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from planners.decider import Decider, Decision, InformationState
+from planners.episode import Episode, Outcome
+from planners.search import search
+
+_COMPOSITIONS = (Composition.DISTINCT, Composition.INDEPENDENT)
+
+
+class _Asked:
+    """Asks a decider twice, with the same chance, and compares the answers."""
+
+    def __init__(self, decider: Decider) -> None:
+        self._decider = decider
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        state = rng.bit_generator.state
+        first = self._decider.decide(info, rng)
+        again = np.random.default_rng()
+        again.bit_generator.state = state
+        second = self._decider.decide(info, again)
+        if isinstance(first, Decision) and first != second:
+            raise BrokenContract(
+                f"asked twice with the same information and the same rng, it answers {first} and then {second}: "
+                "decide must depend on nothing else"
+            )
+        return first
+
+
+def check_decider(
+    decider: Decider,
+    rng: np.random.Generator,
+    model: ObservationModel | None = None,
+    num_searches: int = 20,
+    touch_limit: int = 60,
+) -> list[Episode]:
+    """Try a decider of one's own in searches among synthetic objects.
+
+    Checked are that it answers decisions, that an answer depends on the information state and ``rng`` alone, that its
+    scores can be written as JSON, that it can be sent to another process, and that some search ends before the limit.
+
+    Args:
+        decider: to be checked.
+        rng: draws objects and touches.
+        model: what touches come from; a random one of four shapes in three poses by default.
+        num_searches: of them half among distinct shapes, half among independent ones.
+        touch_limit: of each search.
+
+    Returns:
+        The searches, to be looked at.
+
+    Raises:
+        BrokenContract: the first promise that is not kept.
+        BadDecision: an answer is no decision.
+
+    >>> from planners.registry import make_decider
+    >>> rng = np.random.default_rng(0)
+    >>> model = random_model(rng)
+    >>> episodes = check_decider(make_decider("threshold", model.outcome_table()), rng, model)
+    >>> len(episodes)
+    20
+    """
+    model = model if model is not None else random_model(rng)
+    poses = tuple(f"pose_{number}" for number in range(model.outcome_table().num_poses))
+    episodes = []
+    for number in range(num_searches):
+        problem = SearchProblem(
+            tuple(model.shape_labels), poses, min(3, len(model.shape_labels)), _COMPOSITIONS[number % 2],
+            touch_limit=touch_limit,
+        )  # fmt: skip
+        arrangement = sample_arrangement(problem, rng)
+        target = int(rng.integers(problem.num_shapes))
+        seed = (int(rng.integers(2**31)),)
+        episodes.append(search(SyntheticWorld(model, arrangement), _Asked(decider), problem, target, model, seed))
+    for episode in episodes:
+        for step in episode.steps:
+            try:
+                json.dumps(dict(step.decision.scores), allow_nan=False)
+            except (TypeError, ValueError) as error:
+                raise BrokenContract(f"scores must be finite numbers by name, got {step.decision.scores}") from error
+    if all(episode.outcome is Outcome.TRUNCATED for episode in episodes):
+        raise BrokenContract(f"none of {num_searches} searches ended within {touch_limit} touches: it never stops")
+    try:
+        pickle.loads(pickle.dumps(decider))
+    except Exception as error:
+        raise BrokenContract(f"it cannot be sent to another process: {error}") from error
+    return episodes
