@@ -17,7 +17,8 @@ from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, Targ
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
 from planners.stop_override import Confident
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
+from planners.stopping import PosteriorThresholds, SequentialTest
+from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
 
@@ -66,7 +67,7 @@ def confident_ppo(policies: Path | None) -> Decider:
 DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
     {
         "random_confirm": lambda known: RandomConfirm(),
-        "threshold": lambda known: SequentialDecider(ConsecutiveFrames(), FixedOrder()),
+        "threshold": lambda known: SequentialDecider(ThresholdRule(), FixedOrder()),
         "random_poses": lambda known: SequentialDecider(PosteriorThresholds(), RandomOrder()),
         "fixed_poses": lambda known: SequentialDecider(PosteriorThresholds(), FixedOrder()),
         "information_gain": lambda known: SequentialDecider(PosteriorThresholds(), TargetInformationGain(known.table)),

@@ -1,62 +1,16 @@
-"""When to stop probing: the paper's rule on single frames, and thresholds on the posterior."""
+"""Stopping rules on the posterior probability of the target: fixed thresholds, and Wald's sequential test.
+
+The paper's own rule, which looks at single classifier outputs, is in :mod:`planners.threshold_rule`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
 
-import numpy as np
-
 from belief import Confirm, Reject
-from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument
 from planners.decider import Decision, InformationState
-
-_SOFTMAX = TemperatureScaling()  # at temperature 1, for logits of any size
-_LEAST_LOGIT = -float(
-    np.finfo(np.float64).max
-)  # in place of -inf, which a perfect table gives: probability zero as well
-
-
-@dataclass(frozen=True)
-class ConsecutiveFrames:
-    """The paper's manual rule (§6.3): it looks at single classifier outputs and fuses nothing.
-
-    CONFIRM when the target's probability exceeds ``high`` in ``num_consecutive`` frames in a row, REJECT when it is
-    below ``low`` in the latest one. The paper gives no values and does not say what happens at the maximum number of
-    contacts; we reject there, as an object that never convinced (decision 0005).
-
-    Attributes:
-        high, low: thresholds on the classifier's raw softmax.
-        num_consecutive: frames in a row above ``high``.
-        max_touches: contacts with one object.
-    """
-
-    high: float = 0.9
-    low: float = 0.1
-    num_consecutive: int = 2
-    max_touches: int = 12
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.low <= self.high <= 1.0:
-            raise InvalidArgument(f"need 0 ≤ low ≤ high ≤ 1, got {self.low} and {self.high}")
-        require_count("num_consecutive", self.num_consecutive)
-        require_count("max_touches", self.max_touches)
-
-    def stop(self, info: InformationState) -> Decision | None:
-        """See :class:`planners.decider.StoppingRule`."""
-        if not info.history:
-            return None
-        recent = info.history[-self.num_consecutive :]
-        frames = [
-            float(_SOFTMAX.predict_proba(np.maximum(touch.logits, _LEAST_LOGIT))[info.target]) for touch in recent
-        ]
-        scores = {"frame_prob": frames[-1], "target_prob": info.target_prob}
-        if len(frames) == self.num_consecutive and min(frames) > self.high:
-            return Decision(Confirm(), scores)
-        if frames[-1] < self.low or len(info.history) >= self.max_touches:
-            return Decision(Reject(), scores)
-        return None
 
 
 @dataclass(frozen=True)

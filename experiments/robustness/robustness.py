@@ -21,9 +21,9 @@ from rich.table import Table
 from activetouch.shapes import EXTENDED_SHAPES
 from belief.files import atomic_path, require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
-from belief.novelty import MahalanobisScore, auroc_interval, energy_score
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
+from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import CountOrNone, Jobs, Seed, Within, check_arguments

@@ -27,8 +27,8 @@ from belief.bayes import entropy, expected_information_gain, target_information_
 from belief.calibration import TemperatureScaling
 from belief.cross_validation import object_folds
 from belief.metrics import accuracy, expected_calibration_error
-from belief.novelty import auroc, energy_score
 from belief.observation_model import ConfusionModel, OutcomeTable
+from belief.out_of_distribution import auroc, energy_score
 from belief.statistics import mcnemar_test, paired_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
 from belief.validation import normalise_log_probs, normalise_probs

@@ -12,7 +12,6 @@ from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.frozen import FrozenArrays, frozen
 from belief.metrics import reliability_curve
-from belief.novelty import MahalanobisScore
 from belief.observation_model import (
     ConfusionModel,
     FeatureEmbedding,
@@ -26,6 +25,7 @@ from belief.observation_model import (
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.tabular import TabularModel
 from belief.observation_model.variance_components import Components
+from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 from planners.pomdp.problem import SearchTouchProblem

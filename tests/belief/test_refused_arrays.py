@@ -6,8 +6,8 @@ from scipy import stats
 
 from belief import ActiveTouchError, Touch, metrics, statistics
 from belief.calibration import CALIBRATIONS, PerPose
-from belief.novelty import MahalanobisScore, auroc, energy_score
 from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
 
 PROBS = np.array([[0.8, 0.2], [0.3, 0.7], [0.6, 0.4], [0.5, 0.5]])
 TRUTH = np.array([0, 1, 0, 1])

@@ -34,7 +34,6 @@ from belief.metrics import (
     shape_scores,
     smooth_calibration_error,
 )
-from belief.novelty import auroc, energy_score
 from belief.observation_model import (
     ConfusionModel,
     OutcomeTable,
@@ -43,6 +42,7 @@ from belief.observation_model import (
     read_origin,
 )
 from belief.observation_model.selection import OBSERVATION_MODELS, choose_observation_model
+from belief.out_of_distribution import auroc, energy_score
 from belief.statistics import (
     clopper_pearson_interval,
     cluster_bootstrap,
@@ -448,13 +448,13 @@ def _metrics() -> list[Case]:
             "metrics.claims_at_stop", "a claim of 1.5", lambda: claims_at_stop([1.5], [True], [1]), ValueError, "1.5"
         ),
         answers(
-            "novelty.energy_score",
+            "out_of_distribution.energy_score",
             "logits of 1e308",
             lambda: float(energy_score([[1e308, 0.0]])[0]),
             such_that("finite", np.isfinite),
         ),
-        answers("novelty.auroc", "ties only", lambda: auroc([1, 1, 1], [1, 1]), equal_to(0.5)),
-        refuses("novelty.auroc", "nothing known", lambda: auroc([], [1.0]), ValueError, "(?i)empty|at least one"),
+        answers("auroc", "ties only", lambda: auroc([1, 1, 1], [1, 1]), equal_to(0.5)),
+        refuses("auroc", "nothing known", lambda: auroc([], [1.0]), ValueError, "(?i)empty|at least one"),
     ]
 
 
@@ -527,7 +527,7 @@ def _statistics() -> list[Case]:
 
 
 CASES: tuple[Case, ...] = (*_calibrations(), *_observation_models(), *_metrics(), *_statistics())
-"""Of calibrations, observation models, metrics, novelty and statistics."""
+"""Of calibrations, observation models, metrics, out-of-distribution scores and statistics."""
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -22,7 +22,8 @@ from planners import DECIDERS, Decider, Decision, Episode, InformationState, Out
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
 from planners.registry import TRAINED
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds
+from planners.stopping import PosteriorThresholds
+from planners.threshold_rule import ThresholdRule
 
 _LABELS = ("cube", "cone", "sphere")
 _POSES = ("front", "side")
@@ -242,19 +243,17 @@ CASES: tuple[Case, ...] = (
         "max_touches must be",
     ),
     refuses(
-        "ConsecutiveFrames",
+        "ThresholdRule",
         "zero frames in a row",
-        lambda: ConsecutiveFrames(num_consecutive=0),
+        lambda: ThresholdRule(num_consecutive=0),
         ValueError,
         "num_consecutive",
     ),
-    refuses(
-        "ConsecutiveFrames", "low above high", lambda: ConsecutiveFrames(high=0.1, low=0.9), ValueError, "0.9 and 0.1"
-    ),
+    refuses("ThresholdRule", "low above high", lambda: ThresholdRule(high=0.1, low=0.9), ValueError, "0.9 and 0.1"),
     answers(
-        "ConsecutiveFrames",
+        "ThresholdRule",
         "logits of ±1e308",
-        lambda: ConsecutiveFrames().stop(_information(0.5, history=[Touch(0, np.array([1e308, -1e308, 0]))])),
+        lambda: ThresholdRule().stop(_information(0.5, history=[Touch(0, np.array([1e308, -1e308, 0]))])),
         such_that("no decision after one frame", lambda d: d is None),
     ),
     answers(

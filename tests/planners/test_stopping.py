@@ -6,7 +6,7 @@ from scipy import stats
 
 from belief import Belief, Composition, Confirm, Counts, Reject, SearchProblem, Touch
 from planners import InformationState
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
+from planners.stopping import PosteriorThresholds, SequentialTest
 
 PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 
@@ -20,29 +20,6 @@ def info(*frame_probs, posterior=0.25, object_index=0, problem=PROBLEM):
 
 def action(decision):
     return None if decision is None else decision.action
-
-
-@pytest.mark.parametrize(
-    ("frames", "expected"),
-    [
-        ((), None),
-        ((0.95,), None),
-        ((0.95, 0.95), Confirm()),
-        ((0.95, 0.5, 0.95), None),
-        ((0.5, 0.95, 0.95), Confirm()),
-        ((0.05,), Reject()),
-        ((0.95, 0.05), Reject()),
-        ((0.5, 0.5), None),
-        ((0.5,) * 4, Reject()),
-    ],
-)
-def test_the_papers_rule_looks_at_the_last_two_frames(frames, expected):
-    rule = ConsecutiveFrames(high=0.9, low=0.1, max_touches=4)
-    assert action(rule.stop(info(*frames))) == expected
-
-
-def test_the_papers_rule_ignores_the_fused_belief():
-    assert ConsecutiveFrames().stop(info(0.5, posterior=0.999999)) is None
 
 
 @pytest.mark.parametrize(

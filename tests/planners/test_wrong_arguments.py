@@ -11,7 +11,8 @@ from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
 from planners.registry import TRAINED, WrongType
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds, SequentialTest
+from planners.stopping import PosteriorThresholds, SequentialTest
+from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
 TABLE = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -84,7 +85,7 @@ def test_a_horizon_of_a_billion_touches_is_refused_at_once():
 
 
 @pytest.mark.parametrize("rules", [{"max_touches": n} for n in (0, -1, NAN, INF, 1.5, "12", True)])
-@pytest.mark.parametrize("kind", [ConsecutiveFrames, PosteriorThresholds, SequentialTest, "value of information"])
+@pytest.mark.parametrize("kind", [ThresholdRule, PosteriorThresholds, SequentialTest, "value of information"])
 def test_a_number_of_touches_that_is_none_is_refused(kind, rules):
     with pytest.raises(InvalidArgument, match="max_touches must be an integer, at least 1"):
         ValueOfInformation(OutcomeTable(TABLE), **rules) if isinstance(kind, str) else kind(**rules)
@@ -190,7 +191,7 @@ def test_a_table_of_other_poses_or_shapes_than_the_search_is_refused(name, shape
 def test_the_papers_rule_reads_the_logits_of_a_perfect_table():
     with np.errstate(divide="ignore"):
         frames = [Touch(0, np.log(np.array(probs))) for probs in ([1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0])]
-    problem, rule = SearchProblem(tuple("abc"), ("p",), 3), ConsecutiveFrames()
+    problem, rule = SearchProblem(tuple("abc"), ("p",), 3), ThresholdRule()
 
     def stop(*touches):
         decision = rule.stop(InformationState(problem, 0, Belief.uniform("abc"), touches))

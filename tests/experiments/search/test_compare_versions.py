@@ -99,11 +99,11 @@ def test_a_line_of_the_table_with_other_settings_is_another_decider(tmp_path, ta
 
 def test_what_an_earlier_version_played_is_in_no_report(tmp_path, table):
     from planners.random_confirm import RandomConfirm
-    from planners.stopping import ConsecutiveFrames
+    from planners.threshold_rule import ThresholdRule
 
     table(mine=lambda known: RandomConfirm())
     compare(tmp_path, "mine", "random_confirm").play()
-    table(mine=lambda known: ConsecutiveFrames())
+    table(mine=lambda known: ThresholdRule())
     small = compare(tmp_path, "random_confirm", episodes=1)
     small.play()
     assert {line["decider"] for line in lines(tmp_path)} == {"random_confirm"}

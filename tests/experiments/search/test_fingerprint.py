@@ -13,7 +13,8 @@ import pytest
 from experiments.search.fingerprint import fingerprint
 from planners import SequentialDecider
 from planners.probing import FixedOrder, RandomOrder
-from planners.stopping import ConsecutiveFrames, PosteriorThresholds
+from planners.stopping import PosteriorThresholds
+from planners.threshold_rule import ThresholdRule
 
 ROOT = Path(__file__).parents[3]
 MINE = """
@@ -114,7 +115,7 @@ class Plain:
             SequentialDecider(PosteriorThresholds(), FixedOrder()),
             SequentialDecider(PosteriorThresholds(), RandomOrder()),
         ),
-        (SequentialDecider(PosteriorThresholds(), FixedOrder()), SequentialDecider(ConsecutiveFrames(), FixedOrder())),
+        (SequentialDecider(PosteriorThresholds(), FixedOrder()), SequentialDecider(ThresholdRule(), FixedOrder())),
         (Plain(Plain(1)), Plain(Plain(2))),
         (1, True),
         (1, "1"),

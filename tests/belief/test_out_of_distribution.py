@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from belief.novelty import MahalanobisScore, auroc, auroc_interval, energy_score
+from belief.out_of_distribution import MahalanobisScore, auroc, auroc_interval, energy_score
 
 LARGEST = np.finfo(np.float64).max
 few_scores = arrays(np.float64, st.integers(1, 12), elements=st.integers(-3, 3).map(float))  # with many ties

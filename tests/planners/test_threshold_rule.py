@@ -1,0 +1,44 @@
+"""The paper's threshold rule on information states that were worked out by hand."""
+
+import numpy as np
+import pytest
+
+from belief import Belief, Confirm, Reject, SearchProblem, Touch
+from planners import InformationState
+from planners.threshold_rule import ThresholdRule
+
+PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
+
+
+def info(*frame_probs, posterior=0.25):
+    """Target "a"; one touch for every frame probability, and this posterior."""
+    touches = tuple(Touch(0, np.log([p, *[(1 - p) / 3] * 3])) for p in frame_probs)
+    belief = Belief.from_probs("abcd", [posterior, *[(1 - posterior) / 3] * 3])
+    return InformationState(PROBLEM, 0, belief, touches)
+
+
+def action(decision):
+    return None if decision is None else decision.action
+
+
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [
+        ((), None),
+        ((0.95,), None),
+        ((0.95, 0.95), Confirm()),
+        ((0.95, 0.5, 0.95), None),
+        ((0.5, 0.95, 0.95), Confirm()),
+        ((0.05,), Reject()),
+        ((0.95, 0.05), Reject()),
+        ((0.5, 0.5), None),
+        ((0.5,) * 4, Reject()),
+    ],
+)
+def test_the_papers_rule_looks_at_the_last_two_frames(frames, expected):
+    rule = ThresholdRule(high=0.9, low=0.1, max_touches=4)
+    assert action(rule.stop(info(*frames))) == expected
+
+
+def test_the_papers_rule_ignores_the_fused_belief():
+    assert ThresholdRule().stop(info(0.5, posterior=0.999999)) is None
