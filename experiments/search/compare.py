@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 import textwrap
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 import tyro
 from rich.console import Console
 
@@ -20,11 +16,12 @@ from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
 from experiments.command_line.arguments import BadArgument, check_arguments
 from experiments.command_line.console import plain_console
-from experiments.parallel import default_jobs, run_lazily
-from experiments.search.holdings import CEILING_EPISODES, Holdings, Selection
-from experiments.search.run_folder import BOUND, CEILING, EPISODES_PER_SHARD, MadeBy, RunFolder, ShardKey
+from experiments.parallel import default_jobs
+from experiments.search.holdings import Holdings, Selection
+from experiments.search.resume import play_missing, shard_sizes
+from experiments.search.run_folder import BOUND, CEILING, RunFolder
 from experiments.search.setting import Setting
-from experiments.search.shards import ShardTask, identity, made_by, portrait
+from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
 from experiments.search.terminal import render_table
 from experiments.search.verdict import verdict
@@ -201,43 +198,17 @@ class Compare:
         """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
         problem, targets = self._check()
         tell_shift(self.setting.shift)
-        first, parts = self._part()
-        setting, folder = self.setting.resolved(), RunFolder(self.folder)
-        run = dict(identity(setting, self.seed))
-        folder.require(run)
-        wanted = {(d, t): portrait(setting, self.seed, d, t) for d in self._players for t in targets}
-        players = {d: {t: str(json.loads(wanted[d, t])["decider"]) for t in targets} for d in self._players}
-        sizes = self._sizes(targets)
-        self._tell_stale(folder, sizes, players)
-
-        def done(key: ShardKey) -> bool:
-            return folder.has(key, players[key.decider][key.target], sizes[key])
-
-        keys = [key for key in list(sizes)[first::parts] if not done(key)]
-        # Whoever else fills this folder now should not be one step behind all the time, doing everything again.
-        np.random.default_rng().shuffle(keys)  # type: ignore[arg-type]
-
-        def missing() -> Iterator[ShardTask]:
-            return (
-                ShardTask(key, sizes[key], setting, self.seed, wanted[key.decider, key.target])
-                for key in keys
-                if not done(key)
-            )
-
-        def begin() -> None:
-            warning = folder.open(run, self._arguments(), players)
-            if warning:
-                print(warning, file=sys.stderr)
-
-        opened = False
-        for key, shard in run_lazily(missing(), len(keys), self.jobs, "searching", self.scheduler):
-            if not opened:  # a folder is claimed by what was played, not by what was tried
-                begin()
-                opened = True
-            if not done(key):
-                folder.write(key, shard)
-        if not opened:
-            begin()
+        sizes = shard_sizes(self._players, targets, self.episodes)
+        play_missing(
+            RunFolder(self.folder),
+            self.setting.resolved(),
+            self.seed,
+            sizes,
+            self._arguments(),
+            part=self._part(),
+            jobs=self.jobs,
+            scheduler=self.scheduler,
+        )
         return problem, targets
 
     @property
@@ -250,32 +221,6 @@ class Compare:
 
     def _selection(self, targets: list[str]) -> Selection:
         return Selection(tuple(dict.fromkeys(self.deciders)), tuple(targets), self.episodes)
-
-    def _sizes(self, targets: list[str]) -> dict[ShardKey, int]:
-        """All shards, and how many episodes each must have: the last may be partly filled."""
-        sizes = {}
-        for decider in self._players:
-            num = {CEILING: min(self.episodes, CEILING_EPISODES), BOUND: 1}.get(decider, self.episodes)
-            for target in targets:
-                for number in range(-(-num // EPISODES_PER_SHARD)):
-                    left = num - number * EPISODES_PER_SHARD
-                    sizes[ShardKey(decider, target, number)] = min(left, EPISODES_PER_SHARD)
-        return sizes
-
-    def _tell_stale(self, folder: RunFolder, sizes: dict[ShardKey, int], players: MadeBy) -> None:
-        """Say which shards are played anew as what played them has changed."""
-        stale = [
-            key.decider
-            for key in sizes
-            if (shard := folder.read(key)) is not None and shard.made_by != players[key.decider][key.target]
-        ]
-        if stale:
-            who = ", ".join(f"{stale.count(name)} of {name}" for name in dict.fromkeys(stale))
-            print(
-                f"{self.folder} has shards that another version played, by code, settings or policies: {who}; they are "
-                "played anew",
-                file=sys.stderr,
-            )
 
     def _holdings(self) -> Holdings:
         """What the folder holds of those who play now, asked for or not."""

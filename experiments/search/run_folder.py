@@ -358,7 +358,7 @@ def _with_versions(identity: Mapping[str, Any]) -> Any:
 @lru_cache(maxsize=1)
 def code_digests() -> dict[str, str]:
     """Digest of the text of each package that all episodes run, as this process first saw it."""
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parents[2]
     found = {}
     for name in _CODE:
         digest = hashlib.sha256()
