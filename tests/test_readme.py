@@ -74,15 +74,6 @@ def test_every_example_runs(name, capsys):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize(
-    "page", ["README.md", "docs/world.md", "docs/architecture.md", "docs/calibration.md", "docs/scale.md"]
-)
-def test_every_file_a_page_links_to_exists(page):
-    for target in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", (ROOT / page).read_text()):
-        if not target.startswith("http"):
-            assert (ROOT / page).parent.joinpath(target).exists(), target
-
-
 BOUND_IS_TOLD_IN = (
     "README.md",
     "docs/planners.md",
@@ -106,3 +97,70 @@ def test_the_bound_is_called_what_it_is_one_of_a_discretised_sensor(page):
         "| optimum |",
     ):
         assert overstated not in text
+
+
+PROSE = ["README.md", "CONTRIBUTING.md", *PAGES[1:]]
+FOLDERS = "activetouch|belief|planners|experiments|tests|benchmarks|examples|docs"
+IN_BACKTICKS = re.compile(rf"`((?:{FOLDERS})/[\w./-]*)`")
+IN_COMMANDS = re.compile(r"python ((?:benchmarks|examples)/[\w.]+\.py)")
+IDS_OF_GYMNASIUM = re.compile(r"activetouch/Object\w+-v\d+")
+
+
+@pytest.mark.parametrize("page", PROSE)
+def test_every_file_a_page_names_or_links_to_exists(page):
+    text = (ROOT / page).read_text()
+    named = [*IN_BACKTICKS.findall(text), *IN_COMMANDS.findall(text)]
+    links = [target for target in re.findall(r"\]\(([^)#\s]+?)(?:#[^)]*)?\)", text) if not target.startswith("http")]
+    missing = [name for name in named if not (ROOT / name).exists() and not IDS_OF_GYMNASIUM.fullmatch(name)]
+    missing += [target for target in links if not (ROOT / page).parent.joinpath(target).exists()]
+    assert not missing
+
+
+def anchor(heading):
+    """The anchor of a heading, as GitHub makes it."""
+    words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
+    return re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PROSE)
+def test_every_section_a_page_links_to_exists(page):
+    for target, section in re.findall(r"\]\(([^)#\s]*)#([^)]+)\)", (ROOT / page).read_text()):
+        if not target.startswith("http"):
+            text = ((ROOT / page).parent / target if target else ROOT / page).read_text()
+            assert section in [anchor(line) for line in re.findall(r"^#+ (.*)$", text, flags=re.M)]
+
+
+@pytest.mark.parametrize("page", PROSE)
+def test_every_module_a_page_names_can_be_imported(page):
+    for name in re.findall(r"`((?:belief|planners|activetouch|experiments)(?:\.\w+)+)`", (ROOT / page).read_text()):
+        parts = name.split(".")
+        places = [ROOT.joinpath(*parts[:n]) for n in range(len(parts), 0, -1)]
+        found = next(place for place in places if place.is_dir() or place.with_suffix(".py").exists())
+        rest = parts[len(found.relative_to(ROOT).parts) :]
+        source = (found / "__init__.py" if found.is_dir() else found.with_suffix(".py")).read_text()
+        assert not rest or re.search(rf"\b{rest[0]}\b", source), name
+
+
+def test_ten_concepts_are_found_by_the_name_of_their_file():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    rows = re.findall(r"^\| (.+?) \| \[`(.+?)`\]\(\.\./(.+?)\) \|$", text, flags=re.M)
+    assert len(rows) == 10
+    for concept, named, linked in rows:
+        assert named == linked
+        assert (ROOT / named).is_file(), concept
+
+
+def test_the_six_nouns_come_first_and_each_names_its_file():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    first = text[: text.index("## Packages")]
+    for noun in ("World", "Touch", "ObservationModel", "Belief", "Decider", "Episode"):
+        [file] = re.findall(rf"^\*\*{noun}\*\* \(`([\w/.]+)`", first, flags=re.M)
+        assert re.search(rf"^class {noun}\b", (ROOT / file).read_text(), flags=re.M)
+
+
+def test_the_layout_names_every_folder_of_the_packages():
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    named = set(re.findall(r"^\| `([\w/]+)/` \|", text, flags=re.M))
+    packages = ("belief", "planners", "activetouch", "experiments")
+    with_code = {file.parent.relative_to(ROOT).as_posix() for name in packages for file in (ROOT / name).rglob("*.py")}
+    assert with_code <= named
