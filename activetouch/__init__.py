@@ -4,6 +4,8 @@ Importing this package loads neither MuJoCo nor torch; what needs them loads the
 environments (decision 0025).
 """
 
+from __future__ import annotations
+
 from activetouch import envs
 from activetouch.named_scenes import SCENES
 from activetouch.poses import POSES
@@ -12,3 +14,11 @@ from activetouch.shapes import SHAPES
 from activetouch.world import TactileSensor, TouchWorld
 
 __all__ = ["POSES", "SCENES", "SHAPES", "Dynamic", "Quasistatic", "Scene", "TactileSensor", "TouchWorld", "envs"]
+
+
+def __getattr__(name: str) -> str:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("activetouch")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -207,26 +207,70 @@ def require_collection(
         WrongScene: it differs by more than a known shift.
     """
     card.require_labels(manifest.shape_labels, manifest.pose_labels)
-    wanted = {} if scene is None else {f"the scene {scene!r}": scene_fields(named_scene(scene).scene)}
-    shift: list[str] = []
     flag = "" if anyway is None else "To use it all the same, add --anyway."
-    for whose, made_for in {"the classifier's scene": card.scene, **wanted}.items():
-        if made_for is None and not anyway:
-            raise WrongScene(f"the classifier does not say of which scene its touches were. {flag}")
-        found = scene_differences(made_for or {}, manifest.scene) if made_for is not None else ()
+    if card.scene is None and not anyway:
+        raise WrongScene(f"the classifier does not say of which scene its touches were. {flag}")
+    wanted = {"the classifier's scene": card.scene} if card.scene is not None else {}
+    require_scene_of(folder, manifest, {**wanted, **_named_fields(scene)}, repeats, flag, bool(anyway))
+    try:
+        card.require_images(manifest.image_shape)
+    except WrongScene as error:
+        raise WrongScene(f"{folder} is of no use here: {error}") from error
+
+
+def require_named_scene(folder: Path, manifest: Manifest, scene: str | None, repeats: bool) -> None:
+    """Refuse a collection of another scene than the one whose name results will be filed under.
+
+    Args:
+        folder: of the collection.
+        manifest: what it says about itself.
+        scene: name of the scene; None if the user names the folder of the results.
+        repeats: whether objects must be touched again and again in it.
+
+    Raises:
+        WrongScene: it differs by more than a known shift.
+    """
+    flag = "To train on it all the same, name a folder for the results with --out."
+    require_scene_of(folder, manifest, _named_fields(scene), repeats, flag)
+
+
+def require_scene_of(
+    folder: Path,
+    manifest: Manifest,
+    wanted: Mapping[str, Mapping[str, Any]],
+    repeats: bool,
+    flag: str,
+    anyway: bool = False,
+) -> None:
+    """Refuse a collection that is not of the scenes it has to be of; a known shift is told on stderr.
+
+    Args:
+        folder: of the collection.
+        manifest: what it says about itself.
+        wanted: fields of those scenes, by what messages call them.
+        repeats: whether objects must be touched again and again in it.
+        flag: a sentence on how to use it all the same.
+        anyway: whether to use it whatever the differences are.
+
+    Raises:
+        WrongScene: it differs by more than a known shift; the message names the command that records another.
+    """
+    shift: list[str] = []
+    for whose, made_for in wanted.items():
+        found = scene_differences(made_for, manifest.scene)
         if not anyway and any(not difference.is_shift for difference in found):
             raise WrongScene(
                 f"{folder} is no collection of {whose}: {in_words(map(str, found))}. "
                 f"{_another_collection(made_for, folder, repeats)}{flag}"
             )
         shift += map(str, found)
-    try:
-        card.require_images(manifest.image_shape)
-    except WrongScene as error:
-        raise WrongScene(f"{folder} is of no use here: {error}") from error
     if shift:
         told = in_words(tuple(dict.fromkeys(shift)))
-        print(f"warning: {folder} was recorded in another scene than the classifier's: {told}", file=sys.stderr)
+        print(f"warning: {folder} was recorded in another scene than {' or '.join(wanted)}: {told}", file=sys.stderr)
+
+
+def _named_fields(scene: str | None) -> dict[str, Any]:
+    return {} if scene is None else {f"the scene {scene!r}": scene_fields(named_scene(scene).scene)}
 
 
 def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:

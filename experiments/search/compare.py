@@ -14,7 +14,8 @@ from rich.console import Console
 from activetouch.rendering import RENDERERS
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
-from experiments.command_line.arguments import BadArgument, check_arguments
+from belief.files import unsealed_json
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.search.holdings import Holdings, Selection
@@ -25,18 +26,8 @@ from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
 from experiments.search.terminal import render_table
 from experiments.search.verdict import verdict
-from experiments.sensor_choice import require_policies, tell_shift
+from experiments.sensor_choice import command, require_policies, tell_shift
 from planners import DECIDERS
-
-
-def require_seed(seed: int) -> None:
-    """Check that chance can be had from a seed.
-
-    Raises:
-        BadArgument: it is negative.
-    """
-    if seed < 0:
-        raise BadArgument(f"--seed must be at least 0, got {seed}")
 
 
 @dataclass(frozen=True)
@@ -55,6 +46,7 @@ class Compare:
         activetouch compare --scenes coarse gel
         activetouch compare --renderers pressure gelsight --sensors 'runs/sensor-{scene}-{renderer}'
         activetouch compare --backend dask --scheduler tcp://10.0.0.1:8786
+        activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
     """
 
     deciders: tuple[str, ...] = ("point_based", "information_gain", "threshold", "random_confirm")
@@ -63,9 +55,9 @@ class Compare:
     """The decider that differences are taken to; the first by default."""
     targets: tuple[str, ...] = ()
     """Shapes to search for; all by default."""
-    episodes: int = 250
+    episodes: Count = 250
     """Searches per decider and target."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the whole comparison."""
     setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
     """What the episodes have in common."""
@@ -80,7 +72,7 @@ class Compare:
     bound: bool = False
     """Also find an upper bound on the expected return for the discretised sensor model, in which touches are
     independent given the shape; live touches are neither, so live returns can exceed it. Some minutes a target."""
-    jobs: int = field(default_factory=default_jobs)
+    jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"
     """Processes of this machine, or workers of a Dask cluster; the results do not depend on it."""
@@ -88,6 +80,29 @@ class Compare:
     """Address of the Dask scheduler, such as tcp://10.0.0.1:8786."""
     part: str = "1/1"
     """Play only the i-th of n parts, such as 2/8, and summarise nothing."""
+    config: Path | None = None
+    """The run.json of an earlier run: its arguments are the defaults of this one, except for --jobs, and its folder is
+    the default of --out."""
+
+    @classmethod
+    def from_config(cls, path: Path) -> Compare:
+        """The comparison that a ``run.json`` records: in the file's folder, with the default number of jobs.
+
+        Args:
+            path: the file, or the run's folder.
+
+        Raises:
+            BadArgument: it is not the ``run.json`` of a comparison.
+        """
+        file = path / "run.json" if path.is_dir() else path
+        try:
+            recorded = unsealed_json(file.read_text(encoding="utf-8"))["arguments"]
+            given = {key: tuple(value) if isinstance(value, list) else value for key, value in recorded.items()}
+            del given["jobs"]
+            setting = Setting.from_dict(given["setting"])
+            return cls(**{**given, "setting": setting, "out": file.parent, "config": path})
+        except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+            raise BadArgument(f"--config {path} is not the run.json of a comparison: {error}") from error
 
     @property
     def folder(self) -> Path:
@@ -141,7 +156,12 @@ class Compare:
 
         if self.part != "1/1":
             self.fill()
-            console.print(f"{self.folder} has its part; unite the parts with: activetouch merge A B --out C")
+            other, union = (self.folder.with_name(f"{self.folder.name}-{word}") for word in ("other", "all"))
+            console.print(
+                f"{self.folder} has part {self.part}. If the others are in folders of their own, here {other}, unite "
+                f"them with:\n{command('merge', self.folder, other, out=union)}",
+                soft_wrap=True,
+            )
             return None
         comparison = self.play()
         console.print(render_table(comparison, console.width))
@@ -258,12 +278,8 @@ class Compare:
         except ValueError as error:
             raise BadArgument(str(error)) from error
         self.setting.shift  # noqa: B018  refuses the sensor of another scene
-        for flag, number in (("--episodes", self.episodes), ("--jobs", self.jobs)):
-            if number < 1:
-                raise BadArgument(f"{flag} must be at least 1, got {number}")
         if not self.deciders:
             raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
-        require_seed(self.seed)
         if (self.backend == "dask") != (self.scheduler is not None):
             raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
         self._part()
@@ -281,4 +297,6 @@ class Compare:
         return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
 
     def _arguments(self) -> dict[str, object]:
-        return {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
+        told = {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
+        del told["config"]  # whose arguments are told themselves
+        return told

@@ -30,7 +30,7 @@ class Merge:
         activetouch compare --scene coarse --part 1/2 --out runs/a        (on one machine)
         activetouch compare --scene coarse --part 2/2 --out runs/b        (on another)
         activetouch merge runs/a runs/b --out runs/both
-        activetouch compare --scene coarse --out runs/both                (the report; plays what is missing)
+        activetouch compare --config runs/both/run.json                   (the report; plays what is missing)
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional]
@@ -50,7 +50,7 @@ class Merge:
             shards = [key for key in keys if key.decider == decider]
             targets = sorted({key.target for key in shards})
             print(f"{decider}: {sum(len(held.lines(key)) for key in shards)} episodes of {', '.join(targets)}")
-        print(f"{self.out} holds all of them; for the report: activetouch compare ... --out {self.out}")
+        print(f"{self.out} holds all of them; for the report:\n{held.again()}")
 
 
 def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
@@ -101,7 +101,8 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
                 )
     players = {name: dict(sorted(players[name].items())) for name in sorted(players)}
     told = {**runs[0], "made_by": players}
-    united_folder.write_run({**told, "arguments": _arguments([run["arguments"] for run in runs], players)})
+    arguments = {**_arguments([run["arguments"] for run in runs], players), "out": str(out)}
+    united_folder.write_run({**told, "arguments": arguments})
     keys = united_folder.complete_keys()
     united_folder.write_episodes(line for key in keys if key.is_played for line in united_folder.lines(key))
     return keys

@@ -123,10 +123,10 @@ class OverprobingCommand:
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
         found = [one for name, some in episodes.items() if (one := overprobing(name, some, self.confidence))]
         if not found:
+            num = sum(map(len, episodes.values()))
             raise NothingToCount(
                 f"no decider in {self.folder} was ever sure of an object at --confidence {self.confidence} in "
-                f"{sum(map(len, episodes.values()))} episodes. Take a lower one, or play more with: activetouch "
-                f"compare --out {self.folder}"
+                f"{num} episodes. Take a lower one, or play more with:\n{run.again(episodes=num + 1000)}"
             )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         table = Table(box=box.SIMPLE_HEAD, caption_justify="left")

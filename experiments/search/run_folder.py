@@ -29,8 +29,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from activetouch.named_scenes import SCENES
 from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
+from experiments.sensor_choice import command
 from planners import Episode
 
 _PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # what a touch depends on
@@ -192,6 +194,16 @@ class RunFolder:
         self.write_run({**run, "commit": commit, "code": code})
         return warning
 
+    def again(self, **changes: object) -> str:
+        """The command that repeats this run, and plays what is missing.
+
+        Args:
+            changes: arguments that are to differ, such as ``episodes=1000``.
+        """
+        if not (self.path / "run.json").exists():
+            return _compare_into(self.path)
+        return command("compare", config=self.path / "run.json", **changes)
+
     def write_run(self, run: Mapping[str, Any]) -> None:
         """Write ``run.json``."""
         with self._writing():
@@ -206,7 +218,7 @@ class RunFolder:
         """
         file = self.path / "run.json"
         if not file.exists():
-            raise FileNotFoundError(f"{self.path} holds no run; make one with: activetouch compare --out {self.path}")
+            raise FileNotFoundError(f"{self.path} holds no run; make one with:\n{self.again()}")
         try:
             run = unsealed_json(file.read_text(encoding="utf-8"))
             if run.keys() >= {"identity", "arguments", "made_by", "commit", "code"}:
@@ -284,8 +296,7 @@ class RunFolder:
         shard = self.read(key)
         if shard is None:
             raise FileNotFoundError(
-                f"{self._shard(key)} is not there, or not as it was written; play it with: activetouch compare "
-                f"--out {self.path}"
+                f"{self._shard(key)} is not there, or not as it was written; play it with:\n{self.again()}"
             )
         return shard.lines
 
@@ -310,6 +321,12 @@ class RunFolder:
 
     def _seal(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.seal.json"
+
+
+def _compare_into(folder: Path) -> str:
+    """The command that fills a folder; the name of the folder tells the scene where it is a default one."""
+    scene = folder.name.removeprefix("compare-")
+    return command("compare", scene=scene if scene in SCENES else None, out=folder)
 
 
 def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:

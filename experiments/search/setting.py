@@ -17,6 +17,7 @@ from belief import Composition, SearchProblem
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
+from experiments.command_line.arguments import Count, NotNegative
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
 from experiments.sensor_choice import check_sensor, load_quietly
@@ -33,12 +34,12 @@ class Setting:
     """The world."""
     sensor: Path | None = None
     """Folder of a classifier and an observation model; those that come with the scene by default."""
-    num_objects: int | None = None
+    num_objects: Count | None = None
     """Objects on the table; as many as the scene has by default."""
     composition: Literal["distinct", "independent"] | None = None
     """Whether all objects differ in shape, or each may have any; as in the scene by default."""
-    touch_cost: float = 0.02
-    """λ."""
+    touch_cost: NotNegative = 0.02
+    """Price of one touch, in units of a success (λ)."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for; the report says how the two differ."""
 

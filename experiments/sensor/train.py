@@ -25,7 +25,7 @@ from experiments.command_line.arguments import (
 )
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
-from experiments.sensor_choice import open_collection
+from experiments.sensor_choice import open_collection, require_named_scene
 
 if TYPE_CHECKING:
     from torch import nn
@@ -104,6 +104,7 @@ class Train:
         out = self.out if self.out is not None else training_folder(self.scene)
         require_writable(out)
         manifest = open_collection(data, self.scene, repeats=False)
+        require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
         require_input_size(size, manifest.image_shape[0], backbone)

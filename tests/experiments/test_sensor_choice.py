@@ -124,6 +124,16 @@ def test_calibrate_refuses_a_collection_of_another_scene_and_results_under_a_wro
     assert not list(tmp_path.iterdir())
 
 
+def test_train_refuses_results_under_the_name_of_a_scene_that_the_collection_is_not_of(quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        WrongScene, match=r"no collection of the scene 'gel': pad\.num_taxels is 32.*\n.*\n.*--out"
+    ) as found:
+        Train(scene="gel", data=quick).run()
+    pastes(str(found.value))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.torch
 def test_calibrating_on_four_objects_says_how_many_it_takes(quick, tmp_path, capsys):
     with pytest.raises(TooFewObjects, match=r"1 calibration objects and 1 test objects of every shape; .* at least 2"):
@@ -215,7 +225,7 @@ def test_commands_for_a_sensor_make_it_for_that_scene(choice):
     pastes(policy_commands("hard", Path("some where")))
 
 
-HALF = r"(with|run|calibrate|scene|again)[:,]? `?activetouch (collect|train|calibrate|touch-bank|train-ppo)\b(?! \{)"
+HALF = r"(with|run|calibrate|scene|again)[:,]? `?activetouch (collect|train|calibrate|touch-bank|train-ppo|compare|merge)\b(?! \{)"
 
 
 def test_no_remedy_in_the_code_is_half_a_command():

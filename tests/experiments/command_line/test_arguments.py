@@ -14,7 +14,6 @@ from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
 from experiments.press.fidelity import Fidelity
 from experiments.press.touch import Gallery, Touch
-from experiments.search.compare import Compare
 from experiments.search.merge import Merge
 from experiments.search.replay import Replay
 from experiments.sensor.frontier import Frontier
@@ -69,7 +68,6 @@ def idle(monkeypatch):
 CASES = [
     pytest.param(kind, path, (value,) if many else value, flag, id=f"{name} {flag} {value}")
     for name, kind in commands().items()
-    if kind is not Compare  # whose own checks are in test_compare
     for flag, path, kinds, many in _numbers(kind)
     for value in _values(kinds)
 ]
@@ -91,7 +89,7 @@ def test_a_number_out_of_its_range_is_refused_by_name_before_anything_is_done(
 
 def test_zero_is_refused_wherever_it_is_out_of_range():
     tried = 0
-    for kind in set(commands().values()) - {Compare}:
+    for kind in set(commands().values()):
         command = kind(**_NEEDED.get(kind, {}))
         paths = {flag: (path, many) for flag, path, _, many in _numbers(kind)}
         for flag, _, _, rules in arguments(command):

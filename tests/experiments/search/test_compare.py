@@ -5,6 +5,7 @@ import io
 import json
 import re
 import shutil
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from rich.console import Console
 
 from belief.errors import UnknownName
 from belief.files import sealed_json
+from experiments.cli import main
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
 from experiments.search.merge import merge
@@ -208,9 +210,9 @@ def test_a_composition_makes_room_for_more_objects_than_shapes():
         ({"deciders": ("threshhold",)}, "Did you mean 'threshold'"),
         ({"targets": ("cones",)}, "Did you mean 'cone'"),
         ({"deciders": ()}, "--deciders must name one"),
-        ({"episodes": -3}, "--episodes must be at least 1, got -3"),
-        ({"jobs": 0}, "--jobs must be at least 1, got 0"),
-        ({"seed": -1}, "--seed must be at least 0, got -1"),
+        ({"episodes": -3}, r"--episodes must be in \[1, .*got -3"),
+        ({"jobs": 0}, r"--jobs must be in \[1, .*got 0"),
+        ({"seed": -1}, r"--seed must be in \[0, .*got -1"),
         ({"reference": "threshhold"}, "Did you mean 'threshold'"),
         ({"part": "3/2"}, "such as 2/8; got '3/2'"),
         ({"part": "half"}, "such as 2/8; got 'half'"),
@@ -225,6 +227,34 @@ def test_what_makes_no_sense_is_refused_before_anything_is_written(options, mess
     with pytest.raises((UnknownName, BadArgument, NoSensor), match=message):
         Compare(**options, out=tmp_path / "run").play()
     assert not (tmp_path / "run").exists()
+
+
+def _played(line):
+    """An episode but for the last bits of its numbers, which depend on how many are played together."""
+    told = json.loads(line)
+    actions = tuple((step["object"], step["action"]) for step in told["steps"])
+    return told["decider"], *told["seed"], tuple(told["arrangement"]), told["outcome"], actions
+
+
+def test_a_runs_json_repeats_it_elsewhere_and_flags_beside_it_win(finished, tmp_path, monkeypatch, capsys):
+    folder, _ = finished
+    typed = ["compare", "--config", str(folder / "run.json"), "--episodes", "5", "--out", str(tmp_path / "again")]
+    monkeypatch.setattr(sys, "argv", ["activetouch", *typed])
+    main()
+    again, before = ({_played(line) for line in episodes(path).splitlines()} for path in (tmp_path / "again", folder))
+    assert len(again) == 5 * len(SMALL["deciders"]) * len(SMALL["targets"])
+    assert again < before
+    again, before = (RunFolder(path).read_run()["arguments"] for path in (tmp_path / "again", folder))
+    assert {key for key in again if again[key] != before[key]} <= {"episodes", "out", "jobs"}
+    assert Compare.from_config(folder).folder == folder
+
+
+def test_a_file_that_records_no_comparison_is_no_configuration(tmp_path):
+    for text in (None, "{}", "[]", "nonsense", sealed_json({"arguments": {"episodes": 3}})):
+        if text is not None:
+            (tmp_path / "run.json").write_text(text)
+        with pytest.raises(BadArgument, match="--config .* is not the run.json of a comparison"):
+            Compare.from_config(tmp_path / "run.json")
 
 
 def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):

@@ -3,9 +3,10 @@
 import json
 
 import numpy as np
+import pytest
 
 from belief import Belief, Confirm, Probe, Reject, Touch
-from experiments.search.overprobing import OverprobingCommand, overprobing
+from experiments.search.overprobing import NothingToCount, OverprobingCommand, overprobing
 from experiments.search.run_folder import EPISODES_PER_SHARD, RunFolder, Seconds, Shard, ShardKey, episode_lines
 from experiments.search.setting import Setting
 from planners import Decision, Episode, Outcome, Step
@@ -47,16 +48,30 @@ def test_who_is_never_sure_has_no_numbers():
     assert overprobing("me", [], 0.95) is None
 
 
-def test_the_command_reads_a_finished_comparison(tmp_path, capsys):
+def a_run(folder, probability):
+    """A folder with episodes in which one touch gives the cube this posterior."""
     labels = Setting().problem.shape_labels
-    sure = Belief.from_probs(labels, [0.99, 0.01, 0.0, 0.0])
+    after = Belief.from_probs(labels, [probability, 1.0 - probability, 0.0, 0.0])
     probe, confirm = Decision(Probe(0)), Decision(Confirm())
-    steps = (Step(0, Belief.uniform(labels), probe, Touch(0, np.zeros(4))), Step(0, sure, confirm, None))
-    run = RunFolder(tmp_path)
+    steps = (Step(0, Belief.uniform(labels), probe, Touch(0, np.zeros(4))), Step(0, after, confirm, None))
+    run = RunFolder(folder)
     run.open({}, {"setting": Setting().to_dict()})
     played = [Episode((0,), 0, (0, 1, 2, 3), steps, Outcome.CONFIRMED)] * EPISODES_PER_SHARD
     run.write(ShardKey("somebody", "sphere", 0), Shard(episode_lines("somebody", played), Seconds(), "v1"))
+
+
+def test_the_command_reads_a_finished_comparison(tmp_path, capsys):
+    a_run(tmp_path, 0.99)
     OverprobingCommand(folder=tmp_path).run()
     assert "somebody" in capsys.readouterr().out
     [row] = json.loads((tmp_path / "overprobing.json").read_text())
     assert (row["decider"], row["objects"], row["late_touches"]) == ("somebody", EPISODES_PER_SHARD, 0.0)
+
+
+def test_without_anything_to_count_nothing_is_written(tmp_path, capsys):
+    a_run(tmp_path, 0.6)
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(NothingToCount, match=r"0\.95 in 25 episodes.*\n.*--config .*run\.json --episodes"):
+        OverprobingCommand(folder=tmp_path).run()
+    assert sorted(tmp_path.rglob("*")) == before
+    assert not capsys.readouterr().out

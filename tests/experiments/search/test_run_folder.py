@@ -83,8 +83,16 @@ def test_a_folder_that_is_a_file_or_lies_in_one_is_a_clear_error(tmp_path):
 
 
 def test_episodes_that_are_not_there_say_how_to_play_them(tmp_path):
-    with pytest.raises(FileNotFoundError, match="activetouch compare --out"):
-        RunFolder(tmp_path).lines(ShardKey("threshold", "a", 0))
+    for folder, words in (
+        (tmp_path, "activetouch compare --out"),
+        (tmp_path / "compare-coarse", "--scene coarse --out"),
+    ):
+        with pytest.raises(FileNotFoundError, match=words):
+            RunFolder(folder).lines(ShardKey("threshold", "a", 0))
+    run = RunFolder(tmp_path / "run")
+    run.open({}, {})
+    with pytest.raises(FileNotFoundError, match=r"activetouch compare --config .*run\.json"):
+        run.lines(ShardKey("threshold", "a", 0))
 
 
 def test_episodes_of_another_commit_are_kept_with_a_warning(tmp_path, monkeypatch):

@@ -1,0 +1,6 @@
+"""``python -m activetouch``: the same as the ``activetouch`` command."""
+
+from importlib import import_module
+
+if __name__ == "__main__":
+    import_module("experiments.cli").main()  # by name: the world imports nothing of the experiments

@@ -1,0 +1,73 @@
+"""The front door: help on one screen, the version, the nearest command, and one import per command."""
+
+import shlex
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import activetouch
+from experiments import cli
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(*arguments, module="experiments.cli"):
+    return subprocess.run([sys.executable, "-m", module, *arguments], cwd=ROOT, capture_output=True, text=True)
+
+
+def test_the_help_fits_a_screen_and_has_a_line_for_every_command():
+    lines = run("--help").stdout.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    shown = [line.split()[0] for line in lines if line.startswith("  ")]
+    assert shown == list(cli.TABLE)
+    assert len(shown) == sum(map(len, cli.GROUPS.values()))  # each in one group
+    assert run().stdout.splitlines() == lines
+
+
+@pytest.mark.parametrize("name", cli.TABLE)
+def test_every_command_can_be_imported_has_examples_and_a_summary(name):
+    kind = cli.TABLE[name].load()
+    assert callable(kind.run)
+    assert f"activetouch {name}" in kind.__doc__, "its help has an example"
+    summary = cli.TABLE[name].summary
+    assert summary
+    assert not summary.endswith(".")
+
+
+def test_the_version_is_that_of_the_distribution():
+    assert run("--version", module="activetouch").stdout.strip() == f"activetouch {version('activetouch')}"
+    assert activetouch.__version__ == version("activetouch")
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = activetouch.nonsense
+
+
+def test_an_unknown_command_suggests_the_nearest():
+    found = run("compar", module="activetouch")
+    assert found.returncode == 1
+    assert found.stderr.startswith("activetouch: unknown command 'compar'. Did you mean 'compare'?")
+
+
+def test_only_the_chosen_command_is_imported():
+    code = "import sys; sys.argv = ['activetouch', 'merge', 'a']; from experiments import cli\n"
+    code += "try: cli.main()\nexcept SystemExit: print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = set(found.stdout.split())
+    others = {f"experiments.{entry.place.partition(':')[0]}" for entry in cli.TABLE.values()} & loaded
+    assert others == {"experiments.search.merge"}
+
+
+@pytest.mark.parametrize("arguments", ["--help", "compare --help", "--tyro-print-completion bash"])
+def test_a_reader_that_ends_early_ends_the_command_quietly(arguments):
+    command = f"{shlex.quote(sys.executable)} -m experiments.cli {arguments} | true; exit ${{PIPESTATUS[0]}}"
+    found = subprocess.run(["bash", "-c", command], cwd=ROOT, capture_output=True, text=True)
+    assert not found.stderr
+    assert found.returncode in (0, 141)  # it may be done before the reader ends
+
+
+def test_the_shell_is_given_a_completion_of_all_commands():
+    text = run("--tyro-print-completion", "bash").stdout
+    assert all(name in text for name in cli.TABLE)
