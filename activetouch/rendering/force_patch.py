@@ -60,30 +60,6 @@ class ForcePatchRenderer:
             for end in range(touched[0] + 1, touched[-1] + 2, max(1, round(stride / step))):
                 yield self._window(contact, end)
 
-    def levels(self, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """How bright each pixel was before it was coloured; of levels with the same colour the lowest.
-
-        Args:
-            images: as a sensor without faults reads them, ``(..., 3)``.
-
-        Returns:
-            0 to 255, ``(...)``.
-
-        Raises:
-            ValueError: a pixel has a colour that is not of the colormap.
-        """
-        colours = _packed(np.rint(255 * _colours(self.colormap)).astype(np.uint8))
-        level = np.full(1 << 24, -1, np.int16)
-        level[colours[::-1]] = np.arange(255, -1, -1)
-        found = level[_packed(images)]
-        if (found < 0).any():
-            where = np.argwhere(found < 0)[0].tolist()
-            raise ValueError(
-                f"the pixel at {where} has the colour {images[tuple(where)].tolist()}, which {self.colormap} does not "
-                "have: a fault or another renderer changed these images, or they are not force patches"
-            )
-        return found.astype(np.uint8)
-
     def _window(self, contact: Contact, end: int) -> Floats:
         trace = contact.trace
         assert trace is not None, "callers look first"
@@ -110,8 +86,3 @@ def _colours(name: str) -> Floats:
     import matplotlib  # slow to import, so only here
 
     return np.asarray(matplotlib.colormaps[name](np.arange(256))[:, :3])
-
-
-def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Colours ``(..., 3)`` as one number each, ``(...)``."""
-    return colours.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], np.int32)

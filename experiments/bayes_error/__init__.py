@@ -1,1 +1,1 @@
-"""``limit``: estimates of the Bayes-optimal accuracy of one touch."""
+"""``limit``: estimate the Bayes-optimal accuracy of one touch."""

@@ -1,20 +1,19 @@
-"""Twins: a proof by construction that a touch is ambiguous.
+"""Search for counterparts: presses of another shape that a sensor cannot tell from a given touch.
 
-A twin of a touch is a press of *another* shape, within the scene's ranges of size, offset and force and in any
-orientation, whose noise-free image differs from the touch's by less than noise hides. With Gaussian noise σ on every
-taxel, the distance
+A counterpart is a press of *another* shape, within the scene's ranges of size, offset and force and in any orientation,
+whose noise-free image differs from the touch's by less than the noise. With Gaussian noise σ on every taxel, only the
+distance
 
-    d = min over the gain g in its range of  ‖image - g · twin‖ / σ
+    d = min over the gain g in its range of  ‖image - g · counterpart‖ / σ
 
-is all that matters: whoever is told that it was either this press or that one, both equally likely, errs at least
-Φ(-d/2) of the time, however the image is read (Neyman and Pearson; saturation and rounding only hide more). A twin
-says that such a press *exists*. It does not say how likely a scene is to bring it forth, so shares of touches with
-twins are no error rates.
+matters: a reader that knows both presses, both equally likely, errs with probability at least Φ(-d/2) (Neyman and
+Pearson; saturation and rounding only increase it). A counterpart shows that such a press *exists*, not how likely the
+scene is to produce it, so shares of touches with counterparts are not error rates.
 
-A search starts from the presses of the other shape whose images are nearest in a bank, compared as coarse averages,
-the touch turned and mirrored where that is as likely; then the press is refined by Gauss-Newton steps with differences
-for derivatives, first on a coarse pad, where a press costs a fifth, then on the pad itself. It finds what it finds:
-asked for presses of the touch's *own* shape, of which there is always one, it shows how many it misses.
+A search starts from the presses of the other shape in a bank whose coarse images are nearest to the touch, rotated and
+mirrored where that is equally likely. It refines them by Gauss-Newton steps with finite differences, first on a coarse
+pad, where a press costs a fifth, then on the pad itself. The search can fail: applied to the touch's *own* shape, for
+which a press always exists, it measures how often it does.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import norm
 
 from activetouch.distributions import Constant, Distribution, LogUniform, Normal, Uniform
 from activetouch.placement import Placement
@@ -40,33 +38,33 @@ from experiments.bayes_error.image_bank import UnknownLikelihood, symmetric_view
 Floats = NDArray[np.float64]
 
 BANK_EDGE = 16
-"""Averages along an edge that images are compared by at first."""
+"""Edge of the averaged images that are compared first."""
 SKETCH_EDGE = 32
-"""Taxels along an edge of the coarse pad."""
+"""Number of taxels along an edge of the coarse pad."""
 _TOLERANCE, _MOST_STEPS = 1e-4, 40
-# Steps for differences: turn [rad], size, offset [m], force [N], stiffness; below what noise shows, above rounding.
+# Steps of the finite differences: turn [rad], size, offset [m], force [N], stiffness.
 _STEPS = np.array([1e-3, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 2e-3, 1e-3])
 
 
 @dataclass(frozen=True, eq=False)
 class Pressing:
-    """An object and the force it is pressed with [N]."""
+    """A placed object and the force that it is pressed with [N]."""
 
     placement: Placement
     force: float
 
     def image(self, scene: Scene) -> Floats:
-        """The ideal image of it."""
+        """The ideal image of the press."""
         return scene.renderer(Quasistatic().press(scene.stage, self.placement, self.force))
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a twin is looked for.
+    """The image that counterparts are compared with.
 
     Attributes:
         image: noise-free and amplified, at full resolution.
-        sketch: the same from the coarse pad.
+        sketch: the same, from the coarse pad.
     """
 
     image: Floats
@@ -74,24 +72,24 @@ class Target:
 
     @classmethod
     def of(cls, scene: Scene, pressing: Pressing, gain: float) -> Target:
-        """A press and the gain it was read with."""
+        """The target for a press that was read with a gain."""
         return cls(gain * pressing.image(scene), gain * pressing.image(sketched(scene, SKETCH_EDGE)))
 
     def views(self, symmetry: Symmetry) -> list[Target]:
-        """All targets that are as likely, this one first."""
+        """All equally likely targets, this one first."""
         both = (symmetric_views(image[None], symmetry)[0] for image in (self.image, self.sketch))
         return [Target(image, sketch) for image, sketch in zip(*both, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
-class Twin:
-    """The press of another shape found to look most alike.
+class Counterpart:
+    """The nearest press that a search found.
 
     Attributes:
         distance: d, in units of the noise.
-        pressing: what to press, and how hard.
-        image: of it, noise-free and amplified.
-        touch: the image it is alike, turned as it was when it was found.
+        pressing: the object and the force.
+        image: its image, noise-free and amplified.
+        touch: the image that it was compared with, in the view that it was compared in.
     """
 
     distance: float
@@ -99,25 +97,20 @@ class Twin:
     image: Floats
     touch: Floats
 
-    @property
-    def least_error(self) -> float:
-        """Least share of errors, between this and the touch, both as likely."""
-        return float(norm.cdf(-self.distance / 2))
-
 
 @dataclass(frozen=True)
 class Sensing:
-    """What hides differences between ideal images: amplification within ``1 ± gain``, then noise ``std``."""
+    """Parameters of the sensor that hide differences: amplification within ``1 ± gain``, then noise ``std``."""
 
     gain: float
     std: float
 
     @classmethod
     def of(cls, scene: Scene) -> Sensing:
-        """Of a scene's sensor.
+        """The parameters of a scene's sensor.
 
         Raises:
-            UnknownLikelihood: there is no noise, or more than a gain before it.
+            UnknownLikelihood: there is no noise, or another fault than a gain before it.
         """
         before, after = split_at_noise(scene.faults)
         match list(before), list(after[:1]):
@@ -125,20 +118,23 @@ class Sensing:
                 return cls(0.0, std)
             case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
                 return cls(gain, std)
-        raise UnknownLikelihood(f"distances are known for a Gain at most, and then Noise; got {scene.faults}")
+        raise UnknownLikelihood(
+            f"the search for ambiguous touches needs a sensor with Noise, after a Gain at most; got {scene.faults}. "
+            "Use --learned-from, or for force-patch images python benchmarks/force_patch_limit.py"
+        )
 
     def fit_gain(self, image: Floats, ideal: Floats) -> float:
-        """The gain in its range that brings an ideal image nearest to ``image``."""
+        """The gain in its range for which an ideal image is nearest to ``image``."""
         square = float(np.vdot(ideal, ideal))
         return float(np.clip(np.vdot(image, ideal) / square if square else 1.0, 1.0 - self.gain, 1.0 + self.gain))
 
     def distance(self, image: Floats, ideal: Floats) -> float:
-        """How many noise units an amplified image is from an ideal one, gain fitted."""
+        """Distance of an amplified image from an ideal one in units of the noise, with the best gain."""
         return float(np.linalg.norm(image - self.fit_gain(image, ideal) * ideal) / self.std)
 
 
 def sketched(scene: Scene, edge: int) -> Scene:
-    """The scene with a pad whose image has ``edge`` taxels along an edge, and noise that tells as much of the whole."""
+    """The scene with a coarse pad of ``edge`` taxels along an edge, and noise that gives the same distances."""
     found = scene.image_shape[0]
     finer = scene.pad.num_taxels // found
     faults = tuple(
@@ -156,7 +152,18 @@ def block_means(images: Floats, edge: int) -> Floats:
 def bank_slice(
     scene: Scene, shape: int, number: int, count: int, seed: int
 ) -> tuple[int, int, list[Pressing], NDArray[np.float32]]:
-    """Presses of a shape as the scene draws them, on a coarse pad: shape, number, presses and their coarse images."""
+    """Random presses of a shape on a coarse pad.
+
+    Args:
+        scene: the world.
+        shape: index of the shape.
+        number: of the slice, which keys its generator.
+        count: number of presses.
+        seed: of the bank.
+
+    Returns:
+        Shape, number, presses and their coarse images.
+    """
     rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
     coarse, pressings, images = sketched(scene, SKETCH_EDGE), [], []
     for index in range(count):
@@ -167,13 +174,13 @@ def bank_slice(
 
 
 def coarse_means(image: Floats) -> Floats:
-    """An image of one or three channels as one row of averages, :data:`BANK_EDGE` along an edge."""
+    """An image of one or three channels as one row of averages over blocks, :data:`BANK_EDGE` along an edge."""
     return block_means(np.moveaxis(np.atleast_3d(image), 2, 0), BANK_EDGE).ravel()
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Where a search begins: a press, and the target in the view it is like."""
+    """Starting point of a search: a press, and the target in the view that it resembles."""
 
     target: Target
     pressing: Pressing
@@ -182,7 +189,15 @@ class Start:
 def nearest_starts(
     targets: Sequence[Target], pressings: Sequence[Pressing], images: NDArray[np.float32], sensing: Sensing, count: int
 ) -> list[Start]:
-    """The ``count`` pairs of a view and a press that are most alike as coarse averages, each with its best gain."""
+    """The ``count`` pairs of a view and a press whose coarse images are nearest, with the best gain.
+
+    Args:
+        targets: equally likely views of the touch.
+        pressings: presses of the bank.
+        images: their coarse images, ``(B, D)``.
+        sensing: with the range of the gain.
+        count: number of pairs.
+    """
     rows = np.stack([coarse_means(target.sketch) for target in targets]).astype(np.float32)  # (V, D)
     product, square = rows @ images.T, np.einsum("ij,ij->i", images, images)  # (V, B), (B,)
     gain = np.clip(product / np.maximum(square, np.finfo(np.float32).tiny), 1.0 - sensing.gain, 1.0 + sensing.gain)
@@ -191,13 +206,13 @@ def nearest_starts(
     return [Start(targets[v], pressings[b]) for v, b in zip(views, presses, strict=True)]
 
 
-def find_twin(scene: Scene, starts: Sequence[Start], num_polished: int = 2) -> Twin:
-    """The nearest press that refinement reaches from some starts.
+def find_counterpart(scene: Scene, starts: Sequence[Start], num_polished: int = 2) -> Counterpart:
+    """The nearest press that refinement reaches from several starting points.
 
     Args:
-        scene: with ranges, pad, renderer and noise.
+        scene: gives ranges, pad, renderer and noise.
         starts: presses of the other shape.
-        num_polished: how many of those that are best on the coarse pad are refined on the pad itself.
+        num_polished: number of the best on the coarse pad that are refined on the pad itself.
     """
     coarse = sketched(scene, SKETCH_EDGE)
     drafts = []
@@ -205,18 +220,18 @@ def find_twin(scene: Scene, starts: Sequence[Start], num_polished: int = 2) -> T
         rough = refine(coarse, start.target.sketch, start.pressing, stride=10.0)
         drafts.append((refine(coarse, start.target.sketch, rough.pressing), start.target))
     drafts.sort(key=lambda draft: draft[0].distance)
-    polished = [refine(scene, target.image, twin.pressing) for twin, target in drafts[:num_polished]]
-    return min(polished, key=lambda twin: twin.distance)
+    polished = [refine(scene, target.image, draft.pressing) for draft, target in drafts[:num_polished]]
+    return min(polished, key=lambda found: found.distance)
 
 
-def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) -> Twin:
-    """Move a press, within the scene's ranges, to where its image is nearest to ``image``; never further away.
+def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) -> Counterpart:
+    """Change a press within the scene's ranges until its image is locally nearest to ``image``.
 
     Args:
-        scene: with ranges, pad, renderer and noise.
-        image: to come near to, noise-free and amplified.
+        scene: gives ranges, pad, renderer and noise.
+        image: the target, noise-free and amplified.
         start: within the ranges.
-        stride: factor on the steps of the differences; longer ones see past the grain of the taxels.
+        stride: factor on the steps of the finite differences; longer steps average over taxels.
     """
     sensing, around = Sensing.of(scene), start.placement
     low, high = _ranges(scene.variation)
@@ -240,9 +255,9 @@ def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) ->
         moves = np.diag(np.where(values + steps <= high, steps, -steps))
         return np.stack([(difference(values + move) - here) / move.sum() for move in moves], axis=1)
 
-    def twin(found: Pressing) -> Twin:
+    def counterpart(found: Pressing) -> Counterpart:
         ideal = found.image(scene)
-        return Twin(sensing.distance(image, ideal), found, sensing.fit_gain(image, ideal) * ideal, image)
+        return Counterpart(sensing.distance(image, ideal), found, sensing.fit_gain(image, ideal) * ideal, image)
 
     inside = 1e-6 * (high - low)
     solution = least_squares(
@@ -255,7 +270,7 @@ def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) ->
         xtol=1e-9,
         max_nfev=_MOST_STEPS,
     )
-    return min(twin(start), twin(pressing(solution.x)), key=lambda candidate: candidate.distance)
+    return min(counterpart(start), counterpart(pressing(solution.x)), key=lambda candidate: candidate.distance)
 
 
 def _ranges(variation: Variation) -> tuple[Floats, Floats]:
@@ -265,10 +280,10 @@ def _ranges(variation: Variation) -> tuple[Floats, Floats]:
 
 
 def support(distribution: Distribution) -> tuple[float, float]:
-    """Smallest and largest value a distribution gives.
+    """Smallest and largest value of a distribution.
 
     Raises:
-        TypeError: it is none of the known ones.
+        TypeError: the distribution is of another kind.
     """
     match distribution:
         case Constant(value=value):
@@ -277,7 +292,7 @@ def support(distribution: Distribution) -> tuple[float, float]:
             return low, high
         case Normal(mean=mean, std=std, limit=limit):
             return mean - limit * std, mean + limit * std
-    raise TypeError(f"the range is known of Constant, Uniform, LogUniform and Normal, got {distribution}")
+    raise TypeError(f"the distribution must be Constant, Uniform, LogUniform or Normal, got {distribution}")
 
 
 def _turn(vector: Floats) -> Quaternion:

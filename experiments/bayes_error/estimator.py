@@ -1,4 +1,4 @@
-"""What an estimate of the ambiguity limit is made from, and what it comes to."""
+"""Inputs and results of an estimator of the Bayes-optimal accuracy of one touch."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from belief.files import write_text
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
-from experiments.bayes_error.held_out import Stream, fresh_readings
+from experiments.bayes_error.held_out import Stream, held_out_readings
 from experiments.parallel import run_tasks
 from experiments.sensor.scores import read_logits
 
@@ -28,13 +28,13 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """A sensor in its scene, and how much to measure.
+class LimitStudy:
+    """A sensor in its scene, and the number of touches to measure.
 
     Attributes:
-        sensor: the classifier that is compared with the limit.
-        touches: fresh ones, each of another object.
-        seed: of everything.
+        sensor: with the classifier that is compared with the limit.
+        touches: number of held-out touches, each of another object.
+        seed: of all randomness.
         jobs: processes; the results do not depend on it.
         folder: for figures.
     """
@@ -47,26 +47,27 @@ class Study:
 
     @property
     def scene(self) -> Scene:
-        """Where touches come from."""
+        """The world of the touches."""
         return self.sensor.scene
 
     @property
     def shapes(self) -> NDArray[np.int64]:
-        """Of the test touches, in turn, ``(N,)``."""
+        """True shapes of the test touches, ``(N,)``."""
         return np.arange(self.touches) % len(self.scene.shapes)
 
     def read(self) -> NDArray[np.uint8]:
         """Readings of the test touches, ``(N, H, W)`` or ``(N, H, W, 3)``."""
         tasks = [
-            partial(fresh_readings, self.scene, self.seed, Stream.TEST, numbers) for numbers in chunks(self.touches, 50)
+            partial(held_out_readings, self.scene, self.seed, Stream.TEST, numbers)
+            for numbers in chunks(self.touches, 50)
         ]
-        parts = sorted(run_tasks(tasks, self.jobs, "touching fresh objects"), key=lambda part: part[0])
+        parts = sorted(run_tasks(tasks, self.jobs, "touching held-out objects"), key=lambda part: part[0])
         return np.concatenate([readings for _, readings in parts])
 
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
-        logits = read_logits(self.sensor.classifier, readings, "reading by the classifier")
-        poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as fresh_touch has them
+        logits = read_logits(self.sensor.classifier, readings, "reading with the classifier")
+        poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as in held_out_touch
         return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None]))
 
 
@@ -103,13 +104,13 @@ class Grid:
 
 @dataclass(frozen=True)
 class Findings:
-    """What an estimate came to.
+    """Results of an estimator.
 
     Attributes:
         title: one line.
-        sentences: what was done, why so, and what it means.
+        sentences: method, reason for it, and interpretation.
         grids: tables.
-        numbers: all of it, for machines.
+        numbers: all results, for programs.
     """
 
     title: str
@@ -125,14 +126,14 @@ class Findings:
 
 
 class Estimator(Protocol):
-    """A way to find out how well any reader of single touches could do."""
+    """A method to estimate the Bayes-optimal accuracy of one touch."""
 
-    def measure(self, study: Study) -> Findings:
-        """Measure, and draw figures into the study's folder."""
+    def measure(self, study: LimitStudy) -> Findings:
+        """Measure, and write figures into the study's folder."""
 
 
 def chunks(count: int, size: int) -> list[range]:
-    """The numbers below ``count`` in order, ``size`` at a time."""
+    """The numbers below ``count`` in order, in blocks of ``size``."""
     return [range(first, min(first + size, count)) for first in range(0, count, size)]
 
 
@@ -148,16 +149,6 @@ def paired_difference(first: NDArray, second: NDArray, seed: int) -> dict[str, A
 
 
 def words(entry: dict[str, Any], sign: str = "") -> str:
-    """A number with its interval."""
+    """A value and its interval as text; ``sign="+"`` shows the sign of positive values."""
     low, high = entry["interval"]
     return f"{entry['value']:{sign}.4f} [{low:{sign}.4f}, {high:{sign}.4f}]"
-
-
-def curve_heading(sizes: Sequence[int]) -> str:
-    """Over a column of accuracies with so many known touches each."""
-    return f"with {', '.join(map(str, sizes))} known"
-
-
-def curve_cell(accuracies: Sequence[float]) -> str:
-    """Accuracies with more and more known touches, in one cell."""
-    return " ".join(f"{accuracy:.3f}" for accuracy in accuracies)

@@ -1,7 +1,7 @@
-"""Touches for measurements: every one of another object, from a generator keyed by its number.
+"""Held-out touches to measure on: each of another object, from a generator keyed by its number.
 
-Touches of one object err together. Where an interval is wanted, as many objects as touches are the simplest cure: the
-touches are then independent, and a proportion of them is binomial.
+Errors of touches of one object are correlated. With one touch per object the touches are independent, and the number of
+correct ones is binomial.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Floats = NDArray[np.float64]
 
 
 class Stream(IntEnum):
-    """What touches are for; the same number in two streams is two objects.
+    """Purpose of a touch; the same number in two streams is two different objects.
 
-    A recorded collection keys its generators by (seed, split 0 to 2, number), so these start at 3: even with its seed
-    no classifier was trained on these objects.
+    A recorded collection keys its generators by (seed, split 0 to 2, number). These start at 3, so that no classifier
+    was trained on these objects, even with the same seed.
     """
 
     TEST = 3
@@ -36,16 +36,16 @@ class Stream(IntEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class FreshTouch:
-    """One touch, with everything that led to it.
+class HeldOutTouch:
+    """One touch and all of its intermediate results.
 
     Attributes:
         shape: of the object, its index.
-        pose: it was touched in.
-        placement: of the object before the pad.
+        pose: index of the pose that it was touched in.
+        placement: pose of the object relative to the pad.
         contact: physics of the press.
         clean: the image just before noise is added, amplified; may exceed 1.
-        reading: what the sensor gave, uint8.
+        reading: the sensor's image, uint8.
     """
 
     shape: int
@@ -56,13 +56,17 @@ class FreshTouch:
     reading: NDArray[np.uint8]
 
 
-def fresh_touch(scene: Scene, seed: int, stream: Stream, number: int) -> FreshTouch:
-    """Touch the object of that number, once: what ``scene.press`` gives, and what it does not tell.
+def held_out_touch(scene: Scene, seed: int, stream: Stream, number: int) -> HeldOutTouch:
+    """Touch the object of that number once, as ``scene.press`` does, and keep the intermediate results.
 
-    Shapes take turns, and so do the poses.
+    Args:
+        scene: the world.
+        seed: of the generator.
+        stream: purpose of the touch.
+        number: of the object; shapes and poses alternate with it.
 
     Raises:
-        UnstablePress: no press of it settled.
+        UnstablePress: no press of the object settled.
     """
     rng = keyed_rng([seed, stream, number], is_fixed_length=True)
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
@@ -71,15 +75,15 @@ def fresh_touch(scene: Scene, seed: int, stream: Stream, number: int) -> FreshTo
     before, after = split_at_noise(scene.faults)
     for fault in before:
         clean = fault(clean, rng)
-    return FreshTouch(shape, pose, placement, contact, clean, read_out(clean, after, rng))
+    return HeldOutTouch(shape, pose, placement, contact, clean, read_out(clean, after, rng))
 
 
 def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:
-    """The faults before the first :class:`~activetouch.rendering.Noise`, and the others; all of them without any."""
+    """Faults before the first :class:`~activetouch.rendering.Noise`, and the others; without noise, all and none."""
     first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
     return faults[:first], faults[first:]
 
 
-def fresh_readings(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, NDArray[np.uint8]]:
-    """First number, and the sensor's images of the touches of these numbers, ``(n, H, W)`` or ``(n, H, W, 3)``."""
-    return numbers[0], np.stack([fresh_touch(scene, seed, stream, number).reading for number in numbers])
+def held_out_readings(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, NDArray[np.uint8]]:
+    """The first number, and the sensor's images of these touches, ``(n, H, W)`` or ``(n, H, W, 3)``."""
+    return numbers[0], np.stack([held_out_touch(scene, seed, stream, number).reading for number in numbers])

@@ -1,18 +1,17 @@
-"""The best reader of images of a few taxels: Bayes' rule with likelihoods from the simulator itself.
+"""Likelihood of a reading under each shape, by averaging over a bank of simulated ideal images.
 
-A sensor whose faults are known gives the probability of a reading x from an ideal image m in closed form. Gain g,
-Gaussian noise σ, saturation and 8 bits make every taxel a censored Gaussian:
+Where the sensor's faults are known, the probability of a reading x given an ideal image m has a closed form. With gain
+g, Gaussian noise σ, saturation and 8 bits, every taxel is a censored Gaussian:
 
     p(x | m, g) = Φ((½ - 255 g m) / 255σ)                 where x = 0
                   1 - Φ((254½ - 255 g m) / 255σ)          where x = 255
                   φ((x - 255 g m) / 255σ') / 255σ'        else, σ' with Sheppard's correction for the width of a level
 
-and the probability of the reading from a *shape* is the mean of that over a large bank of ideal images of the shape:
-over sizes, orientations, offsets, forces and gains, as the scene draws them. Where turned and mirrored images are as
-likely, every ideal image stands for all of them. The shape of the largest probability is then the guess no reader
-improves upon, but for the bank's finite size. That shows from two sides. Guesses from a small bank are those of some
-reader, so their accuracy is too low; its posterior claims too much, so the accuracy it *expects* is too high. Where
-the two meet, the limit lies.
+The probability of the reading given a *shape* is the mean over a large bank of ideal images of the shape, with sizes,
+ orientations, offsets, forces and gains as the scene draws them. Where rotated and mirrored images are equally likely,
+ all of them are used. Up to the finite size of the bank, the shape of largest probability is the optimal guess.
+A finite bank gives an accuracy that is too low and a posterior that is overconfident, so its *expected* accuracy is too
+high. The limit lies between the two.
 """
 
 from __future__ import annotations
@@ -34,21 +33,21 @@ Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
 IMAGES_PER_SLICE = 1000
-_READINGS_AT_ONCE, _IMAGES_AT_ONCE = 256, 2000  # blocks that stay in the processor's cache
+_READINGS_AT_ONCE, _IMAGES_AT_ONCE = 256, 2000  # blocks that fit into the processor's cache
 
 
 class UnknownLikelihood(ActiveTouchError, TypeError):
-    """A sensor has faults for which the probability of a reading is not known in closed form."""
+    """The probability of a reading has no closed form for the faults of a sensor."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorNoise:
-    """How a sensor's grey reading comes from an ideal image.
+    """Parameters of the likelihood of a grey reading given an ideal image.
 
     Attributes:
-        gain: largest relative error of the amplification; uniform.
-        std: of the noise, relative to full scale.
-        live: which taxels read anything, ``(n, n)``.
+        gain: half range of the relative error of the amplification, which is uniform.
+        std: standard deviation of the noise, relative to full scale.
+        live: which taxels work, ``(n, n)``.
     """
 
     gain: float
@@ -57,10 +56,10 @@ class SensorNoise:
 
     @classmethod
     def of(cls, faults: Sequence[Fault], edge: int) -> SensorNoise:
-        """The noise of a sensor with these faults and ``edge`` taxels along an edge.
+        """The parameters of a sensor with these faults and ``edge`` taxels along an edge.
 
         Raises:
-            UnknownLikelihood: they are not a gain, then noise, then dead taxels, where only the noise must be there.
+            UnknownLikelihood: they are not a gain, then noise, then dead taxels; only the noise is required.
         """
         match [fault for fault in faults if not isinstance(fault, DeadTaxels)]:
             case [Gain(half_range=gain), Noise(std=std)] if std > 0.0:
@@ -75,7 +74,7 @@ class SensorNoise:
         for number, fault in enumerate(faults):
             if isinstance(fault, DeadTaxels):
                 if not any(isinstance(earlier, Noise) for earlier in faults[:number]):
-                    raise UnknownLikelihood(f"taxels that are dead before noise is added read the noise; got {faults}")
+                    raise UnknownLikelihood(f"dead taxels must come after the noise; got {faults}")
                 live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
         return cls(gain, std, live)
 
@@ -104,8 +103,8 @@ class SensorNoise:
                 )
         return total + offset
 
-    # A log likelihood is a sum over taxels of products: of what is known of the reading and of what is known of the
-    # mean. So all readings times all means are one matrix product, of single precision: errors stay below 1e-3 nats.
+    # A log likelihood is a sum over taxels of products of a term of the reading and a term of the mean. So all readings
+    # and all means take one matrix product, in single precision: errors stay below 1e-3 nats.
 
     def _reading_terms(self, levels: Bytes) -> tuple[NDArray[np.float32], Floats]:
         """Factors ``(N, 4 T)`` and a constant ``(N,)``."""
@@ -129,12 +128,12 @@ class SensorNoise:
 
 
 def ideal_symmetry(scene: Scene) -> Symmetry:
-    """How ideal images of a scene may be turned, whatever its sensor's faults do to them afterwards."""
+    """Rotations and reflections under which ideal images of a scene are equally likely; faults do not count."""
     return replace(scene, faults=()).symmetry
 
 
 def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
-    """Images ``(B, V, n, n)`` as likely as ``images`` ``(B, n, n)``; V is 1, 4 or 8, and the given one comes first."""
+    """All equally likely views ``(B, V, n, n)`` of images ``(B, n, n)``; V is 1, 4 or 8, the given view comes first."""
     quarters = 1 if symmetry is Symmetry.NONE else 4
     views = [np.rot90(images, turns, axes=(1, 2)) for turns in range(quarters)]
     if symmetry is Symmetry.ROTATIONS_AND_MIRROR:
@@ -143,7 +142,7 @@ def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
 
 
 def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator) -> Floats:
-    """Ideal images of fresh objects of a shape, each touched once, ``(count, n, n)``."""
+    """Ideal images of new objects of a shape, each touched once, ``(count, n, n)``."""
     presses = (
         scene.settled_contact(scene.sample_object(shape, rng), number % len(scene.poses), rng)
         for number in range(count)
@@ -154,12 +153,18 @@ def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator)
 def log_evidence_of_slice(
     scene: Scene, noise: SensorNoise, readings: Bytes, shape: int, number: int, seed: int
 ) -> tuple[int, int, Floats]:
-    """What one slice of the bank of a shape says about the readings.
+    """Log of the mean likelihood of readings over one slice of the bank of a shape.
 
-    Slices are keyed by their number, so a smaller bank is the beginning of a larger one.
+    Args:
+        scene: the world.
+        noise: parameters of the likelihood.
+        readings: uint8 images ``(N, n, n)``.
+        shape: index of the shape.
+        number: of the slice, which keys its generator; a smaller bank is the beginning of a larger one.
+        seed: of the bank.
 
     Returns:
-        Shape, number, and log of the mean likelihood over the slice, ``(N,)``.
+        Shape, number, and the log likelihoods ``(N,)``.
     """
     rng = keyed_rng([seed, Stream.BANK, shape, number], is_fixed_length=True)
     views = symmetric_views(ideal_images(scene, shape, IMAGES_PER_SLICE, rng), ideal_symmetry(scene))
@@ -168,10 +173,10 @@ def log_evidence_of_slice(
 
 
 def pool(log_evidence: Floats) -> Floats:
-    """Log likelihoods ``(N, K)`` from those of slices of equal size, ``(S, N, K)``."""
+    """Log likelihoods ``(N, K)`` over all slices, from those of slices of equal size, ``(S, N, K)``."""
     return np.logaddexp.reduce(log_evidence, axis=0) - np.log(len(log_evidence))
 
 
 def log_posterior(log_likelihood: Floats) -> Floats:
-    """Normalised over shapes that are equally likely beforehand, ``(N, K)``."""
+    """Log posteriors ``(N, K)`` under a uniform prior over shapes."""
     return log_likelihood - np.logaddexp.reduce(log_likelihood, axis=1, keepdims=True)

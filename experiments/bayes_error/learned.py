@@ -1,16 +1,11 @@
-"""Ambiguity of fine images as far as a trained network sees it: no proof, but numbers where twins give none.
+"""Bounds on the accuracy of one touch from the outputs of a trained network, on its training and on held-out touches.
 
-Three questions, asked of the recorded touches that the network learned from and of fresh ones:
-
-* *What would more touches bring this network?* On touches it was fitted to, a network does better than any of its kind
-  can do on others. So its accuracy there estimates from above what it could come to with any number of touches, as far
-  as its training came to an end.
-* *What has a better network to win?* Where images may be turned and mirrored, the mean over all such views is a better
-  reader of the same images, and what it wins is there to be won.
-* *What could anybody make of what it sees?* The nearest neighbour's accuracy bounds that of every reader of the same
-  numbers, given enough known touches (Cover and Hart 1967,
-  :func:`experiments.bayes_error.press_features.cover_hart_accuracy`): of the probabilities it gives, few and soon
-  settled, and of its features, many and slow. Who sees more in the images than the network does is not bound by it.
+* Training accuracy: an upper estimate of the accuracy of this network with any number of training touches, provided
+  that its training converged.
+* Accuracy of the mean over rotated and mirrored views: where these are equally likely, the mean is a better reader of
+  the same images, so this accuracy is attainable.
+* Nearest-neighbour accuracy in the network's probabilities and in its features: bounds every reader of the same
+  numbers, given enough known touches (Cover and Hart 1967). Readers that see more in the images are not bounded.
 """
 
 from __future__ import annotations
@@ -26,9 +21,8 @@ from scipy.special import log_softmax
 from activetouch.data.dataset import read_manifest, read_split
 from activetouch.scene import Symmetry
 from belief.statistics import cluster_bootstrap
-from experiments.bayes_error.estimator import Findings, Grid, Study, paired_difference, share, words
+from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, paired_difference, share, words
 from experiments.bayes_error.image_bank import symmetric_views
-from experiments.bayes_error.press_features import cover_hart_accuracy
 from experiments.parallel import progress_bar
 from experiments.sensor_choice import require_collection
 
@@ -38,26 +32,26 @@ if TYPE_CHECKING:
 _AT_ONCE = 256
 _PARTS = (16, 8, 4, 2, 1)
 SEEN = ("probabilities", "features")
-"""What of a network's answer neighbours are looked for in."""
+"""The outputs of a network in which nearest neighbours are searched."""
 
 
 @dataclass(frozen=True)
-class LearnedView:
-    """What the network saw of a collection bounds what it could learn, and what could be made of it."""
+class LearnedBounds:
+    """Estimator that reads a collection and held-out touches with the classifier and compares the two."""
 
     collection: Path
-    """Folder of the touches it learned from."""
+    """Folder of the touches that the classifier was trained on."""
 
-    def measure(self, study: Study) -> Findings:
+    def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
         classifier, symmetry = study.sensor.classifier, study.scene.symmetry
         manifest = read_manifest(self.collection)
         require_collection(self.collection, manifest, study.sensor.classifier.card, None, repeats=False)
         learned = read_split(self.collection, "train")
-        known = read_views(classifier, learned.images, Symmetry.NONE, "reading what it learned from")
+        known = read_views(classifier, learned.images, Symmetry.NONE, "reading training touches")
         readings = study.read()
-        asked = read_views(classifier, readings, Symmetry.NONE, "reading fresh touches")
-        turned = read_views(classifier, readings, symmetry, "reading all views of them")
+        asked = read_views(classifier, readings, Symmetry.NONE, "reading held-out touches")
+        turned = read_views(classifier, readings, symmetry, "reading all their views")
         right, views_right = asked.labels == study.shapes, turned.labels == study.shapes
         fitted, *interval = cluster_bootstrap(
             known.labels == learned.shapes, learned.object_ids, np.random.default_rng(study.seed)
@@ -70,7 +64,7 @@ class LearnedView:
             upper = [cover_hart_accuracy(float(value), len(study.scene.shapes)) for value in found]
             neighbours[seen] = {"nearest": found.tolist(), "upper": upper}
         numbers: dict[str, Any] = {
-            "estimator": "learned view",
+            "estimator": "learned bounds",
             "classifier": share(right),
             "learned_from": {"value": fitted, "interval": interval},
             "all_views": share(views_right),
@@ -78,11 +72,18 @@ class LearnedView:
             "sizes": sizes,
             "neighbours": neighbours,
         }
-        return Findings("Ambiguity, as far as the network sees it", _say(study, numbers), _grids(numbers), numbers)
+        return Findings("Bounds from the trained network", _say(study, numbers), _grids(numbers), numbers)
 
 
 def read_views(classifier: TouchClassifier, images: NDArray[np.uint8], symmetry: Symmetry, what: str) -> Reading:
-    """Mean log probabilities, in place of logits, and mean features, over all views of images as likely as they are."""
+    """Mean log probabilities (in place of logits) and mean features over all equally likely views of each image.
+
+    Args:
+        classifier: the network.
+        images: ``(N, H, W)`` or ``(N, H, W, 3)``.
+        symmetry: which rotations and reflections are equally likely.
+        what: text of the progress bar.
+    """
     from activetouch.perception.classifier import Reading  # loads torch
 
     log_probs, features = [], []
@@ -98,15 +99,15 @@ def read_views(classifier: TouchClassifier, images: NDArray[np.uint8], symmetry:
 
 
 def nearest_of_first(known: NDArray[np.float32], asked: NDArray[np.float32], sizes: list[int]) -> NDArray[np.int64]:
-    """The nearest among the first known rows, for several numbers of them.
+    """Index of the nearest known row, among the first ``s`` rows for every ``s`` in ``sizes``.
 
     Args:
         known: ``(n, D)``.
         asked: ``(m, D)``.
-        sizes: how many known rows count, ascending, ``(S,)``.
+        sizes: numbers of known rows, ascending, ``(S,)``.
 
     Returns:
-        Indices of known rows, ``(S, m)``; of rows equally near the first.
+        ``(S, m)``; of equally near rows the first.
     """
     squares = np.einsum("ij,ij->i", known, known)
     least, nearest = np.full(len(asked), np.inf, np.float32), np.zeros(len(asked), np.int64)
@@ -124,25 +125,39 @@ def nearest_of_first(known: NDArray[np.float32], asked: NDArray[np.float32], siz
     return np.stack(found)
 
 
+def cover_hart_accuracy(nearest: float, num_shapes: int) -> float:
+    """Largest accuracy that any reader can have, given that of the nearest of infinitely many known touches.
+
+    With K shapes, the error e of the nearest neighbour and the least possible error e* satisfy
+    e ≤ e* (2 - e* K / (K - 1)) (Cover and Hart 1967).
+
+    >>> cover_hart_accuracy(1.0, 4), cover_hart_accuracy(0.25, 4)
+    (1.0, 0.25)
+    """
+    share = (num_shapes - 1) / num_shapes
+    return 1.0 - share * (1.0 - float(np.sqrt(max(0.0, 1.0 - (1.0 - nearest) / share))))
+
+
 def _seen(reading: Reading, seen: str) -> NDArray[np.float32]:
-    """Rows whose distances compare touches: of probabilities Hellinger's."""
+    """Rows to compare touches by; for probabilities, so that distances are Hellinger distances."""
     return np.exp(reading.logits / 2).astype(np.float32) if seen == "probabilities" else reading.features
 
 
-def _say(study: Study, numbers: dict[str, Any]) -> list[str]:
+def _say(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     probabilities, features = (numbers["neighbours"][seen] for seen in SEEN)
     return [
-        "Why this estimator: the images are too fine for a bank to hold one like each, but the network reduces them to "
-        "a few numbers. What it says holds for readers of these numbers, and is a guess for others.",
-        f"{study.touches} fresh touches, each of another object, seed {study.seed}: the classifier reads "
-        f"{words(numbers['classifier'])} of them right, and {words(numbers['learned_from'])} of those it learned from. "
-        "The latter estimates from above what more touches could bring the same network.",
-        f"The mean over all views that are as likely reads {words(numbers['all_views'])}, that is "
-        f"{words(numbers['gain_of_views'], '+')} more: a better reader, as far as the interval says so.",
-        f"The nearest known touch in the network's probabilities names {probabilities['nearest'][-1]:.4f} right, so "
-        f"whoever reads these comes to {probabilities['upper'][-1]:.4f} at most; in its features it names "
-        f"{features['nearest'][-1]:.4f}, whose readers come to {features['upper'][-1]:.4f}. With fewer known touches "
-        "the bounds were as below; one that still rises has not settled, and is too low.",
+        "Why this estimator: the images are too fine for a bank of ideal images, but the network reduces them to a few "
+        "numbers. The bounds hold for readers of these numbers; for other readers they are estimates.",
+        f"{study.touches} held-out touches, each of another object, seed {study.seed}: the classifier reads "
+        f"{words(numbers['classifier'])} of them correctly, and {words(numbers['learned_from'])} of its training "
+        "touches. The latter is an upper estimate of its accuracy with more training touches.",
+        f"The mean over all equally likely views has accuracy {words(numbers['all_views'])}, "
+        f"{words(numbers['gain_of_views'], '+')} more than one view.",
+        f"The nearest known touch in the network's probabilities is correct for {probabilities['nearest'][-1]:.4f} of "
+        f"the touches, so no reader of the probabilities exceeds {probabilities['upper'][-1]:.4f}; in its features it "
+        f"is correct for {features['nearest'][-1]:.4f}, so no reader of the features exceeds "
+        f"{features['upper'][-1]:.4f}. The table gives the bounds with fewer known touches: a bound that still rises "
+        "has not converged and is too low.",
     ]
 
 
@@ -150,6 +165,6 @@ def _grids(numbers: dict[str, Any]) -> list[Grid]:
     rows = [
         (seen, measure, *(f"{value:.3f}" for value in numbers["neighbours"][seen][name]))
         for seen in SEEN
-        for name, measure in (("nearest", "nearest neighbour"), ("upper", "any reader, at most"))
+        for name, measure in (("nearest", "nearest neighbour"), ("upper", "upper bound for any reader"))
     ]
-    return [Grid("By known touches", ("in the network's", "right", *map(str, numbers["sizes"])), rows)]
+    return [Grid("Accuracy by number of known touches", ("output", "reader", *map(str, numbers["sizes"])), rows)]

@@ -1,8 +1,7 @@
-"""``activetouch limit``: how well could any reader of a single touch do, and how near is the classifier?
+"""``activetouch limit``: estimate the Bayes-optimal accuracy of one touch and compare the classifier with it.
 
-Which estimator answers depends on what the scene's images are. Few taxels: the best reader itself, by simulated Bayes.
-Force patches: readers of the few numbers an image is drawn from; or, given a collection, of every pixel. Fine images:
-twins, which prove touches ambiguous one by one; or, given a collection, bounds from what the network sees.
+The estimator depends on the images. Few taxels: Bayes' rule with simulated likelihoods. Fine images: a search for
+presses of another shape with the same image up to noise, or, given a collection, bounds from the network's outputs.
 """
 
 from __future__ import annotations
@@ -13,14 +12,11 @@ from typing import Annotated
 
 import tyro
 
-from activetouch.rendering import ForcePatchRenderer, PressureRenderer
 from activetouch.scene import Scene
 from belief.files import require_writable
-from experiments.bayes_error.ambiguity import TwinSearch
-from experiments.bayes_error.estimator import Estimator, Study
-from experiments.bayes_error.learned import LearnedView
-from experiments.bayes_error.nearest_neighbour import FewNumbers
-from experiments.bayes_error.pixels import CloseUp
+from experiments.bayes_error.ambiguity import AmbiguitySearch
+from experiments.bayes_error.estimator import Estimator, LimitStudy
+from experiments.bayes_error.learned import LearnedBounds
 from experiments.bayes_error.simulation import SimulatedBayes
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
@@ -29,42 +25,40 @@ from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor
 
 FEW_TAXELS = 64
-"""Of an image, at most, for a bank of ideal images to hold one like each."""
+"""Largest number of taxels for which a bank of ideal images is dense enough."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Estimate how well any reader of a single touch could do, and compare the classifier with it.
+    """Estimate the best possible accuracy of one touch, and compare the classifier with it.
+
+    The estimates for the images of scene ``paper`` are in ``benchmarks/force_patch_limit.py``.
 
     For example:
 
         activetouch limit --scene coarse
-        activetouch limit --scene hard --twins.pairs 200 --sensor runs/sensor-hard
+        activetouch limit --scene hard --ambiguity.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
-        activetouch limit --scene paper --learned-from data/paper --out runs/limit-paper-pixels
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice("coarse"))
     """The world."""
     sensor: Path | None = None
-    """Folder of the classifier and its calibration; the shipped one of the scene by default."""
+    """Folder of the classifier and its observation model; the scene's shipped sensor by default."""
     touches: Count = 6_000
-    """Fresh touches to measure on, each of another object."""
+    """Number of held-out touches to measure on, each of another object."""
     bayes: SimulatedBayes = field(default_factory=SimulatedBayes)
-    """For images of few taxels."""
-    numbers: FewNumbers = field(default_factory=FewNumbers)
-    """For force-patch images."""
-    twins: TwinSearch = field(default_factory=TwinSearch)
-    """For fine images."""
+    """Settings for images of few taxels."""
+    ambiguity: AmbiguitySearch = field(default_factory=AmbiguitySearch)
+    """Settings for fine images."""
     learned_from: Path | None = None
-    """For fine images instead of twins, for force-patch images instead of numbers: the collection the classifier was
-    trained on."""
+    """Collection that the classifier was trained on: compute bounds from the network's outputs instead."""
     seed: Seed = 0
-    """Of touches, banks and intervals."""
+    """Seed of touches, banks and intervals."""
     out: Path | None = None
     """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
 
@@ -73,11 +67,11 @@ class Limit:
         check_arguments(self)
         scene = self.choice.named.scene
         if self.touches < len(scene.shapes):
-            raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one a shape, got {self.touches}")
+            raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one for each shape, got {self.touches}")
         folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
         require_writable(folder)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
-        findings = self.estimator(scene).measure(Study(sensor, self.touches, self.seed, self.jobs, folder))
+        findings = self.estimator(scene).measure(LimitStudy(sensor, self.touches, self.seed, self.jobs, folder))
         console = plain_console()
         for sentence in findings.sentences:
             console.print(sentence)
@@ -87,11 +81,8 @@ class Limit:
         print(f"wrote {folder}")
 
     def estimator(self, scene: Scene) -> Estimator:
-        """The one that suits the scene's images."""
-        match scene.renderer:
-            case ForcePatchRenderer():
-                return self.numbers if self.learned_from is None else CloseUp(self.learned_from)
-            case PressureRenderer(binning=binning) if (scene.pad.num_taxels // binning) ** 2 <= FEW_TAXELS:
-                return self.bayes
-            case _:
-                return self.twins if self.learned_from is None else LearnedView(self.learned_from)
+        """The estimator for the images of a scene."""
+        if self.learned_from is not None:
+            return LearnedBounds(self.learned_from)
+        height, width, *channels = scene.image_shape
+        return self.bayes if not channels and height * width <= FEW_TAXELS else self.ambiguity

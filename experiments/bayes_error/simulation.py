@@ -1,4 +1,4 @@
-"""The limit of images of a few taxels, by simulated Bayes (:mod:`experiments.bayes_error.image_bank`)."""
+"""Estimator for images of few taxels: Bayes' rule with likelihoods from :mod:`experiments.bayes_error.image_bank`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.pressing.press import Press, Quasistatic
-from experiments.bayes_error.estimator import Findings, Grid, Study, paired_difference, share, words
+from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, paired_difference, share, words
 from experiments.bayes_error.image_bank import (
     IMAGES_PER_SLICE,
     SensorNoise,
@@ -28,19 +28,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SimulatedBayes:
-    """Bayes' rule with a bank of ideal images for every shape."""
+    """Estimator that applies Bayes' rule with a bank of ideal images for every shape."""
 
     bank: Count = 100_000
-    """Ideal images a shape, in thousands; each stands for all that are as likely by symmetry."""
+    """Ideal images per shape, in steps of 1000; all their equally likely rotations and reflections are added."""
     checked: CountOrNone = 8_000
-    """Ideal images a shape of a second bank, pressed as the scene presses; 0 to leave it out."""
+    """Ideal images per shape of a second bank that is pressed as the scene presses; 0 for none."""
 
-    def measure(self, study: Study) -> Findings:
+    def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
-        from experiments.bayes_error.figures import draw_convergence  # loads matplotlib
-
         scene, shapes = study.scene, study.shapes
-        noise = SensorNoise.of(scene.faults, scene.image_shape[0])  # or say what it lacks, before anything is pressed
+        noise = SensorNoise.of(scene.faults, scene.image_shape[0])  # raises before anything is pressed
         readings = study.read()
         classifier = study.classify(readings)
         evidence = self._evidence(study, noise, readings, Quasistatic(), self.bank)  # (S, N, K)
@@ -67,20 +65,11 @@ class SimulatedBayes:
             )
             numbers["pressed_as_the_scene_does"] = {"images_per_shape": self.checked, **share(first)}
             numbers["pressed_against_quasistatic"] = paired_difference(first, second, study.seed)
-        draw_convergence(
-            study.folder,
-            [row["images_per_shape"] for row in curve],
-            {
-                "simulated Bayes": [row["accuracy"] for row in curve],
-                "what it expects of itself": [row["expected_accuracy"] for row in curve],
-            },
-            numbers["classifier"],
-            "ideal images a shape",
-        )
-        return Findings("The ambiguity limit, by simulated Bayes", self._say(study, numbers), _grids(numbers), numbers)
+        title = "Bayes-optimal accuracy of one touch, by simulation"
+        return Findings(title, self._say(study, numbers), _grids(numbers), numbers)
 
     def _evidence(
-        self, study: Study, noise: SensorNoise, readings: NDArray[np.uint8], press: Press, images: int
+        self, study: LimitStudy, noise: SensorNoise, readings: NDArray[np.uint8], press: Press, images: int
     ) -> Floats:
         """Log likelihoods by slice of the bank, touch and shape, ``(S, N, K)``."""
         scene = study.scene
@@ -97,33 +86,40 @@ class SimulatedBayes:
             evidence[number, :, shape] = values
         return evidence
 
-    def _say(self, study: Study, numbers: dict[str, Any]) -> list[str]:
+    def _say(self, study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
         edge, last, views = numbers["taxels"], numbers["curve"][-1], ideal_symmetry(study.scene)
         lines = [
-            f"Why this estimator: the images have {edge} × {edge} taxels and the sensor's faults a closed-form "
+            f"Why this estimator: the images have {edge} × {edge} taxels and the sensor's faults have a closed-form "
             "likelihood, so the best possible reader can be computed: Bayes' rule, with the likelihood of every shape "
-            f"averaged over {last['images_per_shape']} ideal images from the simulator (taken in all positions that "
-            f"are as likely: {views}).",
-            f"{study.touches} fresh touches, each of another object, seed {study.seed}. The limit is "
-            f"{words(numbers['limit'])}; it expects {last['expected_accuracy']:.4f} of itself. A finite bank makes the "
-            "first too low and the second too high, so the limit lies between them, up to the sampling of touches.",
-            f"The classifier has {words(numbers['classifier'])} on the same touches; Bayes minus classifier "
+            f"averaged over {last['images_per_shape']} ideal images from the simulator and all that are equally likely "
+            f"({views}).",
+            f"{study.touches} held-out touches, each of another object, seed {study.seed}. The accuracy is "
+            f"{words(numbers['limit'])}; the expected accuracy under its own posterior is "
+            f"{last['expected_accuracy']:.4f}. A finite bank makes the first too low and the second too high, so the "
+            "limit lies between them, up to the sampling of touches.",
+            f"The classifier has accuracy {words(numbers['classifier'])} on the same touches; Bayes minus classifier "
             f"{words(numbers['difference'], '+')}, NLL {last['nll']:.4f} against {numbers['classifier']['nll']:.4f} "
-            f"({words(numbers['nll_difference'], '+')}). Both guess the same shape in "
-            f"{numbers['same_guess']:.1%} of touches.",
+            f"({words(numbers['nll_difference'], '+')}). Both guess the same shape for "
+            f"{numbers['same_guess']:.1%} of the touches.",
         ]
         if "pressed_against_quasistatic" in numbers:
             lines.append(
-                "The bank is pressed quasistatically, the touches are not. A bank of "
-                f"{numbers['pressed_as_the_scene_does']['images_per_shape']} ideal images a shape, pressed as the "
-                "scene presses, differs in accuracy from a quasistatic one of that size by "
+                "The bank is pressed quasistatically, the touches as the scene presses. A bank of "
+                f"{numbers['pressed_as_the_scene_does']['images_per_shape']} ideal images per shape, pressed as the "
+                "scene presses, differs in accuracy from a quasistatic bank of that size by "
                 f"{words(numbers['pressed_against_quasistatic'], '+')}."
             )
         return lines
 
 
 def summary(log_probs: Floats, shapes: NDArray[np.int64], num_slices: int) -> dict[str, float]:
-    """How a bank of so many slices does: accuracy, the accuracy it expects, NLL."""
+    """Accuracy, expected accuracy and NLL of a bank.
+
+    Args:
+        log_probs: log posteriors, ``(N, K)``.
+        shapes: true shapes, ``(N,)``.
+        num_slices: size of the bank, in slices.
+    """
     return {
         "images_per_shape": num_slices * IMAGES_PER_SLICE,
         "accuracy": float(np.mean(log_probs.argmax(axis=1) == shapes)),
@@ -133,7 +129,7 @@ def summary(log_probs: Floats, shapes: NDArray[np.int64], num_slices: int) -> di
 
 
 def log_loss(log_probs: Floats, shapes: NDArray[np.int64]) -> Floats:
-    """Minus log probability of what it was, for each touch [nats]."""
+    """Negative log probability of the true shape, for each touch [nats]."""
     return -log_probs[np.arange(len(shapes)), shapes]
 
 
@@ -143,7 +139,7 @@ def nll(log_probs: Floats, shapes: NDArray[np.int64]) -> float:
 
 
 def by_shape(right: NDArray[np.bool_], shapes: NDArray[np.int64], labels: tuple[str, ...]) -> dict[str, float]:
-    """Share of right guesses for touches of each shape."""
+    """Accuracy for the touches of each shape."""
     return {label: float(right[shapes == k].mean()) for k, label in enumerate(labels)}
 
 
@@ -151,19 +147,19 @@ def _grids(numbers: dict[str, Any]) -> list[Grid]:
     known = numbers["classifier"]
     rows = [
         (
-            f"{row['images_per_shape']} images a shape",
+            f"{row['images_per_shape']} images per shape",
             f"{row['accuracy']:.4f}",
             f"{row['expected_accuracy']:.4f}",
             f"{row['nll']:.4f}",
         )
         for row in numbers["curve"]
     ]
-    rows.append(("the classifier", f"{known['value']:.4f}", "", f"{known['nll']:.4f}"))
+    rows.append(("classifier", f"{known['value']:.4f}", "", f"{known['nll']:.4f}"))
     shapes = [
         (label, f"{limit:.4f}", f"{numbers['classifier_by_shape'][label]:.4f}")
         for label, limit in numbers["limit_by_shape"].items()
     ]
     return [
-        Grid("Convergence with the bank", ("reader", "accuracy", "expects", "NLL"), rows),
-        Grid("Touches read right, by shape", ("shape", "limit", "classifier"), shapes),
+        Grid("Accuracy by size of the bank", ("reader", "accuracy", "expected", "NLL"), rows),
+        Grid("Accuracy by shape", ("shape", "limit", "classifier"), shapes),
     ]

@@ -1,4 +1,4 @@
-"""Twins are real presses within the scene's ranges; refinement never harms; no twin is invented."""
+"""Counterparts are real presses within the scene's ranges; refinement never harms; no twin is invented."""
 
 from dataclasses import replace
 
@@ -17,10 +17,9 @@ from experiments.bayes_error.counterparts import (
     Sensing,
     Start,
     Target,
-    Twin,
     bank_slice,
     block_means,
-    find_twin,
+    find_counterpart,
     nearest_starts,
     refine,
     sketched,
@@ -70,7 +69,7 @@ def test_a_search_finds_the_press_it_was_moved_from(rng):
         nudged = replace(own.placement, orientation=multiply(turn("y", 0.01), own.placement.orientation))
         start = Start(Target.of(SCENE, own, 1.0), Pressing(nudged, own.force))
         before = Sensing.of(SCENE).distance(start.target.image, start.pressing.image(SCENE))
-        assert find_twin(SCENE, [start]).distance < 1.0 < before
+        assert find_counterpart(SCENE, [start]).distance < 1.0 < before
 
 
 def test_refinement_never_goes_further_away(rng):
@@ -83,7 +82,7 @@ def test_refinement_never_goes_further_away(rng):
             assert found.distance == pytest.approx(sensing.distance(image, found.pressing.image(SCENE)))
 
 
-def test_twins_are_presses_the_scene_could_make(rng):
+def test_counterparts_are_presses_the_scene_could_make(rng):
     image = drawn("cuboid", rng).image(SCENE)
     for _ in range(3):
         found = refine(SCENE, image, drawn("cube", rng), 10.0).pressing
@@ -100,7 +99,7 @@ def test_twins_are_presses_the_scene_could_make(rng):
         assert (placement.friction, placement.stiffness) == (1.0, 1.0)  # constant in this scene
 
 
-def test_a_cuboid_on_its_square_face_is_the_twin_of_a_cube(rng):
+def test_a_cuboid_on_its_square_face_is_a_counterpart_of_a_cube(rng):
     # Their square faces are alike, and only these meet the pad.
     face = pressing("cube", turn("x", 0.3))
     side = pressing("cuboid", multiply(turn("x", 0.3), turn("y", np.pi / 2)), force=2.2)
@@ -108,11 +107,11 @@ def test_a_cuboid_on_its_square_face_is_the_twin_of_a_cube(rng):
     assert found.distance < 0.1
 
 
-def test_a_cube_on_its_face_has_no_twin_among_spheres(rng):
+def test_a_cube_on_its_face_has_no_counterpart_among_spheres(rng):
     target = Target.of(SCENE, pressing("cube", turn("x", 0.0)), 1.0)
     _, _, pressings, images = bank_slice(SCENE, LABELS.index("sphere"), 0, 100, 0)
     starts = nearest_starts(target.views(Symmetry.ROTATIONS_AND_MIRROR), pressings, images, Sensing.of(SCENE), 3)
-    assert find_twin(SCENE, starts).distance > 50.0
+    assert find_counterpart(SCENE, starts).distance > 50.0
 
 
 def test_a_press_is_found_again_in_a_bank_that_holds_it():
@@ -121,7 +120,7 @@ def test_a_press_is_found_again_in_a_bank_that_holds_it():
     target = Target.of(SCENE, pressings[number], 0.93)
     starts = nearest_starts(target.views(Symmetry.ROTATIONS_AND_MIRROR), pressings, images, Sensing.of(SCENE), 2)
     assert starts[0].pressing is pressings[number]
-    assert find_twin(SCENE, starts).distance < 0.1
+    assert find_counterpart(SCENE, starts).distance < 0.1
 
 
 def test_a_turned_press_starts_from_the_view_it_is_like():
@@ -145,24 +144,17 @@ def test_a_sketch_tells_as_much_as_the_whole(rng):
     assert Sensing.of(coarse).distance(first.image(coarse), second.image(coarse)) == pytest.approx(whole, rel=0.1)
 
 
-def test_images_in_colour_have_twins_too(rng):
+def test_images_in_colour_have_counterparts_too(rng):
     scene = replace(SCENE, renderer=GelSightRenderer(), faults=(Noise(0.02),))
     own = drawn("cone", rng)
     start = Start(Target.of(scene, own, 1.0), Pressing(own.placement, own.force + 0.05))
-    assert find_twin(scene, [start]).distance < 1.0
+    assert find_counterpart(scene, [start]).distance < 1.0
 
 
 @pytest.mark.parametrize("faults", [(), (Gain(0.1),), (Gain(0.1), Gain(0.1), Noise(0.1)), (Noise(0.0),)])
 def test_without_noise_there_is_no_distance(faults):
     with pytest.raises(UnknownLikelihood, match="got"):
         Sensing.of(replace(SCENE, faults=faults))
-
-
-def test_the_least_error_of_two_equal_images_is_a_half():
-    image = np.zeros((2, 2))
-    twin = Twin(0.0, pressing("cube", turn("x", 0.0)), image, image)
-    assert twin.least_error == 0.5
-    assert replace(twin, distance=2.0).least_error == pytest.approx(0.1587, abs=1e-4)
 
 
 @pytest.mark.parametrize("distribution", [Constant(1.5), Uniform(1.0, 2.0), LogUniform(0.5, 2.0), Normal(1.0, 0.1)])

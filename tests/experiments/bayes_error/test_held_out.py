@@ -3,15 +3,15 @@ import pytest
 
 from activetouch.named_scenes import SCENES
 from activetouch.rendering import DeadTaxels, Gain, Noise
-from experiments.bayes_error.held_out import Stream, fresh_touch, split_at_noise
+from experiments.bayes_error.held_out import Stream, held_out_touch, split_at_noise
 
 pytestmark = pytest.mark.mujoco
 
 
 @pytest.mark.parametrize("name", list(SCENES))
-def test_a_fresh_touch_is_a_press_of_the_scene_to_the_bit(name):
+def test_a_held_out_touch_is_a_press_of_the_scene_to_the_bit(name):
     scene = SCENES[name].scene
-    touch = fresh_touch(scene, 0, Stream.TEST, 5)
+    touch = held_out_touch(scene, 0, Stream.TEST, 5)
     rng = np.random.default_rng([0, Stream.TEST, 5])
     contact, image = scene.press(scene.sample_object(touch.shape, rng), touch.pose, rng)
     assert touch.contact.force == contact.force
@@ -20,13 +20,13 @@ def test_a_fresh_touch_is_a_press_of_the_scene_to_the_bit(name):
 
 def test_streams_touch_other_objects():
     scene = SCENES["coarse"].scene
-    forces = {fresh_touch(scene, 0, stream, 4).contact.force for stream in Stream}
+    forces = {held_out_touch(scene, 0, stream, 4).contact.force for stream in Stream}
     assert len(forces) == len(Stream)
 
 
 def test_shapes_and_poses_take_turns():
     scene = SCENES["coarse"].scene
-    seen = {(touch.shape, touch.pose) for touch in (fresh_touch(scene, 0, Stream.TEST, n) for n in range(24))}
+    seen = {(touch.shape, touch.pose) for touch in (held_out_touch(scene, 0, Stream.TEST, n) for n in range(24))}
     assert len(seen) == 24
 
 

@@ -1,0 +1,576 @@
+"""The Bayes-optimal accuracy of one touch in the scene ``paper``, bounded from above and from below.
+
+Run: python benchmarks/force_patch_limit.py                              (readers of the numbers behind the images)
+     python benchmarks/force_patch_limit.py --learned-from data/paper    (a reader of every pixel)
+
+A force-patch image (paper §5.5) is a function of the size of the force and of the contact point in one short window. No
+reader of the image is better than the best reader of these numbers (the data-processing inequality). Nearest neighbours
+read them. The numbers are reduced in four steps:
+
+* Rotated and mirrored presses are equally likely, so the contact point is folded into the eighth of the square pad with
+  ``0 ≤ across ≤ along``.
+* Within the window little changes, and smoothly: the mean, the change from first to last, and the bend are kept.
+* The contact point creeps by nanometres. Where the image drawn with the mean point is identical, the creep is set to 0.
+* Every number is replaced by its rank, so units do not matter.
+
+The accuracy of a vote is a lower bound. The single nearest neighbour gives an upper bound, given enough known touches
+(Cover and Hart 1967, :func:`experiments.bayes_error.learned.cover_hart_accuracy`).
+
+An image need not show all of these numbers. So a network that sees the pixels around the spot, at full resolution,
+bounds the accuracy of readers of the images from below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import tyro
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from activetouch.data.dataset import read_manifest, read_split
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.trace import Trace
+from activetouch.rendering import ForcePatchRenderer
+from activetouch.scene import Scene
+from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, chunks, paired_difference, share, words
+from experiments.bayes_error.held_out import Stream, held_out_touch
+from experiments.bayes_error.learned import cover_hart_accuracy
+from experiments.parallel import default_jobs, progress_bar, run_tasks
+from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import open_sensor, require_collection
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NEIGHBOURS = (1, 3, 5, 9, 15, 25, 51, 101)
+"""Numbers of neighbours that are tried."""
+
+NUMBERS = (
+    "force",
+    "along",
+    "across",
+    "force change",
+    "force bend",
+    "along change",
+    "across change",
+    "sideways force",
+    "depth",
+)
+"""What is kept of a press [N, m]; the contact point folded, changes within the window. The last two no image shows."""
+
+VIEWS: Mapping[str, tuple[str, ...]] = {
+    "force alone": ("force",),
+    "distance of the contact point from the pad's centre alone": ("radius",),
+    "contact point": ("along", "across"),
+    "force and distance": ("force", "radius"),
+    "force and contact point": ("force", "along", "across"),
+    "force, contact point, change of the force": ("force", "along", "across", "force change"),
+    "force, contact point, course of the force": NUMBERS[:5],
+    "force, contact point, course of both": NUMBERS[:7],
+    "the same and the sideways force (not in the image)": NUMBERS[:8],
+    "force and depth (depth is not in the image)": ("force", "depth"),
+    "force, contact point, and depth (depth is not in the image)": ("force", "along", "across", "depth"),
+}
+"""What a reader may be given; ``radius`` is the length of (along, across)."""
+
+IN_THE_IMAGE = tuple(name for name, columns in VIEWS.items() if not {"depth", "sideways force"} & set(columns))
+"""The views made of what an image is drawn from; whether it shows them is another question."""
+
+
+@dataclass(frozen=True, eq=False)
+class PressNumbers:
+    """Numbers of some touches.
+
+    Attributes:
+        shapes: of the touched objects, ``(n,)``.
+        values: columns as :data:`NUMBERS`, ``(n, 9)``.
+    """
+
+    shapes: Ints
+    values: Floats
+
+    def view(self, columns: Sequence[str]) -> Floats:
+        """Some of the columns, ``(n, D)``; ``radius`` is computed."""
+        known = dict(zip(NUMBERS, self.values.T, strict=True))
+        known["radius"] = np.hypot(known["along"], known["across"])
+        return np.column_stack([known[name] for name in columns])
+
+    def first(self, count: int) -> PressNumbers:
+        """The first touches."""
+        return PressNumbers(self.shapes[:count], self.values[:count])
+
+
+def press_numbers(contact: Contact, renderer: ForcePatchRenderer) -> Floats:
+    """The numbers of a press, as :data:`NUMBERS`; zeros where nothing was held.
+
+    Raises:
+        ValueError: the contact has no trace.
+    """
+    drawn = drawn_rows(contact, renderer)
+    size = np.linalg.norm(drawn.force, axis=1)
+    if not size.any():
+        return np.array([0.0] * (len(NUMBERS) - 1) + [contact.depth])
+    force, point, size = drawn.force[size > 0.0], drawn.point[size > 0.0], size[size > 0.0]
+    centre = point.mean(axis=0)
+    still = replace(drawn, point=np.broadcast_to(centre, drawn.point.shape))
+    creep_shows = (renderer(replace(contact, trace=drawn)) != renderer(replace(contact, trace=still))).any()
+    folded = point * np.where(centre < 0.0, -1.0, 1.0)
+    if abs(centre[1]) > abs(centre[0]):
+        folded = folded[:, ::-1]
+    along, across = folded.mean(axis=0)
+    bend = size[len(size) // 2] - (size[0] + size[-1]) / 2
+    creep = (folded[-1] - folded[0]) * creep_shows
+    sideways = np.linalg.norm(force[:, 1:], axis=1).mean()
+    return np.array([size.mean(), along, across, size[-1] - size[0], bend, *creep, sideways, contact.depth])
+
+
+def drawn_rows(contact: Contact, renderer: ForcePatchRenderer) -> Trace:
+    """The rows of a press's trace that its image is drawn from; none where nothing was held.
+
+    Raises:
+        ValueError: the contact has no trace.
+    """
+    if contact.trace is None:
+        raise ValueError("there is no trace to read; press with a fidelity that records one (GuardedMove)")
+    end = contact.trace.end_of_pause
+    time = contact.trace.time[:end]
+    first = int(np.searchsorted(time, time[-1] - renderer.window, side="right")) if end else 0
+    return contact.trace.select(slice(first, end))
+
+
+def collect_numbers(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, Ints, Floats, list]:
+    """The first number, and shapes, numbers and readings of held-out touches; readings of test touches only."""
+    assert isinstance(scene.renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
+    shapes, rows, readings = [], [], []
+    for number in numbers:
+        touch = held_out_touch(scene, seed, stream, number)
+        shapes.append(touch.shape)
+        rows.append(press_numbers(touch.contact, scene.renderer))
+        if stream is Stream.TEST:
+            readings.append(touch.reading)
+    return numbers[0], np.array(shapes), np.array(rows), readings
+
+
+def neighbour_guesses(known: Floats, known_shapes: Ints, asked: Floats, num_neighbours: Sequence[int]) -> Ints:
+    """What the nearest known rows vote for, by rank in each column.
+
+    Args:
+        known: rows of touches with known shape, ``(n, D)``.
+        known_shapes: ``(n,)``.
+        asked: other rows, ``(m, D)``.
+        num_neighbours: how many vote; all these are tried, ``(V,)``.
+
+    Returns:
+        Shapes ``(V, m)``; of shapes with equally many votes that of the nearest among them.
+    """
+    ranks, places = _ranks(known, known), _ranks(known, asked)
+    most = min(max(num_neighbours), len(known))
+    _, nearest = KDTree(ranks).query(places, k=most)
+    votes = np.eye(known_shapes.max() + 1)[known_shapes[nearest.reshape(len(asked), most)]]  # (m, most, K)
+    # Earlier neighbours count a hair more, too little to outvote anything: that breaks ties.
+    counts = np.cumsum(votes * (1.0 + 1e-6 / np.arange(1, most + 1))[:, None], axis=1)
+    return np.stack([counts[:, min(k, most) - 1].argmax(axis=1) for k in num_neighbours])
+
+
+def _ranks(known: Floats, asked: Floats) -> Floats:
+    """Share of known values below each value, by column, ties at their middle, ``(m, D)``."""
+    columns = []
+    for reference, values in zip(np.sort(known, axis=0).T, asked.T, strict=True):
+        below, upto = (np.searchsorted(reference, values, side) for side in ("left", "right"))
+        columns.append((below + upto) / (2 * len(reference)))
+    return np.stack(columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Reader:
+    """How a neighbour reader did.
+
+    Attributes:
+        num_neighbours: that voted, chosen on separate touches.
+        guesses: its shapes for the test touches, ``(m,)``.
+        upper: bound on the accuracy of any reader, from the single nearest neighbour.
+    """
+
+    num_neighbours: int
+    guesses: Ints
+    upper: float
+
+
+def read_by_neighbours(known: PressNumbers, choice: PressNumbers, test: PressNumbers, columns: Sequence[str]) -> Reader:
+    """Choose the number of neighbours on ``choice``, and read ``test`` with it."""
+    rows = known.view(columns)
+    tried = neighbour_guesses(rows, known.shapes, choice.view(columns), NEIGHBOURS)
+    best = int((tried == choice.shapes).mean(axis=1).argmax())
+    single, guesses = neighbour_guesses(rows, known.shapes, test.view(columns), (1, NEIGHBOURS[best]))
+    num_shapes = int(known.shapes.max()) + 1
+    return Reader(NEIGHBOURS[best], guesses, cover_hart_accuracy(float((single == test.shapes).mean()), num_shapes))
+
+
+_TOUCHES_PER_TASK = 50
+_WHOLE = IN_THE_IMAGE[-1]
+
+
+@dataclass(frozen=True)
+class NearestNeighbours:
+    """Neighbour readers of the numbers of a press."""
+
+    known: int = 20_000
+    """Touches with known shape."""
+    choice: int = 3_000
+    """Touches to choose the number of neighbours on."""
+
+    def measure(self, study: LimitStudy) -> Findings:
+        """See :class:`experiments.bayes_error.estimator.Estimator`."""
+        test, readings = _collect(study, Stream.TEST, study.touches)
+        choice, _ = _collect(study, Stream.CHOICE, self.choice)
+        known, _ = _collect(study, Stream.KNOWN, self.known)
+        classifier = study.classify(readings).argmax(axis=1) == test.shapes
+        sizes = [size for part in (16, 8, 4, 2, 1) if (size := self.known // part)]
+        views: dict[str, Any] = {}
+        for name, columns in VIEWS.items():
+            readers = [read_by_neighbours(known.first(size), choice, test, columns) for size in sizes]
+            right = readers[-1].guesses == test.shapes
+            views[name] = {
+                **share(right),
+                "in_the_image": name in IN_THE_IMAGE,
+                "num_neighbours": readers[-1].num_neighbours,
+                "upper": readers[-1].upper,
+                "curve": [float(np.mean(reader.guesses == test.shapes)) for reader in readers],
+                "upper_curve": [reader.upper for reader in readers],
+                "above_classifier": paired_difference(right, classifier, study.seed),
+            }
+        creep = test.view(("along change", "across change")).any(axis=1)
+        numbers = {
+            "estimator": "few numbers",
+            "sizes": sizes,
+            "views": views,
+            "limit": {"at_most": views[_WHOLE]["upper"]},
+            "classifier": share(classifier),
+            "creep_shows": share(creep),
+            "median": dict(zip(NUMBERS, np.median(test.values, axis=0).tolist(), strict=True)),
+        }
+        title = "Bayes-optimal accuracy of one touch, from the numbers behind the images"
+        return Findings(title, _number_sentences(study, numbers), _number_grids(numbers), numbers)
+
+
+def _collect(study: LimitStudy, stream: Stream, count: int) -> tuple[PressNumbers, NDArray[np.uint8]]:
+    tasks = [
+        partial(collect_numbers, study.scene, study.seed, stream, numbers)
+        for numbers in chunks(count, _TOUCHES_PER_TASK)
+    ]
+    parts = sorted(run_tasks(tasks, study.jobs, f"pressing, {stream.name.lower()}"), key=lambda part: part[0])
+    shapes, values = (np.concatenate(column) for column in list(zip(*parts, strict=True))[1:3])
+    readings = [reading for part in parts for reading in part[3]]
+    return PressNumbers(shapes, values), np.stack(readings) if readings else np.empty(0, np.uint8)
+
+
+def _number_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
+    whole, depth = numbers["views"][_WHOLE], numbers["views"]["force and depth (depth is not in the image)"]
+    return [
+        "Why this estimator: a force-patch image is drawn from the size of the force and the contact point in one "
+        "short window, and from nothing else, so no reader of the image beats the best reader of these numbers (the "
+        "data-processing inequality).",
+        f"{study.touches} held-out touches, each of another object, seed {study.seed}; {numbers['sizes'][-1]} known "
+        f"touches. Neighbours read {words(whole)} correctly from {_WHOLE}, a lower bound for readers of these numbers; "
+        f"the error of the single nearest neighbour gives the upper bound {whole['upper']:.4f}, given enough known "
+        "touches (Cover and Hart). Readers of images may fall short of it, because images hardly show some of the "
+        "numbers (see --learned-from). With half as many known touches the two bounds were "
+        f"{whole['curve'][-2]:.4f} and {whole['upper_curve'][-2]:.4f}: a bound that still rises has not converged.",
+        f"The classifier has {words(numbers['classifier'])} on the same touches; neighbours minus classifier "
+        f"{words(whole['above_classifier'], '+')}.",
+        "The contact point creeps while the object is held; that shows in the image, if only by a bit, in "
+        f"{numbers['creep_shows']['value']:.1%} of touches, and is counted in those only.",
+        f"Force and depth together tell more, {words(depth)}, but the depth of the imprint follows from geometry that "
+        "these images do not show. The sideways force is not in them either: a disc has a size and no direction.",
+    ]
+
+
+def _number_grids(numbers: dict[str, Any]) -> list[Grid]:
+    rows = [
+        (
+            name,
+            words(view),
+            f"{view['upper']:.3f}",
+            str(view["num_neighbours"]),
+            curve_cell(view["curve"]),
+        )
+        for name, view in numbers["views"].items()
+    ]
+    rows.append(("the classifier, from the image", words(numbers["classifier"]), "", "", ""))
+    headings = ("given", "neighbours", "at most", "votes", curve_heading(numbers["sizes"]))
+    return [Grid("What a touch's numbers tell", headings, rows)]
+
+
+REACH = 18
+"""Pixels to every side of a spot's centre; a disc of 2 N, with its smooth edge, fits on a pad of 128 taxels."""
+PLACE = 5
+"""How many numbers follow the pixels: along, across, their fractions of a pixel, brightness."""
+_AT_ONCE = 500
+
+
+def close_ups(images: NDArray[np.uint8], renderer: ForcePatchRenderer) -> Floats:
+    """What the reader sees of each image.
+
+    Args:
+        images: force patches, ``(N, n, n, 3)``.
+        renderer: that drew them.
+
+    Returns:
+        ``(N, (2 REACH + 1)² + PLACE)``: pixels in [0, 1]; the spot's distances from the pad's centre, relative to half
+        the pad, ``0 ≤ across ≤ along``; what they are beyond whole pixels [pixels]; the root of the mean brightness.
+
+    Raises:
+        ValueError: these are no force patches of this renderer.
+    """
+    blocks = [_close_ups(levels(images[n : n + _AT_ONCE], renderer.colormap)) for n in range(0, len(images), _AT_ONCE)]
+    return np.concatenate(blocks)
+
+
+def _close_ups(levels: NDArray[np.uint8]) -> Floats:
+    count, edge, _ = levels.shape
+    brightness = np.maximum(levels.sum(axis=(1, 2), dtype=np.int64), 1)
+    offset = np.arange(edge) - (edge - 1) / 2
+    place = np.stack([levels.sum(axis=other, dtype=np.int64) @ offset for other in (2, 1)], axis=1)
+    place /= brightness[:, None]  # (N, 2): row, column
+    nearest = np.rint(place + (edge - 1) / 2).astype(int)
+    rest = place + (edge - 1) / 2 - nearest
+    padded = np.pad(levels, ((0, 0), (REACH, REACH), (REACH, REACH)))
+    spots = sliding_window_view(padded, (2 * REACH + 1,) * 2, axis=(1, 2))[np.arange(count), *nearest.T]
+    for axis in (0, 1):
+        mirrored = place[:, axis] < 0.0
+        spots[mirrored] = np.flip(spots[mirrored], axis=axis + 1)
+        place[mirrored, axis] *= -1.0
+        rest[mirrored, axis] *= -1.0
+    turned = place[:, 0] < place[:, 1]
+    spots[turned] = spots[turned].swapaxes(1, 2)
+    place[turned], rest[turned] = place[turned, ::-1], rest[turned, ::-1]
+    columns = [spots.reshape(count, -1) / 255, place / (edge / 2), rest, np.sqrt(brightness / (255 * edge**2))[:, None]]
+    return np.hstack(columns).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class CloseReader:
+    """A network of two hidden layers, and how it is trained.
+
+    Attributes:
+        widths: of the hidden layers.
+        epochs: passes over the known touches.
+        batch_size: touches a step.
+        learning_rate: peak of a one-cycle schedule.
+        weight_decay: of AdamW.
+    """
+
+    widths: tuple[int, int] = (256, 128)
+    epochs: int = 30
+    batch_size: int = 256
+    learning_rate: float = 2e-3
+    weight_decay: float = 0.05
+
+    def learn(
+        self, known: Floats, shapes: Ints, seed: int, tick: Callable[[int], None] = lambda _: None
+    ) -> Callable[[Floats], Floats]:
+        """Train on known touches.
+
+        Args:
+            known: a row a touch, ``(N, D)``.
+            shapes: ``(N,)``.
+            seed: of weights and order.
+            tick: is told how many touches each step took.
+
+        Returns:
+            From rows ``(M, D)`` to log probabilities ``(M, K)``.
+        """
+        import torch
+        from torch import nn
+
+        # A pixel at the rim is lit by few spots; to scale it up to the others would magnify those.
+        mean, scale = known.mean(axis=0), known.std(axis=0) + 1 / 64
+        rows, labels = torch.from_numpy((known - mean) / scale), torch.from_numpy(shapes)
+        first, second = self.widths
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            network = nn.Sequential(
+                nn.Linear(known.shape[1], first), nn.SiLU(), nn.Linear(first, second), nn.SiLU(),
+                nn.Linear(second, int(shapes.max()) + 1), nn.LogSoftmax(dim=1),
+            )  # fmt: skip
+        optimizer = torch.optim.AdamW(network.parameters(), weight_decay=self.weight_decay)
+        steps = self.epochs * -(-len(rows) // self.batch_size)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, self.learning_rate, total_steps=steps)
+        rng = np.random.default_rng(seed)
+        for _ in range(self.epochs):
+            for batch in torch.from_numpy(rng.permutation(len(rows))).split(self.batch_size):
+                optimizer.zero_grad()
+                nn.functional.nll_loss(network(rows[batch]), labels[batch]).backward()
+                optimizer.step()
+                schedule.step()
+                tick(len(batch))
+        network.eval()
+
+        def read(asked: Floats) -> Floats:
+            with torch.inference_mode():
+                return network(torch.from_numpy((asked - mean) / scale)).numpy()
+
+        return read
+
+
+def levels(images: NDArray[np.uint8], colormap: str) -> NDArray[np.uint8]:
+    """Brightness of each pixel before it was coloured; of levels with the same colour the lowest.
+
+    Args:
+        images: as a sensor without faults reads them, ``(..., 3)``.
+        colormap: name of the matplotlib colormap.
+
+    Returns:
+        0 to 255, ``(...)``.
+
+    Raises:
+        ValueError: a pixel has a colour that is not in the colormap.
+    """
+    table = matplotlib.colormaps[colormap](np.arange(256))[:, :3]
+    colours = _packed(np.rint(255 * table).astype(np.uint8))
+    level = np.full(1 << 24, -1, np.int16)
+    level[colours[::-1]] = np.arange(255, -1, -1)
+    found = level[_packed(images)]
+    if (found < 0).any():
+        where = np.argwhere(found < 0)[0].tolist()
+        raise ValueError(
+            f"the pixel at {where} has the colour {images[tuple(where)].tolist()}, which {colormap} does not have: a "
+            "fault or another renderer changed these images, or they are not force patches"
+        )
+    return found.astype(np.uint8)
+
+
+def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
+    """Colours ``(..., 3)`` as one number each, ``(...)``."""
+    return colours.astype(np.int32) @ np.array([1 << 16, 1 << 8, 1], np.int32)
+
+
+_PIXEL_PARTS = (4, 2, 1)
+WHOLE_SPOT = "every pixel of the spot, its place, its brightness"
+PIXEL_VIEWS: Mapping[str, slice] = {"its place and brightness": slice(-PLACE, None), WHOLE_SPOT: slice(None)}
+"""What a reader may see of a close-up."""
+
+
+@dataclass(frozen=True)
+class PixelReader:
+    """A reader trained on full-resolution images of a collection."""
+
+    collection: Path
+    """Folder of the touches to learn from."""
+    reader: CloseReader = field(default_factory=CloseReader)
+    """The network, and how it is trained."""
+
+    def measure(self, study: LimitStudy) -> Findings:
+        """See :class:`experiments.bayes_error.estimator.Estimator`."""
+        renderer = study.scene.renderer
+        assert isinstance(renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
+        manifest = read_manifest(self.collection)
+        require_collection(self.collection, manifest, study.sensor.classifier.card, None, repeats=False)
+        train = read_split(self.collection, "train")
+        order = np.random.default_rng(study.seed).permutation(np.unique(train.object_ids))  # parts are of whole objects
+        known, readings = close_ups(train.images, renderer), study.read()
+        asked = close_ups(readings, renderer)
+        classifier = study.classify(readings).argmax(axis=1) == study.shapes
+        objects = [order[:size] for part in _PIXEL_PARTS if (size := len(order) // part)]
+        parts = [np.isin(train.object_ids, some) for some in objects]
+        views: dict[str, Any] = {}
+        with progress_bar() as progress:
+            total = self.reader.epochs * len(PIXEL_VIEWS) * sum(int(rows.sum()) for rows in parts)
+            bar = progress.add_task("training readers", total=total)
+            for name, columns in PIXEL_VIEWS.items():
+                curve = []
+                for rows in parts:
+                    seen, shapes = known[rows, columns], train.shapes[rows]
+                    read = self.reader.learn(seen, shapes, study.seed, lambda n: progress.advance(bar, n))
+                    right = read(asked[:, columns]).argmax(axis=1) == study.shapes
+                    curve.append(float(right.mean()))
+                views[name] = {
+                    **share(right),
+                    "curve": curve,
+                    "learned_from": float(np.mean(read(seen).argmax(axis=1) == shapes)),
+                    "above_classifier": paired_difference(right, classifier, study.seed),
+                }
+        numbers: dict[str, Any] = {
+            "estimator": "close-up",
+            "sizes": [int(rows.sum()) for rows in parts],
+            "views": views,
+            "limit": {"at_least": views[WHOLE_SPOT]["value"]},
+            "classifier": share(classifier),
+        }
+        return Findings("What every pixel tells", _pixel_sentences(study, numbers), _pixel_grids(numbers), numbers)
+
+
+def _pixel_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
+    whole = numbers["views"][WHOLE_SPOT]
+    return [
+        "Why this estimator: a force-patch image need not show all of the numbers it is drawn from, so a reader of the "
+        "numbers bounds a reader of images from above only. This reader looks at the images, unresized, and bounds the "
+        "limit from below.",
+        f"{study.touches} held-out touches, each of another object, seed {study.seed}; {numbers['sizes'][-1]} known "
+        f"touches. The reader has accuracy {words(whole)}, and {whole['learned_from']:.4f} on its training touches. "
+        f"The classifier has {words(numbers['classifier'])} on the same touches; the reader has "
+        f"{words(whole['above_classifier'], '+')} more.",
+    ]
+
+
+def _pixel_grids(numbers: dict[str, Any]) -> list[Grid]:
+    rows = [
+        (name, words(view), f"{view['learned_from']:.3f}", curve_cell(view["curve"]))
+        for name, view in numbers["views"].items()
+    ]
+    rows.append(("the classifier", words(numbers["classifier"]), "", ""))
+    headings = ("a reader that sees", "right", "of what it learned from", curve_heading(numbers["sizes"]))
+    return [Grid("What a touch's pixels tell", headings, rows)]
+
+
+def curve_heading(sizes: Sequence[int]) -> str:
+    """Heading of a column of accuracies, one for each number of known touches."""
+    return f"with {', '.join(map(str, sizes))} known"
+
+
+def curve_cell(accuracies: Sequence[float]) -> str:
+    """Accuracies for growing numbers of known touches, in one cell."""
+    return " ".join(f"{accuracy:.3f}" for accuracy in accuracies)
+
+
+@dataclass(frozen=True)
+class Main:
+    """Bound the Bayes-optimal accuracy of one touch in the scene ``paper``."""
+
+    learned_from: Path | None = None
+    """Collection to train a reader of every pixel on; without it, nearest neighbours read the numbers of a press."""
+    touches: int = 6_000
+    """Held-out touches to measure on, each of another object."""
+    known: int = 20_000
+    """Touches with known shape that the neighbours come from."""
+    choice: int = 3_000
+    """Touches to choose the number of neighbours on."""
+    seed: int = 0
+    """Seed of all touches and intervals."""
+    out: Path = Path("runs/limit-paper")
+    """Folder for limit.json, limit.md and figures."""
+    jobs: int = default_jobs()
+    """Processes; the results do not depend on it."""
+
+    def run(self) -> None:
+        """Measure, print and write."""
+        sensor = open_sensor(None, SceneChoice("paper"))
+        study = LimitStudy(sensor, self.touches, self.seed, self.jobs, self.out)
+        estimator = (
+            NearestNeighbours(self.known, self.choice) if self.learned_from is None else PixelReader(self.learned_from)
+        )
+        findings = estimator.measure(study)
+        findings.write(self.out, {"scene": "paper", "seed": self.seed, "num_touches": self.touches})
+        print((self.out / "limit.md").read_text())
+
+
+if __name__ == "__main__":
+    tyro.cli(Main).run()
