@@ -3,12 +3,11 @@
 numpy and scipy only: importing this package loads no torch, no MuJoCo, no plotting.
 """
 
-from belief.batched_tracker import BatchedBeliefTracker
 from belief.categorical import Belief
 from belief.composition import Composition, Counts
-from belief.errors import ActiveTouchError, ImpossibleObservation
+from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
-from belief.impossible_evidence import FloorLikelihood, IgnoreImpossible, RaiseImpossible, ZeroPriorTarget
+from belief.observation_model.evidence import ObjectEvidence
 from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch
 from belief.scene_belief import SceneBelief
 from belief.scene_view import SceneView
@@ -16,17 +15,14 @@ from belief.tracker import BeliefTracker
 
 __all__ = [
     "ActiveTouchError",
-    "BatchedBeliefTracker",
     "Belief",
     "BeliefTracker",
     "Composition",
     "Confirm",
     "Counts",
-    "FloorLikelihood",
-    "IgnoreImpossible",
     "ImpossibleObservation",
+    "ObjectEvidence",
     "Probe",
-    "RaiseImpossible",
     "Reject",
     "SceneBelief",
     "SceneView",

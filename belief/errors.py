@@ -47,3 +47,7 @@ class UnknownName(ActiveTouchError, KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+class ZeroPriorTarget(UserWarning):
+    """The target shape has prior probability zero, so no touch can ever find it."""

@@ -1,15 +1,136 @@
-"""What may be read of a scene's joint belief, and nothing that changes it."""
+"""What can be read of a scene's joint belief, and a view that allows nothing else."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NoReturn
+from dataclasses import dataclass
+from typing import Any, NoReturn
 
+import numpy as np
+
+from belief.arrangement import blank_objects, num_states, prob_shape_absent
 from belief.categorical import Belief
 from belief.history import TouchHistory
 from belief.problem import Floats
 
-if TYPE_CHECKING:
-    from belief.scene_belief import ExactState, SceneBelief
+UNKNOWN = -1
+"""In place of the shape of an object whose shape is not known."""
+
+
+@dataclass(frozen=True)
+class ExactState:
+    """The smallest representation of a scene's exact posterior.
+
+    Attributes:
+        name: of the representation.
+        num_states: numbers in it.
+        reason: why it is enough, in a sentence.
+    """
+
+    name: str
+    num_states: int
+    reason: str
+
+
+class ReadableScene:
+    """The joint belief about all N objects of a search, without methods that change it.
+
+    >>> from belief import SceneBelief
+    >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
+    ['known', 'remove', 'update', 'view']
+
+    Attributes:
+        labels: names of the K shapes.
+    """
+
+    labels: tuple[str, ...]
+    _counts: tuple[int, ...] | None
+    _known: np.ndarray
+    _on_table: np.ndarray
+    _log_likelihoods: Floats
+    _log_marginals: Floats
+    _touches: list[TouchHistory]
+
+    @property
+    def num_objects(self) -> int:
+        """N, those that are known or removed included."""
+        return len(self._touches)
+
+    def touches(self, object_index: int) -> TouchHistory:
+        """All touches of one object that count, oldest first; it stays as it is when more are made."""
+        return self._touches[self._object(object_index)]
+
+    def marginals(self) -> Floats:
+        """Posterior over shapes of every object, ``(N, K)``, those that are known or removed included."""
+        return np.exp(self._log_marginals)
+
+    def log_marginals(self) -> Floats:
+        """Logarithms of :meth:`marginals`, ``(N, K)``, right where those are too small for a float; a copy."""
+        return self._log_marginals.copy()
+
+    def log_likelihoods(self) -> Floats:
+        """Log p(touches of each object | its shape), ``(N, K)``; a copy."""
+        return self._log_likelihoods.copy()
+
+    def belief(self, object_index: int) -> Belief:
+        """Posterior of one object, given all touches of all objects."""
+        return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())
+
+    def prob_present(self, target: int) -> float:
+        """Probability that an object still on the table has the target shape, given touches and revealed shapes.
+
+        Raises:
+            ValueError: the target is none of the K shapes.
+        """
+        target = self._shape(target)
+        if (self._known[self._on_table] == target).any():
+            return 1.0
+        unknown = self._known == UNKNOWN
+        if self._counts is None:
+            probs = np.minimum(np.exp(self._log_marginals[unknown & self._on_table, target]), 1.0)
+            with np.errstate(divide="ignore"):
+                return 1.0 - float(np.exp(np.log1p(-probs).sum()))
+        if not (unknown & self._on_table).any():
+            return 0.0
+        bag = self._bag(self._known)
+        return 1.0 - prob_shape_absent(self._log_likelihoods[unknown], bag, target, self._on_table[unknown])
+
+    @property
+    def state(self) -> ExactState:
+        """The smallest exact state of this scene as it is now: it grows with touches, and what is known drops out."""
+        unknown = self._known == UNKNOWN
+        if self._counts is None:
+            return ExactState(
+                "one distribution per object",
+                int(unknown.sum()) * len(self.labels),
+                "shapes are independent, so an object's own touches are all that tells about it",
+            )
+        bag = self._bag(self._known)
+        blank = blank_objects(self._log_likelihoods[unknown], bag)
+        num_rows = int((~blank).sum()) + bool(blank.any())
+        distinct = max(self._counts) == 1
+        return ExactState(
+            "sets of used shapes" if distinct else "multisets of used shapes",
+            num_states(bag, num_rows),
+            f"objects are coupled only by what others use up of the bag, so sums over arrangements remember which "
+            f"{'shapes' if distinct else 'shapes, how often,'} are used and not by whom; {int(blank.sum())} of "
+            f"{int(unknown.sum())} unknown objects told nothing yet, are alike and count as one",
+        )
+
+    def _bag(self, known: np.ndarray) -> tuple[int, ...]:
+        """What the bag has for the objects of unknown shape, ``(K,)``."""
+        assert self._counts is not None, "independent objects come from no bag"
+        used = np.bincount(known[known != UNKNOWN], minlength=len(self.labels))
+        return tuple(int(count) for count in np.array(self._counts) - used)
+
+    def _object(self, object_index: int) -> int:
+        if not 0 <= object_index < len(self._touches):
+            raise ValueError(f"object_index must be in [0, {len(self._touches)}), got {object_index}")
+        return object_index
+
+    def _shape(self, shape: int) -> int:
+        if not 0 <= shape < len(self.labels):
+            raise ValueError(f"shape must be in [0, {len(self.labels)}), got {shape}")
+        return shape
 
 
 class SceneView:
@@ -31,7 +152,7 @@ class SceneView:
 
     __slots__ = ("__scene",)
 
-    def __init__(self, scene: SceneBelief) -> None:
+    def __init__(self, scene: ReadableScene) -> None:
         object.__setattr__(self, "_SceneView__scene", scene)
 
     @property
@@ -46,31 +167,31 @@ class SceneView:
 
     @property
     def state(self) -> ExactState:
-        """See :attr:`belief.scene_belief.SceneBelief.state`."""
+        """See :attr:`ReadableScene.state`."""
         return self.__scene.state
 
     def touches(self, object_index: int) -> TouchHistory:
-        """See :meth:`belief.scene_belief.SceneBelief.touches`."""
+        """See :meth:`ReadableScene.touches`."""
         return self.__scene.touches(object_index)
 
     def marginals(self) -> Floats:
-        """See :meth:`belief.scene_belief.SceneBelief.marginals`."""
+        """See :meth:`ReadableScene.marginals`."""
         return self.__scene.marginals()
 
     def log_marginals(self) -> Floats:
-        """See :meth:`belief.scene_belief.SceneBelief.log_marginals`."""
+        """See :meth:`ReadableScene.log_marginals`."""
         return self.__scene.log_marginals()
 
     def log_likelihoods(self) -> Floats:
-        """See :meth:`belief.scene_belief.SceneBelief.log_likelihoods`."""
+        """See :meth:`ReadableScene.log_likelihoods`."""
         return self.__scene.log_likelihoods()
 
     def belief(self, object_index: int) -> Belief:
-        """See :meth:`belief.scene_belief.SceneBelief.belief`."""
+        """See :meth:`ReadableScene.belief`."""
         return self.__scene.belief(object_index)
 
     def prob_present(self, target: int) -> float:
-        """See :meth:`belief.scene_belief.SceneBelief.prob_present`."""
+        """See :meth:`ReadableScene.prob_present`."""
         return self.__scene.prob_present(target)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
@@ -82,5 +203,5 @@ class SceneView:
             f"{', '.join(name for name in dir(type(self)) if not name.startswith('_'))}"
         )
 
-    def __reduce__(self) -> tuple[type[SceneView], tuple[SceneBelief]]:
+    def __reduce__(self) -> tuple[type[SceneView], tuple[ReadableScene]]:
         return SceneView, (self.__scene,)

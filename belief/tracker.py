@@ -6,7 +6,6 @@ from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation
 from belief.history import TouchHistory
-from belief.impossible_evidence import RAISE, ImpossiblePolicy
 from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import start
 from belief.problem import Touch
@@ -18,7 +17,6 @@ class BeliefTracker:
     Args:
         prior: belief before the first touch.
         model: likelihood of touches.
-        on_impossible: what to do when a touch contradicts everything still believed in.
 
     Attributes:
         belief: the current posterior.
@@ -38,12 +36,11 @@ class BeliefTracker:
     Belief(shape_0 0.082, shape_1 0.001, shape_2 0.917, shape_3 0.000)
     """
 
-    def __init__(self, prior: Belief, model: ObservationModel, *, on_impossible: ImpossiblePolicy = RAISE) -> None:
+    def __init__(self, prior: Belief, model: ObservationModel) -> None:
         if prior.labels != tuple(model.shape_labels):
             raise ValueError(f"the prior is about {prior.labels}, the model about {tuple(model.shape_labels)}")
         self._prior = prior
         self._evidence = start(model)
-        self._on_impossible = on_impossible
         self.belief = prior
         self._touches = TouchHistory()
         self.log_evidence = 0.0
@@ -57,18 +54,14 @@ class BeliefTracker:
         """Take in a touch and return the posterior.
 
         Raises:
-            ImpossibleObservation: the touch contradicts everything still believed in, and the policy is to raise; the
-                tracker is unchanged.
+            ImpossibleObservation: the touch has likelihood zero for every shape that is still possible; the tracker is
+                unchanged.
         """
         evidence = self._evidence.update(touch)
-        log_likelihood = self._on_impossible.temper(evidence.log_likelihood)
         try:
-            log_posterior, log_evidence = update(self._prior.log_probs, log_likelihood)
+            log_posterior, log_evidence = update(self._prior.log_probs, evidence.log_likelihood)
         except ImpossibleObservation as error:
-            explained = ImpossibleObservation(f"touch in pose {touch.pose}, {self.belief}: {error}")
-            explained.__cause__ = error
-            self._on_impossible.resolve(explained)
-            return self.belief
+            raise ImpossibleObservation(f"touch in pose {touch.pose}, {self.belief}: {error}") from error
         self.belief = Belief.of_normalised(self._prior.labels, log_posterior)
         self._evidence, self.log_evidence = evidence, float(log_evidence)
         self._touches = self._touches.extended([touch])

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.observation_model import ObservationModel, PLDAModel, RatioModel, SignatureModel
+from belief.observation_model import ObservationModel
 from belief.problem import Floats
 
 
@@ -88,49 +88,10 @@ def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floa
 
 
 def repeat_discount(model: ObservationModel | None) -> RepeatDiscount:
-    """The discount that an observation model implies; :class:`LeastUsedFirst` where it knows nothing of repeats.
+    """The discount by the ``repeat_correlation`` of an observation model; :class:`LeastUsedFirst` if it has none.
 
     >>> repeat_discount(None)
     LeastUsedFirst()
     """
-    match model:
-        case RatioModel():
-            return CorrelatedRepeats(model.correlation)
-        case SignatureModel():
-            # Both of two touches show the object's signature with probability ρ²; otherwise one of them is drawn anew.
-            return CorrelatedRepeats(model.repeat_probability**2)
-        case PLDAModel():
-            return CorrelatedRepeats(plda_correlation(model))
-    return LeastUsedFirst()
-
-
-def plda_correlation(model: PLDAModel) -> float:
-    """The ρ by which a PLDA model's touches in one pose correlate, as far as that matters to telling shapes apart.
-
-    The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two, and its information about
-    the shape is the trace of the means' scatter between shapes over that covariance. Under equal correlation a repeat
-    adds (1 - ρ)/(1 + ρ) of what another pose adds; this is solved for ρ.
-
-    >>> from belief.observation_model import LogitEmbedding
-    >>> from belief.observation_model.variance_components import Components
-    >>> identity, means = np.stack([np.eye(2)] * 3), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
-    >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
-    >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
-    >>> model = PLDAModel(("a", "b", "c"), embedding, means, parts)
-    >>> round(plda_correlation(model), 6)
-    0.3
-    """
-    offsets = model.means - model.means.mean(axis=1, keepdims=True)  # (P, K, D)
-    scatter = np.einsum("pkd,pke->de", offsets, offsets)
-    shared, repeated, rest = (part.mean(axis=0) for part in model.components)
-
-    def information(covariance: Floats) -> float:
-        return float(np.trace(np.linalg.solve(covariance, scatter)))
-
-    once = information(shared + repeated + rest)
-    repeat = information(shared + repeated + rest / 2.0) - once
-    another = information(shared + (repeated + rest) / 2.0) - once
-    if another <= 0.0:  # all shapes feel alike, and there is no worth to discount
-        return 0.0
-    ratio = min(max(repeat / another, 0.0), 1.0)
-    return (1.0 - ratio) / (1.0 + ratio)
+    correlation: float | None = getattr(model, "repeat_correlation", None)
+    return LeastUsedFirst() if correlation is None else CorrelatedRepeats(correlation)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.observation_model import ArrayModel
-from belief.observation_model.directional_discount import centred
 from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
@@ -39,7 +38,7 @@ def evidence_of(
     touch_limit: int,
     features: NDArray[np.floating] | None = None,
 ) -> Evidence:
-    """The evidence that a model needs, as it says by :meth:`belief.observation_model.ArrayModel.worth_of_sums`.
+    """The evidence that a model needs, as its method ``weights_of_sums`` says.
 
     Args:
         logits: of the bank, ``(N, R, P, K)``.
@@ -48,20 +47,20 @@ def evidence_of(
         touch_limit: touches of a row, at most.
         features: of the bank, for models that read them.
     """
-    worth = model.worth_of_sums(np.arange(touch_limit + 1))
-    if worth is None:
+    weights = model.weights_of_sums(np.arange(touch_limit + 1))
+    if weights is None:
         return RecomputedEvidence(logits, model, num_envs, touch_limit, features)
-    return SummedEvidence(logits, model, num_envs, worth, features)
+    return SummedEvidence(logits, model, num_envs, weights, features)
 
 
 class SummedEvidence:
-    """For models whose evidence is a sum over poses of what the sum of a pose's touches is worth.
+    """For models whose log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
 
     Args:
         logits: of the bank, ``(N, R, P, K)``.
         model: gives the log-likelihoods of single touches.
         num_envs: B.
-        worth: of sums of 0, 1, … touches: factors ``(n,)``, or matrices ``(n, K, K)`` for centred log-likelihoods.
+        weights: of sums of 0, 1, … touches, ``(n,)``; see :meth:`belief.observation_model.ArrayModel.weights_of_sums`.
         features: of the bank, for models that read them.
     """
 
@@ -70,7 +69,7 @@ class SummedEvidence:
         logits: NDArray[np.floating],
         model: ArrayModel,
         num_envs: int,
-        worth: Floats,
+        weights: Floats,
         features: NDArray[np.floating] | None = None,
     ) -> None:
         num_objects, num_rounds, num_poses, num_shapes = logits.shape
@@ -78,8 +77,8 @@ class SummedEvidence:
         read = None if features is None else np.asarray(features).reshape(len(poses), 1, -1)
         alone = TouchBatch(poses, logits.reshape(-1, 1, num_shapes), read)
         single = model.log_likelihood_batch(alone).reshape(logits.shape)
-        self._single = single if worth.ndim == 1 else centred(single)
-        self._worth = worth
+        self._single = single
+        self._weights = weights
         self._sums = np.zeros((num_envs, num_poses, num_shapes))
         self._counts = np.zeros((num_envs, num_poses), np.int64)
 
@@ -95,10 +94,8 @@ class SummedEvidence:
 
     def log_likelihoods(self) -> Floats:
         """See :class:`Evidence`."""
-        worth = self._worth[self._counts]
-        if worth.ndim == 2:
-            return np.asarray((worth[:, None, :] @ self._sums)[:, 0])
-        return np.asarray((worth @ self._sums[..., None]).sum(axis=1)[..., 0])
+        weights = self._weights[self._counts]
+        return np.asarray((weights[:, None, :] @ self._sums)[:, 0])
 
     @property
     def arrays(self) -> dict[str, NDArray]:

@@ -8,16 +8,16 @@ To add a model, derive from :class:`ArrayModel`, and enter it in
 :data:`belief.observation_model.selection.OBSERVATION_MODELS`.
 """
 
-from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.embedding import FeatureEmbedding, LogitEmbedding
-from belief.observation_model.gaussian import GaussianModel
+from belief.observation_model.baselines.confusion import ConfusionModel
+from belief.observation_model.baselines.embedding import FeatureEmbedding, LogitEmbedding
+from belief.observation_model.baselines.gaussian import GaussianModel
+from belief.observation_model.baselines.plda import PLDAModel
+from belief.observation_model.baselines.signature import SignatureModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.plda import PLDAModel
 from belief.observation_model.quantisation import information_of_touch
 from belief.observation_model.serialisation import read_observation_model, read_origin
-from belief.observation_model.signature import SignatureModel
 
 __all__ = [
     "ArrayModel",

@@ -4,8 +4,7 @@ r"""From a calibrated posterior to a likelihood: divide by the training prior, a
 
 No density over images or logits is needed, and one touch is exactly as trustworthy as the calibration q. Touches of one
 object in *different* poses are taken for independent given the shape; n touches in *one* pose, which show the same face
-again, count as n / (1 + (n - 1) ρ) touches of their mean: one number ρ, fitted to objects that were touched repeatedly,
-or one for each direction of evidence.
+again, count as n / (1 + (n - 1) ρ) touches of their mean. ρ is fitted to objects that were touched repeatedly.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.cross_validation import object_folds
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.directional_discount import centred, discounts, fit_directions
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -32,7 +30,6 @@ from belief.touch_batch import TouchBatch
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 _REFERENCES = 500  # touches kept of each pose
-_MOST_KEPT = 100  # numbers of touches whose discounts are kept
 _POOLING = 100.0  # weight of all poses' table in one pose's, in touches
 
 
@@ -45,8 +42,6 @@ class RatioModel(ArrayModel):
         calibration: from logits to q(shape | touch).
         training_prior: π, shares of the shapes among the touches that the calibration was fitted on, ``(K,)``.
         correlation: ρ, between touches of an object in one pose, in [0, 1).
-        directions: how far each direction of evidence repeats, ``(K, K)``, if not all as ρ says: see
-            :mod:`belief.observation_model.directional_discount`.
         references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
             tabulate only.
         status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
@@ -71,7 +66,6 @@ class RatioModel(ArrayModel):
     correlation: float
     references: Floats
     status: Status = "ok"
-    directions: Floats | None = None
 
     def __post_init__(self) -> None:
         prior = np.asarray(self.training_prior, np.float64)
@@ -89,14 +83,6 @@ class RatioModel(ArrayModel):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
         if self.status not in get_args(Status):
             raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
-        if self.directions is not None:
-            directions = np.asarray(self.directions, np.float64)
-            if directions.shape != (num_shapes, num_shapes) or not np.isfinite(directions).all():
-                raise ValueError(f"directions must be {num_shapes} × {num_shapes} finite numbers, got {directions}")
-            shared = np.linalg.eigvals(directions).real
-            if not (shared > -1e-6).all():
-                raise ValueError(f"directions must not have an eigenvalue below zero, got {shared.min()}")
-            object.__setattr__(self, "directions", directions)
         # What is normalised already keeps its last bit, as on reload.
         object.__setattr__(self, "training_prior", prior / prior.sum() if abs(prior.sum() - 1.0) > 1e-12 else prior)
         object.__setattr__(self, "references", references)
@@ -113,7 +99,6 @@ class RatioModel(ArrayModel):
         num_poses: int | None = None,
         calibration: Calibration | None = None,
         num_folds: int = 5,
-        by_direction: bool = False,
     ) -> RatioModel:
         """Fit the calibration on all touches, and ρ on posteriors of objects that their calibration did not see.
 
@@ -126,7 +111,6 @@ class RatioModel(ArrayModel):
             num_poses: P; by default one more than the largest pose seen.
             calibration: which kind; structured matrix scaling by default.
             num_folds: in which ρ is cross-fitted.
-            by_direction: fit ``directions`` as well; they take a few hundred objects to be known.
 
         Raises:
             ValueError: see :meth:`LabelledTouches.of`.
@@ -135,13 +119,12 @@ class RatioModel(ArrayModel):
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
         calibrated = unfitted.fit(data.logits, data.shapes)
         prior = _training_prior(calibrated, data)
-        found, correlation, directions = repeats(data), ASSUMED_CORRELATION, None
+        found, correlation = repeats(data), ASSUMED_CORRELATION
         if found is not None:
             log_ratio = _cross_fitted(unfitted, data, num_folds) - np.log(prior)
             sums = np.where((found.rows >= 0)[..., None], log_ratio[found.rows], 0.0).cumsum(axis=1)[:, 1:]
             number = np.arange(2, sums.shape[1] + 2)
             correlation = fit_correlation(lambda rho: sums * (effective_touches(number, rho) / number)[:, None], found)
-            directions = fit_directions(log_ratio, found, correlation) if by_direction else None
         return cls(
             data.shape_labels,
             calibrated,
@@ -149,7 +132,6 @@ class RatioModel(ArrayModel):
             correlation,
             _references(data),
             "no_repeats" if found is None else "ok",
-            directions,
         )
 
     @property
@@ -164,12 +146,6 @@ class RatioModel(ArrayModel):
             return log_ratio[:, 0]
         membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
         counts = membership.sum(axis=1)
-        if self.directions is not None:
-            sums = np.swapaxes(membership, 1, 2).astype(np.float64) @ centred(log_ratio)  # (S, P, K)
-            total = np.zeros((len(batch), sums.shape[2]))
-            for n in sorted(set(counts.ravel().tolist()) - {0}):
-                total += np.where((counts == n)[..., None], sums, 0.0).sum(axis=1) @ self._discount(n).T
-            return total
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
         return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
@@ -194,21 +170,19 @@ class RatioModel(ArrayModel):
     def log_likelihood_of(self, statistics: _Means) -> Floats:
         """The sum over poses of their means, each as often as its touches count."""
         counts, means = statistics.counts, statistics.means
-        if self.directions is None or counts.sum() == 1.0:
-            return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
-        sums = counts[:, None] * centred(means)
-        return np.asarray(
-            sum(sums[counts == n].sum(axis=0) @ self._discount(int(n)).T for n in np.unique(counts).tolist())
-        )
+        return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
     def _log_ratio(self, batch: TouchBatch) -> Floats:
         return self.calibration.predict_log_proba(batch.logits) - self._log_prior
 
-    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
-        """See :class:`ArrayModel`; a matrix each where directions of evidence repeat differently."""
-        if self.directions is not None:
-            return discounts(num_touches, self.directions)
+    def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
+        """See :class:`ArrayModel`."""
         return effective_touches(num_touches, self.correlation) / np.maximum(num_touches, 1)
+
+    @property
+    def repeat_correlation(self) -> float:
+        """See :class:`ArrayModel`."""
+        return self.correlation
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; references, drawn in proportion to what they say for the shape.
@@ -239,7 +213,6 @@ class RatioModel(ArrayModel):
             "training_prior": self.training_prior.tolist(),
             "correlation": self.correlation,
             "status": self.status,
-            **({} if self.directions is None else {"directions": self.directions.tolist()}),
             # In single precision, as they were chosen; written with as few digits as tell them apart.
             "references": [
                 [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
@@ -259,21 +232,7 @@ class RatioModel(ArrayModel):
             float(fields["correlation"]),
             np.array(fields["references"], np.float32).astype(np.float64),
             fields["status"],
-            np.array(fields["directions"], np.float64) if "directions" in fields else None,
         )
-
-    def _discount(self, num_touches: int) -> Floats:
-        """What turns a sum of so many log ratios into what they are worth, ``(K, K)``; kept, as few numbers occur."""
-        assert self.directions is not None
-        if num_touches > _MOST_KEPT:
-            return discounts(num_touches, self.directions)
-        if num_touches not in self._discounts:
-            self._discounts[num_touches] = discounts(num_touches, self.directions)
-        return self._discounts[num_touches]
-
-    @cached_property
-    def _discounts(self) -> dict[int, Floats]:
-        return {}
 
     @cached_property
     def _log_prior(self) -> Floats:

@@ -23,8 +23,10 @@ _BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alo
 class ObservationModel(Protocol):
     """What turns touches into evidence: all that trackers and planners ask for.
 
-    A model that has ``start()`` besides, an :class:`~belief.observation_model.evidence.ObjectEvidence` of no touches,
-    takes in touches one by one; any other is asked about all touches of an object after each.
+    Two members are optional. ``start()`` returns the :class:`~belief.observation_model.evidence.ObjectEvidence` of no
+    touches, which then takes in touches one by one; without it, the model is asked about all touches of an object after
+    each. ``repeat_correlation`` is the correlation ρ in [0, 1] of two touches of one object in one pose, by which
+    deciders discount repeats; without it, or if it is None, deciders repeat no pose before all others were used.
     """
 
     @property
@@ -177,18 +179,23 @@ class ArrayModel(FrozenArrays, ABC):
             self._tables[wanted] = self._tabulate(wanted, np.random.default_rng(0))
         return self._tables[wanted]
 
-    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
-        """What sums of the log-likelihoods of n single touches in one pose count as, where nothing else matters.
+    def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
+        """Weight of the sum of the log-likelihoods of n single touches in one pose.
 
-        Who follows many objects at once asks, and keeps sums in place of touches if there is an answer.
+        The log-likelihood of an object's touches is then the weighted sum over poses. Array environments keep such sums
+        in place of the touches.
 
         Args:
             num_touches: n, ``(...)``.
 
         Returns:
-            Factors ``(...)``; or matrices ``(..., K, K)``, to be applied to sums of log-likelihoods less their mean
-            over shapes; None, as for any model that does not say otherwise, if it takes the touches themselves.
+            Factors ``(...)``; None if the likelihood depends on more than these sums.
         """
+        return None
+
+    @property
+    def repeat_correlation(self) -> float | None:
+        """The correlation ρ in [0, 1] of two touches of one object in one pose; None if the model has none."""
         return None
 
     def alone(self, touch: Touch) -> TouchBatch:

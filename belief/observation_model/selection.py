@@ -33,7 +33,6 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
         "gaussian": GaussianModel.fit,
         "plda": PLDAModel.fit,
         "ratio": RatioModel.fit,
-        "ratio by direction": partial(RatioModel.fit, by_direction=True),
     }
 )
 """What :func:`choose_observation_model` chooses from, by name."""

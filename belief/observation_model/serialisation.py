@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from belief.files import unsealed_json
-from belief.observation_model.confusion import ConfusionModel
-from belief.observation_model.gaussian import GaussianModel
+from belief.observation_model.baselines.confusion import ConfusionModel
+from belief.observation_model.baselines.gaussian import GaussianModel
+from belief.observation_model.baselines.plda import PLDAModel
+from belief.observation_model.baselines.signature import SignatureModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.plda import PLDAModel
-from belief.observation_model.signature import SignatureModel
 
 _KINDS: dict[str, type[ArrayModel]] = {
     kind.name: kind for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel)

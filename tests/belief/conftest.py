@@ -18,8 +18,8 @@ from belief.observation_model import (
     RatioModel,
     SignatureModel,
 )
+from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.variance_components import Components
 from belief.synthetic import random_model
 
 LABELS = ("ball", "cube", "cone")
@@ -102,11 +102,9 @@ MODELS = {
     "plda, one touch per object": lambda: fit(PLDAModel, parts().alone),
     "plda, a shape never seen": lambda: fit(PLDAModel, parts().no_cones),
     "ratio": lambda: fit(RatioModel, parts().data),
-    "ratio by direction": lambda: fit(RatioModel, parts().data, by_direction=True),
     "ratio of a temperature": lambda: fit(RatioModel, parts().data, calibration=TemperatureScaling()),
     "ratio, no repeats": lambda: fit(RatioModel, parts().once),
     "ratio, a shape never seen": lambda: fit(RatioModel, parts().no_cones),
-    "ratio by direction, a shape never seen": lambda: fit(RatioModel, parts().no_cones, by_direction=True),
 }
 model_named = cache(lambda name: MODELS[name]())
 

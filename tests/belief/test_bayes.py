@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from belief import BatchedBeliefTracker, ImpossibleObservation
+from belief import ImpossibleObservation
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 
 log_likelihoods = arrays(np.float64, 4, elements=st.floats(-50, 50))
@@ -354,9 +354,7 @@ def test_what_is_possible_stays_possible_however_improbable(others, data):
 
 
 def test_what_overflowed_comes_back():
-    tracker = BatchedBeliefTracker(np.full((20, 2), 0.5))
-    for _ in range(3):
-        tracker.update(np.tile([0.0, -1.7e308], (20, 1)))
-    for _ in range(2):
-        tracker.update(np.tile([-1.7e308, 0.0], (20, 1)))
-    assert tracker.probs.tolist() == [[0.0, 1.0]] * 20
+    log_probs = np.log(np.full((20, 2), 0.5))
+    for step in [[0.0, -1.7e308]] * 3 + [[-1.7e308, 0.0]] * 2:
+        log_probs, _ = update(log_probs, np.tile(step, (20, 1)))
+    assert np.exp(log_probs).tolist() == [[0.0, 1.0]] * 20

@@ -22,9 +22,9 @@ from belief.observation_model import (
     RatioModel,
     SignatureModel,
 )
+from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.tabular import TabularModel
-from belief.observation_model.variance_components import Components
 from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
@@ -67,8 +67,8 @@ HOLDERS = {
         [np.array([[[0.0], [1.0]]]), IDENTITY],
     ),
     "RatioModel": (
-        lambda a, b, c: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b, directions=c),
-        [np.array([0.5, 0.5]), ROWS[None], 0.5 * np.eye(2)],
+        lambda a, b: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b),
+        [np.array([0.5, 0.5]), ROWS[None]],
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
     "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),

@@ -30,7 +30,7 @@ from belief import (
     validation,
 )
 from belief.observation_model import selection, tabular
-from belief.observation_model.variance_components import Components
+from belief.observation_model.baselines.variance_components import Components
 from belief.touch_batch import TouchBatch
 
 EXTREMES = (0.0, -0.0, 1.0, 0.5, 1 / 3, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
@@ -96,12 +96,6 @@ def about_logits(kind):
     return call
 
 
-def tracked(values, on_impossible=belief.RaiseImpossible()):  # noqa: B008
-    tracker = belief.BatchedBeliefTracker(np.full((len(values), 3), 1 / 3), on_impossible=on_impossible)
-    tracker.update(values)
-    return tracker.log_probs, tracker.log_evidence
-
-
 def tracked_one(values):
     tracker = belief.BeliefTracker(Belief.from_probs(LABELS, np.full(3, 1 / 3)), Told())
     for touch in touches(values):
@@ -135,17 +129,10 @@ def as_labels(values):
 # What to do with an array (4, 3): of probabilities, of scores, of anything.
 CALLS = {
     # belief
-    "BatchedBeliefTracker": tracked,
     "Belief": lambda a: (Belief.from_probs(LABELS, a[0]).log_probs, Belief(LABELS, a[1]).entropy),
     "BeliefTracker": tracked_one,
     "Composition": lambda a: belief.Composition(a[0, 0]).value,
     "Counts": lambda a: belief.Counts(dict(zip(LABELS, a[0].tolist(), strict=True))).total,
-    "FloorLikelihood": lambda a: (
-        tracked(a, belief.FloorLikelihood(-20.0)),
-        tracked(a, belief.FloorLikelihood(a[0, 0])),
-    ),
-    "IgnoreImpossible": lambda a: tracked(a, belief.IgnoreImpossible()),
-    "RaiseImpossible": lambda a: tracked(a, belief.RaiseImpossible()),
     "SceneBelief": scene,
     "SearchProblem": lambda a: belief.SearchProblem(LABELS, ("p",), 2, touch_cost=float(a[0, 0])).reward(0, 0, 2),
     "Touch": lambda a: Touch(0, a[0]).logits,
@@ -379,7 +366,6 @@ def test_an_answer_without_nan_or_an_error_that_says_why(name):
 ORDINARY = {
     "Belief": np.stack([np.full(3, 1 / 3), np.log(np.full(3, 1 / 3))]),
     "Counts": np.array([[2, 1, 0]]),
-    "FloorLikelihood": np.full((4, 3), -3.0),
     "GaussianModel": np.eye(4, 3),
     "LogitEmbedding": np.arange(1.0, 13.0).reshape(4, 3),
     "PLDAModel": np.vstack([np.eye(2, 3), np.eye(2, 3)]),

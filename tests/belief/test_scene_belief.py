@@ -12,16 +12,12 @@ from hypothesis.extra.numpy import arrays
 from belief import (
     Belief,
     Counts,
-    FloorLikelihood,
-    IgnoreImpossible,
     ImpossibleObservation,
     SceneBelief,
     SearchProblem,
     Touch,
     ZeroPriorTarget,
 )
-from belief.calibration import TemperatureScaling
-from belief.observation_model import ConfusionModel
 
 LABELS = ("a", "b", "c")
 COMPOSITIONS = {
@@ -208,24 +204,6 @@ def test_a_prior_that_rules_a_shape_out_is_not_talked_into_it():
     with pytest.raises(ImpossibleObservation, match="the prior rules it out"):
         scene.known(0, 2)
     assert scene.prob_present(2) == 0.0
-
-
-def certain_scene(on_impossible):
-    sensor = ConfusionModel(("a", "b"), np.eye(2)[None], TemperatureScaling(1.0, "ok"))
-    scene = SceneBelief(SearchProblem(("a", "b"), ("p",), 2), sensor, on_impossible=on_impossible)
-    scene.update(0, [Touch(0, np.array([1.0, 0.0]))])
-    return scene
-
-
-def test_an_impossible_touch_may_be_ignored_or_floored():
-    again = [Touch(0, np.array([1.0, 0.0]))]
-    ignoring = certain_scene(IgnoreImpossible())
-    assert ignoring.update(1, again).probs.tolist() == [0.0, 1.0]
-    assert ignoring.touches(1) == ()
-    floored = certain_scene(FloorLikelihood(-20.0))
-    assert floored.marginals()[0] == pytest.approx([1.0, np.exp(-20.0)])
-    np.testing.assert_allclose(floored.update(1, again).probs, 0.5)  # one of them felt wrong, nobody knows which
-    assert len(floored.touches(1)) == 1
 
 
 def test_the_state_is_as_small_as_the_scene_allows():

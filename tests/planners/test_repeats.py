@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from belief.calibration import TemperatureScaling
 from belief.observation_model import ConfusionModel, LogitEmbedding, PLDAModel, RatioModel, SignatureModel
+from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.repeat_discount import effective_touches
-from belief.observation_model.variance_components import Components
-from planners.repeats import CorrelatedRepeats, LeastUsedFirst, plda_correlation, repeat_discount
+from planners.repeats import CorrelatedRepeats, LeastUsedFirst, repeat_discount
 
 uses = st.lists(st.integers(0, 10_000), min_size=1, max_size=12)
 T1 = TemperatureScaling(1.0, "ok")
@@ -58,16 +58,16 @@ def plda(of_object, of_pose, of_touch):
 def test_the_correlation_of_plda_is_that_of_touches_beyond_their_object():
     # Where objects share nothing, equal covariances V = ρ, W = 1 - ρ are equal correlation.
     for rho in (0.0, 0.3, 0.9):
-        assert plda_correlation(plda(0.0, rho, 1.0 - rho)) == pytest.approx(rho)
+        assert plda(0.0, rho, 1.0 - rho).repeat_correlation == pytest.approx(rho)
     # What objects share takes worth from every second touch, in the same pose and in another, so repeats lose less.
-    assert plda_correlation(plda(5.0, 0.0, 1.0)) == pytest.approx(0.0)
-    assert 0.1 < plda_correlation(plda(5.0, 0.3, 0.7)) < 0.3
+    assert plda(5.0, 0.0, 1.0).repeat_correlation == pytest.approx(0.0)
+    assert 0.1 < plda(5.0, 0.3, 0.7).repeat_correlation < 0.3
 
 
 def test_shapes_that_feel_alike_have_no_repeats_to_discount():
     model = plda(1.0, 1.0, 1.0)
     alike = PLDAModel(model.shape_labels, model.embedding, np.zeros_like(model.means), model.components)
-    assert plda_correlation(alike) == 0.0
+    assert alike.repeat_correlation == 0.0
 
 
 def test_signatures_agree_twice_with_probability_rho_squared_beyond_chance():

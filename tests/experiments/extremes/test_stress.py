@@ -20,7 +20,7 @@ _EXTREMES = Path(__file__).parents[2] / "extremes"
 # The arguments are gone through, more strictly, in test_arguments.
 CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases_of(area) if not case.is_slow]
 # Words, bases and results that have no extremes of their own, and what is met through a table.
-WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "RaiseImpossible", "ObservationModel", "ArrayModel"}
+WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
 WORDS |= {"ClaimsAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
 WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel", "SignatureModel"}

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
-from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.covariances import (
+from belief.observation_model.baselines.covariances import (
     PoseStatistics,
     pooled,
     pose_means,
@@ -33,12 +32,13 @@ from belief.observation_model.covariances import (
     squares_within,
     whitened,
 )
-from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.baselines.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.baselines.variance_components import Components, estimate_components
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import sampled_table
-from belief.observation_model.variance_components import Components, estimate_components
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import as_real
@@ -161,6 +161,36 @@ class PLDAModel(ArrayModel):
     def log_likelihood_of(self, statistics: PoseStatistics) -> Floats:
         """See :class:`ArrayModel`."""
         return self._told(statistics)[0]
+
+    @property
+    def repeat_correlation(self) -> float:
+        """The ρ by which touches in one pose correlate, as far as that matters to telling shapes apart.
+
+        The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two, and its information
+        about the shape is the trace of the means' scatter between shapes over that covariance. Under equal correlation
+        a repeat adds (1 - ρ)/(1 + ρ) of what another pose adds; this is solved for ρ.
+
+        >>> from belief.observation_model import LogitEmbedding
+        >>> identity, means = np.stack([np.eye(2)] * 3), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
+        >>> embedding = LogitEmbedding(np.full(3, -9.0), np.full(3, 9.0))
+        >>> parts = Components(0 * identity, 0.3 * identity, 0.7 * identity)
+        >>> round(PLDAModel(("a", "b", "c"), embedding, means, parts).repeat_correlation, 6)
+        0.3
+        """
+        offsets = self.means - self.means.mean(axis=1, keepdims=True)  # (P, K, D)
+        scatter = np.einsum("pkd,pke->de", offsets, offsets)
+        shared, repeated, rest = (part.mean(axis=0) for part in self.components)
+
+        def information(covariance: Floats) -> float:
+            return float(np.trace(np.linalg.solve(covariance, scatter)))
+
+        once = information(shared + repeated + rest)
+        repeat = information(shared + repeated + rest / 2.0) - once
+        another = information(shared + (repeated + rest) / 2.0) - once
+        if another <= 0.0:  # all shapes have the same mean, so no touch has a value to discount
+            return 0.0
+        ratio = min(max(repeat / another, 0.0), 1.0)
+        return (1.0 - ratio) / (1.0 + ratio)
 
     def _told(self, found: PoseStatistics) -> Floats:
         """Log-likelihoods ``(S, K)``."""

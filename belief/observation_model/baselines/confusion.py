@@ -132,7 +132,7 @@ class ConfusionModel(ArrayModel):
         outcomes = self.outcomes_of(batch.logits)
         return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
 
-    def worth_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
+    def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`; all, as touches are independent."""
         return np.ones(np.shape(num_touches))
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.observation_model.baselines.covariances import pooled
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.covariances import pooled
 from belief.problem import Floats
 
 

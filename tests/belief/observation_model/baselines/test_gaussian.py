@@ -6,7 +6,7 @@ from scipy.stats import multivariate_normal
 
 from belief import Touch
 from belief.observation_model import GaussianModel, LogitEmbedding
-from belief.observation_model.covariances import pooled, positive_definite
+from belief.observation_model.baselines.covariances import pooled, positive_definite
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import softmax
 
 from belief.observation_model import FeatureEmbedding, LogitEmbedding
-from belief.observation_model.embedding import embedding_from_fields
+from belief.observation_model.baselines.embedding import embedding_from_fields
 from belief.touch_batch import TouchBatch
 
 

@@ -16,8 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.covariances import (
+from belief.observation_model.baselines.covariances import (
     PoseStatistics,
     pooled,
     pose_means,
@@ -28,7 +27,8 @@ from belief.observation_model.covariances import (
     squares_within,
     whitened,
 )
-from belief.observation_model.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.baselines.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable

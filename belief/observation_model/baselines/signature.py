@@ -20,8 +20,8 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.observation_model.baselines.confusion import ConfusionModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.confusion import ConfusionModel
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -108,6 +108,11 @@ class SignatureModel(ArrayModel):
     def num_poses(self) -> int:
         """P."""
         return self.confusion.num_poses
+
+    @property
+    def repeat_correlation(self) -> float:
+        """See :class:`ArrayModel`; ρ², as both of two touches show the signature with that probability."""
+        return self.repeat_probability**2
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`."""

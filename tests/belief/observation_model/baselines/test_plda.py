@@ -10,9 +10,9 @@ from scipy.stats import multivariate_normal
 
 from belief import Touch
 from belief.observation_model import GaussianModel, LogitEmbedding, PLDAModel
+from belief.observation_model.baselines.variance_components import Components, estimate_components
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.selection import log_posteriors
-from belief.observation_model.variance_components import Components, estimate_components
 from belief.touch_batch import TouchBatch
 
 LABELS = ("ball", "cube", "cone")
