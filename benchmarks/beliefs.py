@@ -1,4 +1,4 @@
-"""What beliefs, observation models and planning tables cost, and how much faster than pomdp-py. One thread.
+"""Measure the time of beliefs, observation models and outcome tables, compared with pomdp-py. One thread.
 
 Run: OMP_NUM_THREADS=1 python benchmarks/beliefs.py       (pomdp-py: Linux, Python 3.11 or 3.12)
 

@@ -1,4 +1,4 @@
-"""What fitting a calibration costs, and how many times faster the temperature is than netcal's. One thread.
+"""Measure the time of fitting a calibration, compared with netcal's temperature scaling. One thread.
 
 Run: python benchmarks/calibration.py       (needs netcal: pip install -c constraints.txt -e ".[bench]")
 

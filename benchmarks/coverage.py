@@ -1,4 +1,4 @@
-"""How often intervals for a calibration error cover it: plain percentiles, and ours, which correct for its bias.
+"""Measure the coverage of intervals for the calibration error: plain percentiles, and bias-corrected intervals.
 
 Run: python benchmarks/coverage.py         (some minutes on one core)
 

@@ -1,4 +1,4 @@
-"""What every decider makes of the same searches: return, success, touches, and the time a decision takes.
+"""Compare all deciders on the same searches: return, success, touches, and time per decision.
 
 Run: python benchmarks/deciders.py                     (--help for less; about an hour of one core as it stands)
 

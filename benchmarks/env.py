@@ -1,4 +1,4 @@
-"""Steps a second of processor time of the environments, live and from a bank, beside one that does nothing.
+"""Measure steps per second of processor time of the environments, live and from a bank, and of a trivial one.
 
 Run: python benchmarks/env.py [SCENE] [BANK]     (a bank from: activetouch touch-bank --scene SCENE)
 

@@ -1,4 +1,4 @@
-"""Whether touches in different poses are independent given the shape, as tables of outcomes take them to be.
+"""Test whether touches in different poses are independent given the shape, as outcome tables assume.
 
 Run: python benchmarks/independence.py paper           (needs data/paper-repeats: see docs/calibration.md)
 

@@ -1,4 +1,4 @@
-"""MuJoCo's own tactile sensor, as a cross-check of our height maps: how deep each taxel is inside the object.
+"""Compare our height maps with MuJoCo's own tactile sensor: the depth of each taxel inside the object.
 
 It reports, for every vertex of a plate, the distance to the nearest surface of an object the vertex is inside of (0
 outside). Our indentation is measured along the pad's normal instead. Both agree on which taxels are inside, and where

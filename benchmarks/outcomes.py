@@ -1,4 +1,4 @@
-"""What plans lose by seeing touches as outcomes of a table, which has few.
+"""Measure the return that planning loses because an outcome table has few outcomes.
 
 Run: python benchmarks/outcomes.py                     (--help for other scenes and sizes; some minutes)
 

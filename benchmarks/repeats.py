@@ -1,4 +1,4 @@
-"""What it gains to know the price of repeats: searches among recorded objects that were touched again and again.
+"""Measure the benefit of discounting repeated touches: searches among recorded objects with many touches per pose.
 
 Run: python benchmarks/repeats.py                      (needs data/coarse-repeats: see docs/calibration.md)
 

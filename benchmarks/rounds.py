@@ -1,4 +1,4 @@
-"""Timing in interleaved rounds, so that a machine that drifts is unfair to no case."""
+"""Time several cases in interleaved rounds, so that a change of the machine's speed affects all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What sending work to other processes or machines costs: milliseconds an episode, beside what an episode takes.
+"""Measure the overhead of other processes or machines: milliseconds per shard and per episode.
 
     python benchmarks/scale.py                                        this process, two processes, a Dask cluster of two
     python benchmarks/scale.py --scheduler tcp://10.0.0.1:8786        your cluster

@@ -1,4 +1,4 @@
-"""How near to the best possible solved policies are, and what solving and deciding cost. One thread.
+"""Compare the return of solved policies with upper bounds, and measure the time of solving and deciding. One thread.
 
 Run: python benchmarks/solve.py                                                        (half an hour)
      python benchmarks/solve.py coarse paper --outcomes 24 --touch-costs 0.02 --no-bounds   (finer tables)

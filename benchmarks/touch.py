@@ -1,4 +1,4 @@
-"""What the parts of a touch cost: pressing, drawing, reading, believing. One process, one thread.
+"""Measure the time of the parts of a touch: press, rendering, network, belief. One process, one thread.
 
 Run: python benchmarks/touch.py
 

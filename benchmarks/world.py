@@ -1,4 +1,4 @@
-"""What the world costs: presses, images, the robot, MuJoCo's own tactile sensor. Ratios within one run.
+"""Measure the time of presses, images, the robot, and MuJoCo's own tactile sensor, as ratios within one run.
 
 Run: python benchmarks/world.py            (MENAGERIE_ROOT=... adds the rows with the robot)
 

@@ -2,8 +2,8 @@
 
 Run: python examples/01_update_a_belief.py
 
-A sensor that is right eight times in ten, otherwise names one of the other shapes at random, says "cone" three times
-and "cylinder" once.
+The sensor is right eight times in ten and otherwise names one of the other shapes at random. It names "cone" three
+times and "cylinder" once.
 """
 
 import numpy as np

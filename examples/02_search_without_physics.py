@@ -1,4 +1,4 @@
-"""Compare deciders in a world sampled from an observation model: no MuJoCo, no network, seconds in all.
+"""Compare deciders in a world that samples touches from an observation model, without MuJoCo or a network, in seconds.
 
 Run: python examples/02_search_without_physics.py
 """

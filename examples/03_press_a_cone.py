@@ -1,4 +1,4 @@
-"""Press a cone against the pad in MuJoCo, in all six poses, and see what the sensor feels.
+"""Press a cone against the pad in MuJoCo in all six poses, and print the measurements of the sensor.
 
 Run: python examples/03_press_a_cone.py
 """

@@ -1,4 +1,4 @@
-"""Teach the sensor a shape from a mesh file, a cup, and search for it among the four it knows.
+"""Train the sensor on a shape from a mesh file, a cup, and search for it among the four built-in shapes.
 
 Run: python examples/04_a_mesh_of_your_own.py          (five minutes on two idle cores; everything goes to runs/cup)
 
