@@ -9,9 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
 from multiprocessing.context import BaseContext
+from types import FrameType
 from typing import TypeVar
+
+from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
 
 T = TypeVar("T")
 
@@ -45,20 +49,34 @@ def _watch(parent: int | None) -> None:
 def end_workers() -> None:
     """Kill the processes that this one started to share its work."""
     for child in multiprocessing.active_children():
-        child.kill()
+        if child.pid is not None:
+            with suppress(ProcessLookupError):  # loky's processes have no kill()
+                os.kill(child.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 @contextmanager
 def born_deaf() -> Iterator[None]:
-    """Have processes that are started in a block ignore Ctrl-C from their first moment, as this one does meanwhile."""
-    if threading.current_thread() is not threading.main_thread():
+    """Start the processes of a block so that they do not hear Ctrl-C; this one hears it when the block ends.
+
+    A new process inherits which signals its starter blocks. The trackers of shared resources are started before,
+    because starting one ends the blocking.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler) or os.name != "posix":
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()
+    loky_resource_tracker.ensure_running()
+    heard: list[tuple[int, FrameType | None]] = []
+    signal.signal(signal.SIGINT, lambda number, frame: heard.append((number, frame)))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if heard:
+            handler(*heard[0])
 
 
 def in_own_process(context: BaseContext, function: Callable[..., T], *arguments: object) -> T:

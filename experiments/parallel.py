@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -70,11 +71,17 @@ def run_lazily(
     with _backend(scheduler), progress_bar() as progress:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         bar = progress.add_task(description, total=total)
-        with born_deaf():
-            results = parallel(joblib.delayed(task)() for task in tasks)
-        for result in results:
-            progress.advance(bar)
-            yield result
+        results: Any = (task for task in ())
+        try:
+            with born_deaf():
+                results = parallel(joblib.delayed(task)() for task in tasks)
+            for result in results:
+                progress.advance(bar)
+                yield result
+        finally:
+            with warnings.catch_warnings():  # that tasks are left undone where the caller stops early, as it knows
+                warnings.simplefilter("ignore", UserWarning)
+                results.close()
         progress.update(bar, completed=total)
 
 

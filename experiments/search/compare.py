@@ -14,7 +14,7 @@ from rich.console import Console
 from activetouch.rendering import RENDERERS
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
-from belief.files import unsealed_json
+from belief.files import require_writable, unsealed_json
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
@@ -283,6 +283,7 @@ class Compare:
         if (self.backend == "dask") != (self.scheduler is not None):
             raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
         self._part()
+        require_writable(self.folder)
         for name in self.deciders:
             if name not in DECIDERS:
                 raise UnknownName("decider", name, list(DECIDERS))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from experiments.command_line.console import plain_console
 from experiments.search.summary import Comparison
 from experiments.search.tables import ALL
 
@@ -28,8 +28,7 @@ def render_table(comparison: Comparison, width: int = 80) -> Table:
 
 
 def _needed(table: Table) -> int:
-    console = Console(width=10_000)
-    return console.measure(table).maximum
+    return plain_console(width=10_000).measure(table).maximum
 
 
 def _table(comparison: Comparison, shown: list[str]) -> Table:

@@ -175,8 +175,8 @@ def test_a_touch_that_nothing_explains_is_an_error_and_not_a_decision(name):
     problem = SearchProblem(tuple("abc"), ("p", "q"), 3)
 
     class Impossible(TabularModel):
-        def log_likelihood(self, touches):
-            return np.full(3, -np.inf) if touches else np.zeros(3)
+        def log_likelihood_of(self, statistics):
+            return np.full(3, -np.inf)
 
     model = Impossible(tuple("abc"), nonsense)
     world = SyntheticWorld(model, (1, 0, 2))
