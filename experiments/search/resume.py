@@ -81,7 +81,7 @@ def play_missing(
 
     keys = [key for key in list(sizes)[first::parts] if not done(key)]
     # In random order: of several processes that fill one folder, each then finds most shards of the others done.
-    np.random.default_rng().shuffle(keys)  # type: ignore[arg-type]
+    np.random.default_rng().shuffle(keys)
 
     def missing() -> Iterator[ShardTask]:
         return (
