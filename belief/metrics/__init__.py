@@ -19,7 +19,7 @@ from belief.metrics.binned import (
     expected_calibration_error,
 )
 from belief.metrics.brier import BrierDecomposition, brier_decomposition, brier_score
-from belief.metrics.claims import ClaimsAtStop, StopScore, claims_at_stop
+from belief.metrics.calibration_at_stop import CalibrationAtStop, StopScore, calibration_at_stop
 from belief.metrics.confusion import ShapeScore, confusion_matrix, shape_scores
 from belief.metrics.interval import bias_corrected_interval
 from belief.metrics.null_distribution import null_quantile
@@ -30,9 +30,9 @@ from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
     "BrierDecomposition",
+    "CalibrationAtStop",
     "CalibrationError",
     "CalibrationReport",
-    "ClaimsAtStop",
     "ReliabilityCurve",
     "ShapeScore",
     "StopScore",
@@ -40,8 +40,8 @@ __all__ = [
     "bias_corrected_interval",
     "brier_decomposition",
     "brier_score",
+    "calibration_at_stop",
     "calibration_report",
-    "claims_at_stop",
     "classwise_calibration_error",
     "confusion_matrix",
     "debiased_calibration_error",

@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from belief.validation import as_real, unmasked
-
-_TOLERANCE = 2e-3  # of a row's sum: float16 probabilities of a dozen shapes err by half of that
+from belief.validation import SUM_TOLERANCE, as_real, unmasked
 
 
 def checked_probs(probs: ArrayLike) -> Floats:
@@ -26,12 +24,12 @@ def checked_probs(probs: ArrayLike) -> Floats:
     p = np.asarray(as_real(probs, "probs"), np.float64)
     if p.ndim != 2 or p.size == 0:
         raise ValueError(f"need probs (n, K) with n ≥ 1 and K ≥ 1, got shape {p.shape}")
-    sums = np.where((p >= 0.0) & (p <= 1.0 + _TOLERANCE), p, np.inf) @ np.ones(p.shape[1])
-    bad = np.abs(sums - 1.0) > _TOLERANCE
+    sums = np.where((p >= 0.0) & (p <= 1.0 + SUM_TOLERANCE), p, np.inf) @ np.ones(p.shape[1])
+    bad = np.abs(sums - 1.0) > SUM_TOLERANCE
     if bad.any():
         row = int(np.argmax(bad))
         raise ValueError(
-            f"probs in row {row} are no distribution: {p[row].tolist()}; need numbers ≥ 0 with sum 1 ± {_TOLERANCE}"
+            f"probs in row {row} are no distribution: {p[row].tolist()}; need numbers ≥ 0 with sum 1 ± {SUM_TOLERANCE}"
         )
     return np.asarray(p / sums[:, None])
 

@@ -27,6 +27,7 @@ from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, fit_correlation, repeats
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import SUM_TOLERANCE, renormalised
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 _REFERENCES = 500  # touches kept of each pose
@@ -70,7 +71,7 @@ class RatioModel(ArrayModel):
     def __post_init__(self) -> None:
         prior = np.asarray(self.training_prior, np.float64)
         num_shapes = len(self.shape_labels)
-        if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > 2e-3:
+        if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"training_prior must be {num_shapes} positive shares that sum to one, got {prior}")
         if not 0.0 <= self.correlation < 1.0:
             raise ValueError(f"correlation must be in [0, 1), got {self.correlation}")
@@ -83,8 +84,7 @@ class RatioModel(ArrayModel):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
         if self.status not in get_args(Status):
             raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
-        # What is normalised already keeps its last bit, as on reload.
-        object.__setattr__(self, "training_prior", prior / prior.sum() if abs(prior.sum() - 1.0) > 1e-12 else prior)
+        object.__setattr__(self, "training_prior", renormalised(prior))
         object.__setattr__(self, "references", references)
         self.freeze()
 

@@ -11,6 +11,7 @@ from scipy.special import entr
 from belief.bayes import expected_information_gain
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
+from belief.validation import SUM_TOLERANCE, renormalised
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +39,13 @@ class OutcomeTable(FrozenArrays):
         if probs.ndim != 3 or probs.size == 0:
             raise ValueError(f"probs must be (P, K, M) with no axis empty, got shape {probs.shape}")
         with np.errstate(over="ignore", invalid="ignore"):
-            bad = ~((probs >= 0.0).all(axis=2) & (np.abs(probs.sum(axis=2) - 1.0) <= 2e-3))
+            bad = ~((probs >= 0.0).all(axis=2) & (np.abs(probs.sum(axis=2) - 1.0) <= SUM_TOLERANCE))
         if bad.any():
             pose, shape = (int(i) for i in np.argwhere(bad)[0])
             raise ValueError(
                 f"probs[pose {pose}, shape {shape}] is no distribution over outcomes: {probs[pose, shape].tolist()}"
             )
-        totals = probs.sum(axis=2, keepdims=True)
-        if np.abs(totals - 1.0).max() > 1e-12:  # what is already normalised keeps its last bit, as on reload
-            probs /= totals
+        probs = renormalised(probs)
         probs.flags.writeable = False  # a copy already
         object.__setattr__(self, "probs", probs)
 

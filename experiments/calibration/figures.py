@@ -168,7 +168,7 @@ def claims(models: Sequence[ModelScores], shown: Sequence[str], confidence: floa
                 )
                 colour, reach = colours[scores.name], np.maximum([right - low, high - right], 0.0)
                 axes.plot(
-                    x, [score.mean_claim for score in kept], color=colour, marker="_", markersize=8, linewidth=0.8
+                    x, [score.mean_stated for score in kept], color=colour, marker="_", markersize=8, linewidth=0.8
                 )
                 axes.errorbar(x, right, reach, fmt="o", color=colour, markersize=4, elinewidth=1)
             axes.set(title=kind, xlabel="touches at the stop", ylabel="share", ylim=(lowest - 0.02, 1.01))

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import softmax
 
 from belief import Touch
-from belief.metrics import CalibrationError, ClaimsAtStop, accuracy, claims_at_stop, negative_log_likelihood
+from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
 from belief.observation_model import ArrayModel, RatioModel, information_of_touch
 from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.selection import OBSERVATION_MODELS, ModelChoice, choose_observation_model
@@ -49,7 +49,7 @@ class StopScores:
     """
 
     num_sequences: int
-    claims: ClaimsAtStop | None
+    claims: CalibrationAtStop | None
     right: tuple[float, float, float] | None
 
 
@@ -143,7 +143,7 @@ def _stops(log_probs: Floats, sequences: Sequences, confidence: float, rng: np.r
     if not len(found.sequences):
         return StopScores(len(sequences), None, None)
     right = cluster_bootstrap(found.correct, sequences.object_ids[found.sequences], rng)
-    return StopScores(len(sequences), claims_at_stop(found.claims, found.correct, found.num_touches), right)
+    return StopScores(len(sequences), calibration_at_stop(found.claims, found.correct, found.num_touches), right)
 
 
 def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:

@@ -67,7 +67,7 @@ def _without_discount(found: Measurements) -> list[str]:
     if not all(claims_of):
         return []
     kept = [
-        f"{decimals(some.overall.share_right)} of those that claim {decimals(some.overall.mean_claim)}"
+        f"{decimals(some.overall.share_right)} of those that claim {decimals(some.overall.mean_stated)}"
         for some in claims_of
         if some is not None
     ]
@@ -229,7 +229,7 @@ def _stops(found: Measurements) -> Section:
                     name,
                     f"{every.count} of {stopped.num_sequences}",
                     f"{mean:.2f}",
-                    decimals(every.mean_claim, 4),
+                    decimals(every.mean_stated, 4),
                     decimals(every.share_right, 4),
                     decimals(every.low, 4),
                     f"[{decimals(low, 4)}, {decimals(high, 4)}]",
@@ -240,7 +240,7 @@ def _stops(found: Measurements) -> Section:
                     name,
                     str(score.num_touches),
                     str(score.count),
-                    decimals(score.mean_claim),
+                    decimals(score.mean_stated),
                     f"{decimals(score.share_right)} [{decimals(score.low)}, {decimals(score.high)}]",
                 )
                 for score in stopped.claims.by_num_touches

@@ -102,7 +102,7 @@ def _judge_right(stopped: StopScores, confidence: float) -> Check:
         target,
         decimals(overall.low),
         confidence - overall.low,
-        f"{overall.count} stops claim {decimals(overall.mean_claim)} and {decimals(overall.share_right)} are right, "
+        f"{overall.count} stops claim {decimals(overall.mean_stated)} and {decimals(overall.share_right)} are right, "
         f"[{decimals(low)}, {decimals(high)}] if objects are resampled",
     )
 
@@ -120,14 +120,14 @@ def _judge_gaps(stopped: StopScores) -> Check:
         target,
         decimals(_gap(worst)),
         _gap(worst) - GAP,
-        f"after {_touches(worst.num_touches)}, where {worst.count} stops claim {decimals(worst.mean_claim)} and "
+        f"after {_touches(worst.num_touches)}, where {worst.count} stops claim {decimals(worst.mean_stated)} and "
         f"{decimals(worst.share_right)} are right; the claim is {chance} "
         f"[{decimals(worst.low)}, {decimals(worst.high)}]",
     )
 
 
 def _gap(score: StopScore) -> float:
-    return abs(score.mean_claim - score.share_right)
+    return abs(score.mean_stated - score.share_right)
 
 
 def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: str, model: str) -> str:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief import Confirm, SearchProblem
-from belief.metrics import ClaimsAtStop, claims_at_stop
+from belief.metrics import CalibrationAtStop, calibration_at_stop
 from belief.statistics import paired_bootstrap, wilson_interval
 from planners import Episode
 
 
-def claims(episodes: Sequence[Episode]) -> ClaimsAtStop | None:
+def claims(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
     """Claim against right of the searches that confirmed something, by touches of the object that was confirmed.
 
     The claim is the posterior probability, when confirming, that the object is the target.
@@ -24,7 +24,7 @@ def claims(episodes: Sequence[Episode]) -> ClaimsAtStop | None:
     stops = [(episode, episode.steps[-1]) for episode in episodes if _confirmed(episode)]
     if not stops:
         return None
-    return claims_at_stop(
+    return calibration_at_stop(
         [min(float(step.belief.probs[episode.target]), 1.0) for episode, step in stops],
         [episode.success for episode, _ in stops],
         [sum(s.touch is not None and s.object_index == last.object_index for s in e.steps) for e, last in stops],

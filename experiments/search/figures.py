@@ -152,7 +152,7 @@ def promises(axes: Axes, comparison: Comparison) -> None:
         achieved = max(1.0 - score.share_right, _SMALLEST_ERROR)
         bounds = (max(1.0 - score.high, _SMALLEST_ERROR), max(1.0 - score.low, _SMALLEST_ERROR))
         _whiskers(axes, [achieved], [y], [bounds], index, name)
-        promised = max(1.0 - score.mean_claim, _SMALLEST_ERROR)
+        promised = max(1.0 - score.mean_stated, _SMALLEST_ERROR)
         axes.plot(promised, y, marker="D", markerfacecolor="none", markersize=8, color=_colour(index))
     axes.set(xscale="log", xlim=(_SMALLEST_ERROR / 1.3, 1.2), xlabel="error when confirming")
     axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from belief import SearchProblem
-from belief.metrics import ClaimsAtStop
+from belief.metrics import CalibrationAtStop
 from belief.statistics import wilson_interval
 from experiments.search.episode_statistics import Place, by_position, claims, gap, regret
 from experiments.search.paired import Difference, differences, prob_best
@@ -95,7 +95,7 @@ class Comparison:
     cells: Mapping[tuple[str, str], Cell]
     differences: Mapping[str, Difference]
     positions: Mapping[str, Sequence[Place]]
-    claims: Mapping[str, ClaimsAtStop | None]
+    claims: Mapping[str, CalibrationAtStop | None]
     regret: Mapping[str, tuple[float, float, float]]
     gap: Mapping[str, tuple[float, float, float] | None]
     prob_best: Mapping[str, float]

@@ -180,8 +180,8 @@ def promises(comparison: Comparison) -> Sheet:
             rows.append((name, 0, None, None, None, "never confirmed"))
             continue
         s = found.overall
-        kept = "yes" if s.is_consistent else ("claims too much" if s.mean_claim > s.high else "claims too little")
-        rows.append((name, s.count, 1.0 - s.mean_claim, 1.0 - s.share_right, (1.0 - s.high, 1.0 - s.low), kept))
+        kept = "yes" if s.is_consistent else ("claims too much" if s.mean_stated > s.high else "claims too little")
+        rows.append((name, s.count, 1.0 - s.mean_stated, 1.0 - s.share_right, (1.0 - s.high, 1.0 - s.low), kept))
     return Sheet(
         "promises",
         "Promised and achieved error of confirmations",
@@ -198,7 +198,7 @@ def promises(comparison: Comparison) -> Sheet:
 def claims(comparison: Comparison) -> Sheet:
     """Claim against right at the stop, by touches of the object."""
     rows = [
-        (name, str(s.num_touches), s.count, s.mean_claim, s.share_right, (s.low, s.high))
+        (name, str(s.num_touches), s.count, s.mean_stated, s.share_right, (s.low, s.high))
         for name, found in comparison.claims.items()
         if found is not None
         for s in found.by_num_touches

@@ -113,9 +113,9 @@ def _promises(comparison: Comparison) -> list[str]:
         told.append(f"When confirming, {_and(kept)} {verb}: the claimed error lies in the interval of the achieved.")
     for name, score in scores.items():
         if not score.is_consistent:
-            much = "more" if score.mean_claim > score.high else "less"
+            much = "more" if score.mean_stated > score.high else "less"
             told.append(
-                f"{name} claims {much} than it keeps: {_share(score.mean_claim)} on average when confirming, and is "
+                f"{name} claims {much} than it keeps: {_share(score.mean_stated)} on average when confirming, and is "
                 f"right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
             )
     return told

@@ -175,7 +175,7 @@ CALLS = {
     "brier_decomposition": lambda a: metrics.brier_decomposition(a, SHAPES),
     "brier_score": lambda a: metrics.brier_score(a, SHAPES),
     "calibration_report": lambda a: metrics.calibration_report(a, SHAPES, num_resamples=2),
-    "claims_at_stop": lambda a: metrics.claims_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
+    "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], a[:, 1] > 0.5, np.arange(4)),
     "classwise_calibration_error": lambda a: metrics.classwise_calibration_error(a, SHAPES),
     "confusion_matrix": lambda a: metrics.confusion_matrix(a, SHAPES),
     "debiased_calibration_error": lambda a: metrics.debiased_calibration_error(a, SHAPES),

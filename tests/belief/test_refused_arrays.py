@@ -26,7 +26,7 @@ OF_NUMBERS = {
     "expected_calibration_error": lambda a: metrics.expected_calibration_error(a, TRUTH),
     "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, TRUTH),
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, np.random.default_rng(0)),
-    "claims_at_stop": lambda a: metrics.claims_at_stop(a[:, 0], TRUTH, TRUTH),
+    "calibration_at_stop": lambda a: metrics.calibration_at_stop(a[:, 0], TRUTH, TRUTH),
     "MahalanobisScore": lambda a: MahalanobisScore.fit(a, TRUTH),
     "energy_score": energy_score,
     "auroc": lambda a: auroc(a[:2, 0], a[2:, 0]),

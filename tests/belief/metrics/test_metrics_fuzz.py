@@ -132,7 +132,7 @@ OF_PAIRS = {
     "mcnemar_test": statistics.mcnemar_test,
     "pareto_front": statistics.pareto_front,
     "pareto_probabilities": lambda x, y: statistics.pareto_probabilities(x[None], y[None]),
-    "claims_at_stop": lambda x, y: metrics.claims_at_stop(x, y == 1.0, np.arange(len(x))),
+    "calibration_at_stop": lambda x, y: metrics.calibration_at_stop(x, y == 1.0, np.arange(len(x))),
     "shape_scores": lambda x, y: metrics.shape_scores(np.outer(np.abs(x), np.abs(y))),
     "wilson_interval": lambda x, y: statistics.wilson_interval(x[0] if len(x) else 0, y[0] if len(y) else 0),
     "clopper_pearson_interval": lambda x, y: statistics.clopper_pearson_interval(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from belief import metrics
-from belief.metrics import calibration_report, claims_at_stop, reliability_curve
+from belief.metrics import calibration_at_stop, calibration_report, reliability_curve
 
 
 def draw(rng, n=400, num_shapes=3):
@@ -85,11 +85,11 @@ def test_a_curve_of_no_shape_is_refused(shape):
 
 
 def test_claims_are_compared_by_number_of_touches():
-    scores = claims_at_stop([0.9, 1.0, 0.8, 0.6], np.array([1, 1, 0, 1]), [3, 1, 3, 3])
+    scores = calibration_at_stop([0.9, 1.0, 0.8, 0.6], np.array([1, 1, 0, 1]), [3, 1, 3, 3])
     one, three = scores.by_num_touches
-    assert (one.num_touches, one.count, one.mean_claim, one.share_right) == (1, 1, 1.0, 1.0)
+    assert (one.num_touches, one.count, one.mean_stated, one.share_right) == (1, 1, 1.0, 1.0)
     assert (three.num_touches, three.count, three.share_right) == (3, 3, 2 / 3)
-    assert three.mean_claim == pytest.approx(2.3 / 3)
+    assert three.mean_stated == pytest.approx(2.3 / 3)
     assert three.low == pytest.approx(stats.beta.ppf(0.025, 2, 2))
     assert three.high == pytest.approx(stats.beta.ppf(0.975, 3, 1))
     assert (scores.overall.num_touches, scores.overall.count, scores.overall.share_right) == (None, 4, 0.75)
@@ -97,10 +97,10 @@ def test_claims_are_compared_by_number_of_touches():
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.booleans(), st.integers(0, 5)), min_size=1, max_size=30))
 def test_claims_of_all_are_the_weighted_claims_of_each(rows):
-    scores = claims_at_stop(*map(list, zip(*rows, strict=True)))
+    scores = calibration_at_stop(*map(list, zip(*rows, strict=True)))
     counts = [s.count for s in scores.by_num_touches]
     assert sum(counts) == scores.overall.count == len(rows)
-    for name in ("mean_claim", "share_right"):
+    for name in ("mean_stated", "share_right"):
         mean = np.average([getattr(s, name) for s in scores.by_num_touches], weights=counts)
         assert getattr(scores.overall, name) == pytest.approx(mean, abs=1e-12)
 
@@ -108,7 +108,7 @@ def test_claims_of_all_are_the_weighted_claims_of_each(rows):
 def test_multiplying_dependent_touches_is_seen_where_the_average_hides_it(rng):
     # One touch claims .8 and is right .9; three claim .99 and are right .9: the averages agree within the interval.
     right = np.tile(np.arange(100) % 10 > 0, 2)
-    scores = claims_at_stop(np.repeat([0.8, 0.99], 100), right, np.repeat([1, 3], 100))
+    scores = calibration_at_stop(np.repeat([0.8, 0.99], 100), right, np.repeat([1, 3], 100))
     assert scores.overall.is_consistent
     assert not any(score.is_consistent for score in scores.by_num_touches)
 
@@ -129,7 +129,7 @@ def test_multiplying_dependent_touches_is_seen_where_the_average_hides_it(rng):
 )
 def test_claims_that_cannot_be_are_refused(claims, correct, num_touches, message):
     with pytest.raises(ValueError, match=message):
-        claims_at_stop(claims, correct, num_touches)
+        calibration_at_stop(claims, correct, num_touches)
 
 
 def test_the_report_holds_what_the_single_functions_say(rng):

@@ -9,7 +9,7 @@ import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
-from belief.metrics import CalibrationError, StopScore, claims_at_stop
+from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
@@ -127,7 +127,7 @@ def fused(ece, num_touches=1):
 
 
 def stopped(claims, correct, num_touches):
-    return StopScores(10_000, claims_at_stop(claims, correct, num_touches), (float(np.mean(correct)), 0.9, 1.0))
+    return StopScores(10_000, calibration_at_stop(claims, correct, num_touches), (float(np.mean(correct)), 0.9, 1.0))
 
 
 def scores(name, loss, ece, found):
@@ -143,7 +143,7 @@ def test_targets_hold_up_to_their_limits_and_say_by_how_much_they_are_missed():
     error, share, gap = judge_model(bad, 0.95)["one pose"]
     assert error.missed_by == pytest.approx(0.011)
     assert "after 2 touches" in error.detail
-    assert share.missed_by == pytest.approx(0.95 - claims_at_stop([1.0] * 4000, wrong, [1] * 4000).overall.low)
+    assert share.missed_by == pytest.approx(0.95 - calibration_at_stop([1.0] * 4000, wrong, [1] * 4000).overall.low)
     assert gap.missed_by == pytest.approx(0.02)
     assert "the claim is outside" in gap.detail
 
@@ -233,8 +233,8 @@ def test_taking_repeats_for_independent_claims_more_than_is_right(rng):
         score_model("ratio", replace(model, correlation=rho), None, sequences, 0.95, rng) for rho in (0.9, 0.0)
     )
     overall: list[StopScore] = [found.stops["one pose"].claims.overall for found in (honest, naive)]
-    assert abs(overall[0].mean_claim - overall[0].share_right) < 0.01
-    assert overall[1].mean_claim - overall[1].share_right > 0.03
+    assert abs(overall[0].mean_stated - overall[0].share_right) < 0.01
+    assert overall[1].mean_stated - overall[1].share_right > 0.03
     assert naive.fused["one pose"][-1].nll > honest.fused["one pose"][-1].nll
 
 

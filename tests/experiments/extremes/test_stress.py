@@ -22,7 +22,7 @@ CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases
 # Words, bases and results that have no extremes of their own, and what is met through a table.
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
-WORDS |= {"ClaimsAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
+WORDS |= {"CalibrationAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
 WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel", "SignatureModel"}
 WORDS |= {"FeatureEmbedding", "LogitEmbedding", "SceneView", "TouchHistory", "read_origin"}
 

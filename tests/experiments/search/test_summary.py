@@ -136,7 +136,7 @@ def test_claims_are_the_posterior_of_the_confirmed_object_by_its_own_touches():
     ]
     found = claims(episodes)
     assert [(s.num_touches, s.count) for s in found.by_num_touches] == [(1, 3)]
-    assert found.overall.mean_claim == pytest.approx(0.8)
+    assert found.overall.mean_stated == pytest.approx(0.8)
     assert found.overall.share_right == pytest.approx(2 / 3)
     assert (found.overall.low, found.overall.high) == clopper_pearson_interval(2, 3)
     assert claims(episodes[3:]) is None

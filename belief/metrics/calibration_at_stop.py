@@ -1,0 +1,124 @@
+"""Calibration at stopping: the stated confidence of searches when they stop, and how many of them are right.
+
+Scores are given for each number of touches. Touches of one object have correlated errors, so a model that treats them
+as independent is well calibrated after one touch and overconfident after several; an average over all hides that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.problem import Floats
+from belief.statistics.inputs import checked_outcomes
+from belief.statistics.proportion import clopper_pearson_interval
+from belief.validation import as_real, unmasked
+
+
+@dataclass(frozen=True)
+class StopScore:
+    """Stated confidence and share right of the episodes that stopped after one number of touches, or of all.
+
+    Attributes:
+        num_touches: at which they stopped; None for all episodes together.
+        count: how many they are, ≥ 1.
+        mean_stated: mean of their stated confidence.
+        share_right: how many of them were right.
+        low: lower Clopper-Pearson bound of that share.
+        high: upper Clopper-Pearson bound.
+
+    >>> StopScore(num_touches=2, count=50, mean_stated=0.97, share_right=0.8, low=0.66, high=0.9).is_consistent
+    False
+    """
+
+    num_touches: int | None
+    count: int
+    mean_stated: float
+    share_right: float
+    low: float
+    high: float
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether the mean stated confidence lies in the interval for the share right."""
+        return self.low <= self.mean_stated <= self.high
+
+
+@dataclass(frozen=True)
+class CalibrationAtStop:
+    """Stated confidence and share right at the stop, by number of touches; prints as a table.
+
+    Attributes:
+        by_num_touches: one score for each number of touches that occurred, in rising order.
+        overall: of all episodes.
+        confidence: of the intervals.
+
+    >>> print(calibration_at_stop([0.9, 0.99, 0.97], [True, True, False], [1, 2, 2]))
+    touches   count  stated   right   95 % interval
+    1             1   0.900   1.000   0.025-1.000
+    2             2   0.980   0.500   0.013-0.987
+    all           3   0.953   0.667   0.094-0.992
+    """
+
+    by_num_touches: tuple[StopScore, ...]
+    overall: StopScore
+    confidence: float = 0.95
+
+    def __str__(self) -> str:
+        lines = [f"touches   count  stated   right   {100 * self.confidence:g} % interval"]
+        for score in (*self.by_num_touches, self.overall):
+            name = "all" if score.num_touches is None else str(score.num_touches)
+            lines.append(
+                f"{name:<7} {score.count:>7}   {score.mean_stated:.3f}   {score.share_right:.3f}   "
+                f"{score.low:.3f}-{score.high:.3f}"
+            )
+        return "\n".join(lines)
+
+
+def calibration_at_stop(
+    stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike, confidence: float = 0.95
+) -> CalibrationAtStop:
+    """Compare the stated confidence of searches with how often they are right, by number of touches.
+
+    Args:
+        stated: stated confidence, the posterior probability of the answer at the stop, ``(n,)``, in [0, 1].
+        correct: whether the answer was right, ``(n,)``, booleans or 0 and 1.
+        num_touches: after which it stopped, ``(n,)``, integers ≥ 0.
+        confidence: of the intervals, in (0, 1).
+
+    Raises:
+        ValueError: the arrays are empty or differ in length; a confidence is outside [0, 1]; ``correct`` is not boolean
+            or 0 and 1; ``num_touches`` is not integer or is negative.
+
+    >>> scores = calibration_at_stop([0.9, 0.99, 0.97], [True, True, False], [1, 2, 2])
+    >>> [(s.num_touches, s.count, round(s.mean_stated, 2), s.share_right) for s in scores.by_num_touches]
+    [(1, 1, 0.9, 1.0), (2, 2, 0.98, 0.5)]
+    """
+    confidences, right, touches = (
+        np.asarray(as_real(stated, "stated"), np.float64),
+        checked_outcomes("correct", correct),
+        unmasked(num_touches, "num_touches"),
+    )
+    if confidences.shape != right.shape or touches.shape != right.shape:
+        raise ValueError(
+            f"need a stated confidence and a number of touches for each of {len(right)} episodes, "
+            f"got {confidences.shape} and {touches.shape}"
+        )
+    bad = ~((confidences >= 0.0) & (confidences <= 1.0))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise ValueError(f"stated must lie in [0, 1], got {confidences[row]} in row {row}")
+    if not np.issubdtype(touches.dtype, np.integer) or touches.min() < 0:
+        raise ValueError(f"num_touches must be integers ≥ 0, got {touches.dtype} from {touches.min()}")
+    scores = tuple(
+        _score(int(number), confidences[touches == number], right[touches == number], confidence)
+        for number in np.unique(touches)
+    )
+    return CalibrationAtStop(scores, _score(None, confidences, right, confidence), confidence)
+
+
+def _score(num_touches: int | None, confidences: Floats, right: NDArray[np.bool_], confidence: float) -> StopScore:
+    low, high = clopper_pearson_interval(int(right.sum()), len(right), confidence)
+    return StopScore(num_touches, len(right), float(confidences.mean()), float(right.mean()), low, high)
