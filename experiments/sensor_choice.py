@@ -26,7 +26,7 @@ from experiments.scene_choice import (
     repeats_folder,
     training_folder,
 )
-from planners.ppo import BadPolicy, MissingPolicy, load_policy
+from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy
 from planners.registry import TRAINED
 
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
@@ -96,7 +96,7 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
     """
     try:
         for target in targets if decider in TRAINED else ():
-            load_policy(sensor / POLICIES, "posterior" if decider == "ppo_posterior" else "paper", target)
+            load_ppo_policy(sensor / POLICIES, "posterior" if decider == "ppo_posterior" else "paper", target)
     except (MissingPolicy, BadPolicy) as error:
         raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
 

@@ -32,7 +32,7 @@ _CONFIRM = 1.0 - _REJECT
 
 
 @dataclass(frozen=True, eq=False)
-class RestValues:
+class ContinuationValue:
     """Values of going on.
 
     Attributes:
@@ -45,7 +45,7 @@ class RestValues:
     @classmethod
     def of(
         cls, problem: SearchProblem, target: int, table: OutcomeTable, repeats: RepeatDiscount | None = None
-    ) -> RestValues:
+    ) -> ContinuationValue:
         """Work from the last object to the first.
 
         Args:
@@ -58,7 +58,7 @@ class RestValues:
         needs none: a fourth each of 1, 2, 3 and 3 touches.
 
         >>> problem = SearchProblem(tuple("abcd"), ("p",), num_objects=4, touch_cost=0.04)
-        >>> RestValues.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
+        >>> ContinuationValue.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
         [0.91, 0.933, 0.96, 1.0, 1.0]
         """
         chances = target_chances(problem, target)

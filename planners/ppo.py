@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CorruptFile
 from belief.policy_state import ENCODINGS, NO_ACTION, Situation, frame_probs
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
@@ -37,7 +37,7 @@ class MissingPolicy(ActiveTouchError, FileNotFoundError):
     """There is no trained policy for a target."""
 
 
-class BadPolicy(ActiveTouchError, ValueError):
+class BadPolicy(CorruptFile):
     """A policy file is damaged, or was trained for other shapes or poses."""
 
 
@@ -158,14 +158,14 @@ def policy_file(state: str, target: str) -> str:
     return f"{state}-{target}.safetensors"
 
 
-def load_policy(folder: Path | None, state: str, target: str) -> Policy:
+def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
     """The policy for a target in a folder.
 
     Raises:
         MissingPolicy: there is none.
         BadPolicy: the file is damaged, or is another policy's.
 
-    >>> load_policy(Path("nowhere"), "paper", "cone")
+    >>> load_ppo_policy(Path("nowhere"), "paper", "cone")
     Traceback (most recent call last):
     ...
     planners.ppo.MissingPolicy: no policy for the target 'cone' and the state 'paper' in nowhere
@@ -224,7 +224,7 @@ class PPODecider:
             MissingPolicy: there is none.
             BadPolicy: the file is damaged, or is another policy's.
         """
-        load_policy(self.policies, self.state, target)
+        load_ppo_policy(self.policies, self.state, target)
         return () if self.policies is None else (self.policies / policy_file(self.state, target),)
 
     def _policy(self, info: InformationState) -> Policy:
@@ -275,7 +275,7 @@ def _current_policy(folder: Path | None, state: str, target: str) -> Policy:
 
 @lru_cache(maxsize=64)
 def _cached_policy(folder: Path | None, state: str, target: str, written: tuple[int, int] | None) -> Policy:
-    return load_policy(folder, state, target)
+    return load_ppo_policy(folder, state, target)
 
 
 def _metadata(data: bytes) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Which pose to touch next."""
+"""Probe selectors: rules that choose the next pose."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 @dataclass(frozen=True)
 class FixedOrder:
-    """Pose 0, 1, 2, … and round again: the paper's manual sequence (§6.3)."""
+    """Poses 0, 1, 2, … in turn, repeated: the paper's manual sequence (§6.3)."""
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
@@ -25,7 +25,7 @@ class FixedOrder:
 
 @dataclass(frozen=True)
 class RandomOrder:
-    """All poses once in random order, then again: what choosing poses has to beat."""
+    """All poses once in random order, then again: a baseline for the choice of poses."""
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
@@ -35,14 +35,14 @@ class RandomOrder:
 
 @dataclass(frozen=True, eq=False)
 class TargetInformationGain:
-    """The pose expected to tell most about whether this object is the target.
+    """The pose with the largest expected information gain about whether this object is the target.
 
-    A gain is that of a fresh touch, times the share of it which the discount leaves to a pose that was used before. Of
-    equally good poses the least used is chosen, then the lowest.
+    The gain of a pose that was used before is multiplied by its repeat weight. Of equally good poses the least used is
+    chosen, then the lowest.
 
     Attributes:
         table: p(outcome | pose, shape).
-        repeats: what a repeat is worth; by default only poses used least compete.
+        repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
     """
 
     table: OutcomeTable
@@ -56,9 +56,10 @@ class TargetInformationGain:
 
 @dataclass(frozen=True, eq=False)
 class ShapeInformationGain:
-    """The pose expected to tell most about which shape this is, whether or not that helps to find the target.
+    """The pose with the largest expected information gain about the shape of this object.
 
-    It is the usual criterion of active perception, for comparison; attributes as of :class:`TargetInformationGain`.
+    It is the usual criterion of active perception, for comparison. It has the attributes of
+    :class:`TargetInformationGain`.
     """
 
     table: OutcomeTable
@@ -73,8 +74,8 @@ class ShapeInformationGain:
 def _best(info: InformationState, gains: Floats, repeats: RepeatDiscount) -> Decision:
     uses = info.uses
     weights = repeats.weights(uses)
-    worth = np.where(weights > 0.0, gains * weights, -np.inf)
-    best = np.flatnonzero(worth == worth.max())
+    values = np.where(weights > 0.0, gains * weights, -np.inf)
+    best = np.flatnonzero(values == values.max())
     labels = info.problem.pose_labels
     scores = {f"gain_{label}": float(gain) for label, gain in zip(labels, gains * weights, strict=True)}
     return Decision(Probe(int(best[uses[best].argmin()])), {"target_prob": info.target_prob, **scores})

@@ -1,4 +1,4 @@
-"""The floor of every comparison: confirm an object without touching anything."""
+"""No-touch baseline: confirms an object at random without touching anything."""
 
 from __future__ import annotations
 

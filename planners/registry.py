@@ -16,7 +16,7 @@ from planners.ppo import PPODecider
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
-from planners.stop_override import Confident
+from planners.stop_override import StopOverride
 from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
@@ -61,7 +61,7 @@ def _tree_search() -> ModuleType:
 def confident_ppo(policies: Path | None) -> Decider:
     """The poses of the paper's policies, and a stop when the posterior is sure."""
     ppo = PPODecider(policies)
-    return Confident(PosteriorThresholds(), ppo, fallback=ppo)
+    return StopOverride(PosteriorThresholds(), ppo, fallback=ppo)
 
 
 DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(

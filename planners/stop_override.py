@@ -1,4 +1,4 @@
-"""Stopping that keeps its promise on top of any way to choose poses."""
+"""A decider whose stopping is replaced by a stopping rule."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from planners.decider import Decider, Decision, InformationState, ProbeSelector,
 
 
 @dataclass(frozen=True)
-class Confident:
-    """Any decider's poses under a stopping rule: whoever chooses the probes, stops keep the rule's promise.
+class StopOverride:
+    """Takes the poses of any decider, and stops when a stopping rule says so.
+
+    The error rates of the rule hold for every decider, because they do not depend on which poses are probed.
 
     Attributes:
-        stopping: decides when to confirm or reject; asked first.
-        decider: its probe is taken where the rule does not stop; that it would rather stop is noted in the scores.
-        fallback: probes where the decider would stop and the rule would not.
+        stopping: decides when to confirm or reject; it is asked first.
+        decider: chooses the pose where the rule does not stop.
+        fallback: chooses the pose where the decider would stop and the rule does not; the scores then say
+            ``overruled``.
     """
 
     stopping: StoppingRule

@@ -1,9 +1,9 @@
-"""A search with as few hidden states as planning needs: the current shape, and whether a target was rejected before.
+"""Abstraction of a search with few hidden states: the current shape, and whether a target was rejected before.
 
-The exact hidden state of a bag's objects is which shapes were rejected, thousands of sets for a dozen objects. For a
-plan it matters almost only whether a target was among them, and how likely the next object is one: hypergeometric, by
-how many are left in the bag. That other shapes become likelier or rarer is left out of the plan. It is not left out of
-the belief, which the plan is asked about anew after every touch (decision 0026).
+The exact hidden state is the set of rejected shapes: thousands of sets for a dozen objects. The optimal action depends
+mostly on whether a target was among them, and on the probability that the next object is one, which is hypergeometric.
+The abstraction leaves out how rejections change the probabilities of the other shapes. The belief includes it, and the
+policy is evaluated at the new belief after every touch (decision 0026).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from planners.pomdp.stages import Stage, StagedProblem
 
 
 def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int, touch_cost: float) -> StagedProblem:
-    """A search in a bag of known content with 2K hidden states an object.
+    """A search with known counts of shapes as stages of 2K hidden states.
 
-    States 0 to K - 1 are the current shape with no target rejected yet, K to 2K - 1 with one rejected.
+    States 0 to K - 1 are the current shape with no target rejected yet, states K to 2K - 1 with one rejected.
 
     Args:
         problem: a search whose composition has counts.
@@ -34,11 +34,11 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     confirm = np.where(is_target, 1.0, -1.0)
 
     def next_shape(num_gone: int, targets_left: float) -> Floats:
-        """Of the object after so many, ``(K,)``."""
+        """Distribution over the shape of the object after ``num_gone`` others, ``(K,)``."""
         prob = min(max(targets_left / (counts.sum() - num_gone), 0.0), 1.0)
         total = others.sum()
-        rest = others / total if total else np.zeros(len(others))
-        found = np.insert((1.0 - prob) * rest, target, prob)
+        other_probs = others / total if total else np.zeros(len(others))
+        found = np.insert((1.0 - prob) * other_probs, target, prob)
         return np.asarray(found / found.sum()) if found.sum() else np.eye(num_shapes)[target]
 
     stages = []
@@ -53,7 +53,14 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
 
 
 def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, object_index: int) -> Floats:
-    """The exact marginals of a scene, as a belief about a stage of :func:`stages_by_target`, ``(2K,)``."""
+    """Belief about a stage of :func:`stages_by_target` with the exact marginals of a scene, ``(2K,)``.
+
+    Args:
+        problem: a search whose composition has counts.
+        scene: the joint belief about all objects.
+        target: index of the shape sought.
+        object_index: of the current object.
+    """
     assert problem.counts is not None, "the composition has counts"
     marginals = scene.marginals()
     here, before = marginals[object_index], marginals[:object_index, target]
@@ -61,7 +68,7 @@ def belief_by_target(problem: SearchProblem, scene: SceneView, target: int, obje
         missed = 1.0 - float(np.prod(1.0 - before))
         return np.concatenate([(1.0 - missed) * here, missed * here])
     missed = min(float(before.sum()), 1.0 - here[target])
-    rest = 1.0 - here[target]
-    share = missed / rest if rest > 0.0 else 0.0  # of each other shape's probability: there is one target only
+    other = 1.0 - here[target]
+    share = missed / other if other > 0.0 else 0.0  # of each other shape's probability, as there is only one target
     lost = np.where(np.arange(len(here)) == target, 0.0, share * here)
     return np.concatenate([here - lost, lost])

@@ -9,7 +9,7 @@ ahead finds these (Krause & Guestrin 2009 call the value of information non-subm
 decision takes many touches, two are not enough either: thresholds then return more (docs/planners.md).
 
 A pose that was used before tells anew only in a share w of the cases (:mod:`planners.repeats`), and nothing in the
-others: it is an erasure channel in front of a fresh touch, so that what it is worth beyond its cost shrinks by w.
+others: it is an erasure channel in front of a new touch, so that what it is worth beyond its cost shrinks by w.
 
 All P² M² branches are two matrix products on unnormalised beliefs; nothing is divided, and an impossible outcome weighs
 nothing.
@@ -27,7 +27,7 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.continuation_value import RestValues
+from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 from planners.stopping import require_count
@@ -66,7 +66,7 @@ class ValueOfInformation:
     depth: int = 2
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
     max_touches: int | None = None
-    _rest_values: dict[_Key, RestValues] = field(default_factory=dict, init=False, repr=False)
+    _rest_values: dict[_Key, ContinuationValue] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.depth not in (1, 2):
@@ -108,9 +108,9 @@ class ValueOfInformation:
         now = (payoffs @ belief).max()
         joint = belief[:, None] * self._columns  # (K, P M), p(shape, outcome)
         stop = (payoffs @ joint).max(axis=0).reshape(num_poses, num_outcomes)
-        weights, fresh = self.repeats.weights(uses), stop.sum(axis=1)
+        weights, new = self.repeats.weights(uses), stop.sum(axis=1)
         if self.depth == 1:
-            values = weights * fresh + (1.0 - weights) * now - cost
+            values = weights * new + (1.0 - weights) * now - cost
         else:
             later = self.repeats.weights(uses + np.eye(num_poses, dtype=np.int64))  # (P, P'), after one in pose P
             after = np.einsum("jk,km->jmk", payoffs, joint) @ self._columns  # (2, P M, P' M')
@@ -118,7 +118,7 @@ class ValueOfInformation:
             chance = joint.sum(axis=0).reshape(num_poses, num_outcomes, 1)
             again = later[:, None] * second + (1.0 - later)[:, None] * stop[..., None] - cost * chance
             informed = np.maximum(stop, again.max(axis=2)).sum(axis=1)
-            no_wiser = np.maximum(now, (later * fresh + (1.0 - later) * now).max(axis=1) - cost)
+            no_wiser = np.maximum(now, (later * new + (1.0 - later) * now).max(axis=1) - cost)
             values = weights * informed + (1.0 - weights) * no_wiser - cost
         return np.where(weights > 0.0, values, -np.inf)
 
@@ -127,8 +127,8 @@ class ValueOfInformation:
         """The table as ``(K, P M)``."""
         return np.ascontiguousarray(self.table.probs.transpose(1, 0, 2).reshape(self.table.num_shapes, -1))
 
-    def _rest(self, problem: SearchProblem, target: int) -> RestValues:
+    def _rest(self, problem: SearchProblem, target: int) -> ContinuationValue:
         key = (problem.num_objects, problem.counts, problem.touch_cost, target)
         if key not in self._rest_values:
-            self._rest_values[key] = RestValues.of(problem, target, self.table, self.repeats)
+            self._rest_values[key] = ContinuationValue.of(problem, target, self.table, self.repeats)
         return self._rest_values[key]

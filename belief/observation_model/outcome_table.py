@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,16 @@ class OutcomeTable(FrozenArrays):
     def num_outcomes(self) -> int:
         """M."""
         return self.probs.shape[2]
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the table's shape and of its numbers to the last bit.
+
+        >>> OutcomeTable([[[0.5, 0.5]]]).sha256[:12]
+        '38ffe0147c9c'
+        """
+        content = np.ascontiguousarray(self.probs, "<f8").tobytes()
+        return hashlib.sha256(repr(self.probs.shape).encode() + content).hexdigest()
 
     def information(self, prior: ArrayLike | None = None) -> Floats:
         """Mutual information of one touch and the shape, in each pose [nats], ``(P,)``; uniform prior by default."""

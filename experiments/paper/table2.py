@@ -15,7 +15,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
 from experiments.sensor_choice import policy_commands
-from planners.ppo import load_policy
+from planners.ppo import load_ppo_policy
 from planners.registry import TRAINED
 
 PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
@@ -108,7 +108,7 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
         return ""
     try:
         for target in targets:
-            load_policy(setting.sensor_folder / POLICIES, _STATES[decider], target)
+            load_ppo_policy(setting.sensor_folder / POLICIES, _STATES[decider], target)
     except ActiveTouchError as error:
         commands = policy_commands(setting.choice.scene, setting.sensor_folder)
         return f"{error}. To train policies for this sensor: {' && '.join(commands.splitlines())}"

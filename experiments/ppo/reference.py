@@ -20,7 +20,7 @@ from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model import ArrayModel
 from experiments.ppo.recipe import PPORecipe
 from experiments.ppo.training import Score, play
-from planners.bounds.object import touch_bound
+from planners.bounds.object import object_bound
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import TouchProblem
 
@@ -57,7 +57,7 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
     worth = weights_in_turn(repeat_discount(model), problem.num_poses, -(-recipe.touch_limit // problem.num_poses))
     weights = [*worth[: recipe.touch_limit].tolist(), 0.0]  # the limit: no touch after it shows anything
-    optimum = touch_bound(problem, np.random.default_rng(0), weights)
+    optimum = object_bound(problem, np.random.default_rng(0), weights)
     free = 2.0 * play(thresholds(np.inf, -np.inf), test).success - 1.0
     return Reference(optimum, best, play(thresholds(*best), test), free)
 

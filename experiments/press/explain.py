@@ -25,7 +25,7 @@ from experiments.command_line.console import plain_console
 from experiments.press.inventory import Entry, inventory, leaner, richer
 from experiments.press.step_counter import Cost, measure
 from experiments.scene_choice import SceneChoice
-from planners.bounds.touch_count import touch_limits
+from planners.bounds.touch_count import touch_count_bounds
 
 _HARDEST = 6  # pairs of shapes to show
 
@@ -87,7 +87,7 @@ def hidden_variables(named: NamedScene) -> list[Entry]:
 
 def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float = 0.01) -> Table:
     """The pairs of shapes that are hardest to tell apart, and how many touches that takes at least."""
-    limits = touch_limits(table, error)
+    limits = touch_count_bounds(table, error)
     pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
     shown = Table(title=f"touches it takes at least to tell two shapes apart, {error:.0%} error", box=box.SIMPLE_HEAD)
     for heading in ("if it is", "and not", "touches", "the other way round", "Chernoff, nats"):

@@ -13,7 +13,6 @@ import numpy as np
 from belief import Composition
 from experiments.search.setting import Setting, load_sensor
 from planners.bounds.search import search_bound
-from planners.pomdp.stages import num_states
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import SearchTouchProblem
 
@@ -32,7 +31,7 @@ def best_expected_return(setting: Setting, target: int) -> float | None:
         return None
     probs = model.outcome_table(max(_LEAST_OUTCOMES, model.default_outcomes)).probs
     search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, problem.touch_cost)
-    if num_states(search) > _MOST_STATES:
+    if search.num_states > _MOST_STATES:
         return None
     weights = weights_in_turn(repeat_discount(model), problem.num_poses, _MOST_USES)
     return search_bound(search, np.random.default_rng(0), weights.tolist())

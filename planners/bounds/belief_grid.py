@@ -1,8 +1,8 @@
 r"""Certified upper bounds for one object: value iteration on a grid of beliefs (Lovejoy 1991).
 
-The optimal value is convex in the belief, so between points where it is bounded, linear interpolation bounds it too;
-value iteration that looks successors up by interpolation, started from full information, decreases towards a bound and
-is one at every step. Any grid gives a bound; it is fine only where it matters, around the beliefs searches come to.
+The optimal value is convex in the belief, so linear interpolation between upper bounds gives an upper bound. Value
+iteration that interpolates at the successors of each point starts from the value under full information and decreases;
+every iterate is an upper bound. Any grid gives a valid bound; this one is fine around the beliefs that searches reach.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, vstack
 from belief.errors import InvalidArgument
 from belief.problem import Floats
 from planners.bounds.simplex import SimplexGrid, num_points
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 
 _COARSE_POINTS = {2: 1500, 3: 4000}  # by number of shapes, where no finer grid is needed
 _MANY_POINTS = 5500
@@ -21,16 +21,16 @@ _MOST_REFINED = 16  # shapes; a finer grid of more has more points than memory h
 _MAX_SWEEPS = 1000
 _TOLERANCE = 3e-6
 _MOST_NUMBERS = 120_000_000
-"""In all matrices at most, some 1.5 GB; beyond that a grid is coarser."""
+"""Most numbers in all matrices together, about 1.5 GB; the grid is made coarser until they fit."""
 _BLOCK = 4_000_000  # numbers in the largest array that a matrix is made from
 
 
 class BeliefGrid:
-    """Beliefs about K shapes, and where probes lead from each.
+    """Grid of beliefs about K shapes, with the successors of each point after every probe.
 
     Args:
         likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
-        around: beliefs ``(B, K)`` to be fine around, for four shapes or more.
+        around: beliefs ``(B, K)`` around which the grid is fine, for four shapes or more.
 
     Attributes:
         points: the beliefs, ``(G, K)``.
@@ -44,9 +44,9 @@ class BeliefGrid:
             [coarse] if num_shapes in _COARSE_POINTS or num_shapes > _MOST_REFINED else [coarse, 2 * coarse, 4 * coarse]
         )
         self._grid = SimplexGrid(num_shapes, levels, around)
-        numbers = likelihoods.size  # by which a point makes the matrices larger
+        numbers = likelihoods.size  # that each point adds to the matrices
         while len(self._grid.points) * numbers > _MOST_NUMBERS and len(around):
-            around = around[1::2]  # any grid gives a bound; this one is coarser
+            around = around[1::2]  # any grid gives a valid bound; this one is coarser
             self._grid = SimplexGrid(num_shapes, levels, around)
         self.points = self._grid.points
         if len(self.points) * numbers > _MOST_NUMBERS:
@@ -57,25 +57,25 @@ class BeliefGrid:
             )
         self._successors = [self._lead(table) for table in likelihoods]
 
-    def bound(self, stop: Floats, start: Floats, terms: TouchTerms) -> Floats:
-        """Bounds of the optimal value at each of the points, for several ways in which stopping may pay; ``(G, B)``.
+    def bound(self, stop: Floats, start: Floats, costs: TouchCosts) -> Floats:
+        """Upper bounds on the optimal value at each point, for B payoffs of stopping; ``(G, B)``.
 
         Args:
-            stop: what stopping is worth at each of the points, at most, ``(G, B)``.
-            start: bounds to start from, ``(G, B)``.
-            terms: on which the object can be touched.
+            stop: upper bounds on the value of stopping at each point, ``(G, B)``.
+            start: upper bounds to start from, ``(G, B)``.
+            costs: of touches.
         """
         value = np.maximum(start, stop)
-        cost, discount = terms.lasting
+        cost, discount = costs.lasting
         for _ in range(_MAX_SWEEPS):
             updated = np.minimum(self._backup(value, stop, discount, cost), value)
             change = float((value - updated).max())
             value = updated
             if change < _TOLERANCE:
                 break
-        for weight in terms.weights[-2::-1]:
-            shown, nothing = terms.discount * weight, terms.discount * (1.0 - weight)
-            value = self._backup(value, stop, shown, terms.cost - nothing * value)
+        for weight in costs.weights[-2::-1]:
+            shown, nothing = costs.discount * weight, costs.discount * (1.0 - weight)
+            value = self._backup(value, stop, shown, costs.cost - nothing * value)
         return value
 
     def _backup(self, value: Floats, stop: Floats, discount: float, cost: float | Floats) -> Floats:
@@ -85,7 +85,7 @@ class BeliefGrid:
         return best
 
     def interpolate(self, values: Floats, beliefs: Floats) -> Floats:
-        """Values between the points, at beliefs ``(B, K)``; ``(B,)``."""
+        """Interpolated values at beliefs ``(B, K)``; ``(B,)``."""
         columns, weights = self._grid.look_up(beliefs)
         return np.asarray((values[columns] * weights).sum(axis=1))
 

@@ -1,4 +1,7 @@
-"""Upper bound for a search: a searcher who is told the shape of every object it rejects can only do better."""
+"""Upper bound on the value of a search in which the shape of every rejected object is revealed.
+
+This is an information relaxation: a searcher who learns more can only do better.
+"""
 
 from __future__ import annotations
 
@@ -10,30 +13,30 @@ import numpy as np
 from belief import Composition
 from planners.bounds.object import ObjectBound
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 
 
-def told_shapes(
-    problem: SearchTouchProblem, terms: TouchTerms, rng: np.random.Generator
+def clairvoyant_bound(
+    problem: SearchTouchProblem, costs: TouchCosts, rng: np.random.Generator
 ) -> Callable[[int, frozenset[int]], float]:
-    """What the told searcher is worth at most, by how many objects it has rejected and which shapes matter of those.
+    """Upper bound by the number of rejected objects and the set of their shapes that matter.
 
-    Its belief is about the current object only, so every stage is a problem of one object, the last one first. All
-    rejected shapes matter if shapes are distinct, otherwise whether the target was among them.
+    The searcher's belief is about the current object only, so every stage is a problem of one object; the last stage is
+    solved first. All rejected shapes matter if shapes are distinct; otherwise only whether the target was among them.
 
     Args:
         problem: the search.
-        terms: on which each object can be touched.
-        rng: samples where grids are fine; any grid gives a bound.
+        costs: of touches of each object.
+        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
     """
     num_shapes, target, prior = problem.num_shapes, problem.target, problem.prior
     assert prior is not None, "filled in at construction"
     confirm = np.where(np.arange(num_shapes) == target, 1.0, -1.0)
     distinct = problem.composition is Composition.DISTINCT
 
-    @lru_cache(maxsize=1)  # grids are large, and the one for other shapes is not asked for again
+    @lru_cache(maxsize=1)  # grids are large, and none is needed again
     def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
-        return ObjectBound(problem.outcome_probs, np.array(shapes), terms, rng)
+        return ObjectBound(problem.outcome_probs, np.array(shapes), costs, rng)
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:
@@ -49,7 +52,7 @@ def told_shapes(
         if number + 1 < problem.num_objects:
             reject *= problem.discount
         if (confirm[possible] == -1.0).all() and (reject[possible] == -1.0).all():
-            return -1.0  # lost, whatever is done
+            return -1.0  # no action can succeed
         return bound_for(tuple(possible.tolist()))(belief, confirm, reject)
 
     return value

@@ -1,13 +1,17 @@
-r"""Upper bound for a search whose rejected objects stay unknown, as they do: grids over the exact hidden state.
+r"""Upper bound on the value of a search in which the shapes of rejected objects are not revealed.
+
+The bound interpolates on grids over the exact hidden state.
 
 After some objects the hidden state is a hypothesis about those rejected, and the shape of the current one. Hypotheses
 are sets of rejected shapes where shapes are distinct, and whether a target was rejected where objects are independent.
-Within a stage touches leave the weights w of the hypotheses as they were before the first touch, and multiply what each
-says of the shape by the same likelihoods. For given w there is thus a belief about one shape, with a grid as for one
-object. Between stages the value is convex in w, so interpolation between some w bounds it.
+Within a stage, touches do not change the weights w of the hypotheses before the first touch. They multiply the
+distribution over shapes under each hypothesis by the same likelihoods. For given w there is thus a belief about one
+shape, with a grid as for one object. Between stages the value is convex in w, so interpolation between some w gives an
+upper bound.
 
-The weights are gridded as ((1 - m) u, m v): how likely the target is gone, m, and what else is known if it is not, u,
-or is, v. The value is convex in each of the three for fixed others, so interpolating in one after the other bounds it.
+The grid of weights is ((1 - m) u, m v). Here m is the probability that the target was rejected, and u and v are the
+distributions over hypotheses if it was not, and if it was. The value is convex in each of the three while the others
+are fixed, so interpolating in one after the other gives an upper bound.
 """
 
 from __future__ import annotations
@@ -23,13 +27,13 @@ from belief.problem import Floats
 from planners.bounds.belief_grid import BeliefGrid
 from planners.bounds.object import look_ahead
 from planners.bounds.simplex import SimplexGrid
-from planners.pomdp.belief_sampling import reached_beliefs
+from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.solver import point_based
+from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import staged
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 
-_ROUNDS = (200, 200, 400)  # of planning, to see which beliefs matter
+_ROUNDS = (200, 200, 400)  # simulations per round of planning, to sample the beliefs that matter
 _NUM_SEARCHES = 600
 _EXPLORATION = 0.2
 _GONE_PROBS = np.array([0.0, 0.02, 0.05, 0.1, 0.16, 0.24, 0.35, 0.55, 1.0])
@@ -38,22 +42,22 @@ _MOST_ALTERNATIVES = 3  # that u or v is about
 _MOST_SHAPES = 6
 
 
-class UntoldBound:
-    """The bound, stage by stage.
+class JointBeliefBound:
+    """The upper bound, computed stage by stage.
 
     Args:
-        problem: a search without discount that :func:`is_small`.
-        terms: on which each object can be touched.
-        rng: samples where grids are fine; any grid gives a bound.
+        problem: a search with discount 1 for which :func:`is_small` holds.
+        costs: of touches of each object.
+        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
     """
 
-    def __init__(self, problem: SearchTouchProblem, terms: TouchTerms, rng: np.random.Generator) -> None:
-        self._problem, self._terms, self._rng = problem, terms, rng
+    def __init__(self, problem: SearchTouchProblem, costs: TouchCosts, rng: np.random.Generator) -> None:
+        self._problem, self._costs, self._rng = problem, costs, rng
         self._stages = [_Hypotheses(problem, number) for number in range(problem.num_objects)]
         self._tables: dict[int, Floats] = {}
 
     def __call__(self) -> float:
-        """What no policy exceeds at the start."""
+        """Upper bound on the optimal value at the start."""
         weights = np.eye(1, self._stages[0].number)
         return float(self._bounds(0, weights, exact_steps=2)[0])
 
@@ -61,11 +65,11 @@ class UntoldBound:
     def _grid(self) -> BeliefGrid:
         """Beliefs about the shape of any one object."""
         search = staged(self._problem)
-        plans = point_based(search, self._rng, _ROUNDS)
-        reached = reached_beliefs(search, plans, self._rng, _NUM_SEARCHES, _EXPLORATION)
+        vectors = point_based_value_iteration(search, self._rng, _ROUNDS)
+        sampled = sample_beliefs(search, vectors, self._rng, _NUM_SEARCHES, _EXPLORATION)
         around = [
             np.concatenate(levels) @ np.eye(self._problem.num_shapes)[stage.shapes]
-            for stage, levels in zip(search.stages, reached, strict=True)
+            for stage, levels in zip(search.stages, sampled, strict=True)
         ]
         return BeliefGrid(self._problem.outcome_probs, np.concatenate(around))
 
@@ -77,16 +81,16 @@ class UntoldBound:
         given = np.divide(joint, start[:, None], out=np.zeros_like(joint), where=start[:, None] > 0.0)
         stops = [self._stop(number, some) for some in given]
         at_points = np.stack([stop(grid.points) for stop in stops], axis=1)  # (G, B)
-        values = grid.bound(at_points, np.ones_like(at_points), self._terms.after(exact_steps))
+        values = grid.bound(at_points, np.ones_like(at_points), self._costs.after(exact_steps))
         return np.array(
             [
-                look_ahead(grid, values[:, i], start[i], stops[i], table, self._terms, exact_steps)
+                look_ahead(grid, values[:, i], start[i], stops[i], table, self._costs, exact_steps)
                 for i in range(len(weights))
             ]
         )
 
     def _stop(self, number: int, given: Floats) -> Callable[[Floats], Floats]:
-        """What stopping is worth at beliefs about the shape, given p(hypothesis | shape) ``(H, K)``."""
+        """Upper bound on the value of stopping as a function of the belief, given p(hypothesis | shape) ``(H, K)``."""
 
         def stop(beliefs: Floats) -> Floats:
             confirm = 2.0 * beliefs[:, self._problem.target] - 1.0
@@ -95,7 +99,7 @@ class UntoldBound:
         return stop
 
     def _reject(self, number: int, joint: Floats) -> Floats:
-        """What going on is worth at beliefs ``(B, H, K)``; ``(B,)``."""
+        """Upper bound on the value of REJECT at beliefs ``(B, H, K)``; ``(B,)``."""
         problem, here = self._problem, self._stages[number]
         if number + 1 == problem.num_objects:
             others = np.arange(problem.num_shapes) != problem.target
@@ -136,9 +140,9 @@ class UntoldBound:
 
 
 class _Hypotheses:
-    """What can have been rejected before an object: sets without the target, then those with it.
+    """Hypotheses about the objects rejected before one: sets without the target, then sets with it.
 
-    Of independent objects all that counts is whether a target was rejected.
+    For independent objects the only hypotheses are that a target was rejected and that none was.
     """
 
     def __init__(self, problem: SearchTouchProblem, number: int) -> None:
@@ -186,7 +190,7 @@ class _Hypotheses:
 
 
 def is_small(problem: SearchTouchProblem) -> bool:
-    """Whether grids over all hypotheses are fine enough to be of use.
+    """Whether the hypotheses are few enough for useful grids over all of them.
 
     >>> is_small(SearchTouchProblem(np.full((1, 4, 1), 1.0), 4, "distinct", target=0, touch_cost=0.1))
     True
@@ -203,7 +207,7 @@ def _grid(num_parts: int, num_others: int) -> SimplexGrid:
 
 
 def _conditional(weights: Floats) -> Floats:
-    """Rows ``(B, H)`` as distributions; any where there is nothing, ``(B, max(H, 1))``."""
+    """Rows ``(B, H)`` normalised to distributions, ``(B, max(H, 1))``; a row of zeros becomes uniform."""
     if not weights.shape[1]:
         return np.ones((len(weights), 1))
     total = weights.sum(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""What no policy for one object can exceed."""
+"""Upper bound on the optimal value for one object."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from belief.problem import Floats
 from planners.bounds.belief_grid import BeliefGrid
-from planners.pomdp.belief_sampling import reached_beliefs
+from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.problem import TouchProblem
-from planners.pomdp.solver import point_based
+from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import Stage, StagedProblem, staged
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 
 _ROUNDS = (200, 200, 400)  # of planning, to see which beliefs matter
 _NUM_SEARCHES = 2000
@@ -22,24 +22,30 @@ _EXACT_STEPS = 2  # from the belief asked about, so that interpolation enters af
 
 
 class ObjectBound:
-    """Upper bounds for one object whose shape is among some, whatever it pays to stop.
+    """Upper bounds for one object with some possible shapes, for any payoffs of CONFIRM and REJECT.
 
     Args:
         likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
-        shapes: indices of those it can have.
-        terms: on which it can be touched.
-        rng: samples where the grid is fine; any grid gives a bound.
+        shapes: indices of the possible shapes.
+        costs: of touches.
+        rng: samples the beliefs around which the grid is fine; any grid gives a valid bound.
     """
 
     def __init__(
-        self, likelihoods: Floats, shapes: NDArray[np.int64], terms: TouchTerms, rng: np.random.Generator
+        self, likelihoods: Floats, shapes: NDArray[np.int64], costs: TouchCosts, rng: np.random.Generator
     ) -> None:
-        self._shapes, self._terms, self._rng = shapes, terms, rng
+        self._shapes, self._costs, self._rng = shapes, costs, rng
         self._likelihoods = likelihoods[:, shapes]
         self._grid: BeliefGrid | None = None
 
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
-        """A number that no policy is worth more than at a belief; all by shape, ``(K,)``."""
+        """Upper bound on the value at a belief.
+
+        Args:
+            belief: about the shape, ``(K,)``.
+            confirm: payoff of CONFIRM for each shape, ``(K,)``.
+            reject: payoff of REJECT for each shape, ``(K,)``.
+        """
         belief, payoffs = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
         if len(belief) == 1:
             return float(payoffs.max())
@@ -50,17 +56,17 @@ class ObjectBound:
         def stop(beliefs: Floats) -> Floats:
             return np.asarray((beliefs @ payoffs.T).max(axis=1))
 
-        told = points @ payoffs.max(axis=0)
-        later = self._terms.after(_EXACT_STEPS)
-        values = self._grid.bound(stop(points)[:, None], told[:, None], later)[:, 0]
-        return look_ahead(self._grid, values, belief, stop, self._likelihoods, self._terms, _EXACT_STEPS)
+        revealed = points @ payoffs.max(axis=0)
+        later = self._costs.after(_EXACT_STEPS)
+        values = self._grid.bound(stop(points)[:, None], revealed[:, None], later)[:, 0]
+        return look_ahead(self._grid, values, belief, stop, self._likelihoods, self._costs, _EXACT_STEPS)
 
     def _around(self, belief: Floats, payoffs: Floats) -> Floats:
-        """Beliefs that good policies come to."""
+        """Beliefs that a good policy reaches."""
         stage = Stage(np.arange(len(belief)), payoffs[0], payoffs[1])
-        problem = StagedProblem((stage,), belief, self._likelihoods, self._terms.cost, self._terms.discount)
-        plans = point_based(problem, self._rng, _ROUNDS)
-        return np.concatenate(reached_beliefs(problem, plans, self._rng, _NUM_SEARCHES, _EXPLORATION)[0])
+        problem = StagedProblem((stage,), belief, self._likelihoods, self._costs.cost, self._costs.discount)
+        vectors = point_based_value_iteration(problem, self._rng, _ROUNDS)
+        return np.concatenate(sample_beliefs(problem, vectors, self._rng, _NUM_SEARCHES, _EXPLORATION)[0])
 
 
 def look_ahead(
@@ -69,57 +75,59 @@ def look_ahead(
     belief: Floats,
     stop: Callable[[Floats], Floats],
     likelihoods: Floats,
-    terms: TouchTerms,
+    costs: TouchCosts,
     steps: int,
 ) -> float:
-    """Upper bound at a belief by so many exact steps, and the grid's after them.
+    """Upper bound at a belief by some exact steps of look-ahead, with the grid's bound after them.
 
     Args:
-        grid: with ``values`` at its points, once so many touches were made, ``(G,)``.
-        values: see ``grid``.
-        belief: ``(K,)``.
-        stop: what stopping is worth at beliefs ``(B, K)``, at most, ``(B,)``.
+        grid: of beliefs.
+        values: bounds at its points after ``steps`` touches, ``(G,)``.
+        belief: about the shape, ``(K,)``.
+        stop: gives upper bounds on the value of stopping at beliefs ``(B, K)``, ``(B,)``.
         likelihoods: p(outcome | pose, shape), ``(P, K, M)``.
-        terms: on which the object can be touched.
-        steps: how many.
+        costs: of touches.
+        steps: number of exact steps.
     """
 
     def bound(beliefs: Floats, touches: int) -> Floats:
         if touches == steps:
             return np.maximum(grid.interpolate(values, beliefs), stop(beliefs))
-        weight = terms.weight(touches)
+        weight = costs.weight(touches)
         nothing = (1.0 - weight) * bound(beliefs, touches + 1) if weight < 1.0 else 0.0
         best = stop(beliefs)
         for table in likelihoods:
             joint = np.moveaxis(beliefs[:, :, None] * table, 2, 1)  # (B, M, K)
             chance = joint.sum(axis=2)
             possible = chance > 0.0
-            worth = np.zeros(chance.shape)
-            worth[possible] = bound(joint[possible] / chance[possible][:, None], touches + 1)
-            shown = weight * (chance * worth).sum(axis=1)
-            best = np.maximum(best, terms.discount * (shown + nothing) - terms.cost)
+            after = np.zeros(chance.shape)
+            after[possible] = bound(joint[possible] / chance[possible][:, None], touches + 1)
+            shown = weight * (chance * after).sum(axis=1)
+            best = np.maximum(best, costs.discount * (shown + nothing) - costs.cost)
         return best
 
     return float(bound(belief[None], 0)[0])
 
 
-def touch_bound(problem: TouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
-    """What no policy for one object exceeds at the prior.
+def object_bound(problem: TouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
+    """Upper bound on the optimal value for one object at the prior.
 
     Args:
-        problem: the test.
-        rng: samples where the grid is fine; any grid gives a bound.
-        weights: what each touch is worth, see :class:`~planners.pomdp.touch_costs.TouchTerms`.
+        problem: one object.
+        rng: samples the beliefs around which the grid is fine; any grid gives a valid bound.
+        weights: probability that each touch gives new information, see
+            :class:`~planners.pomdp.touch_costs.TouchCosts`.
 
-    Right nine times of ten, at λ = 0.05, the best is to touch until one more outcome points one way than the other, and
-    then twice more: V(.9) = -λ + .82 · .976 + .18 (V(.9) - λ), and V(.5) = V(.9) - λ = 0.8537 by hand.
+    With outcomes that are right nine times in ten and λ = 0.05, the best policy touches until the outcomes for one
+    shape outnumber those for the other by two: V(0.9) = -λ + 0.82 · 0.976 + 0.18 (V(0.9) - λ), and
+    V(0.5) = V(0.9) - λ = 0.8537.
 
     >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
-    >>> round(touch_bound(TouchProblem(table, [0.5, 0.5], 0, 0.05), np.random.default_rng(0)), 4)
+    >>> round(object_bound(TouchProblem(table, [0.5, 0.5], 0, 0.05), np.random.default_rng(0)), 4)
     0.8537
     """
     shapes = np.flatnonzero(problem.prior > 0.0)
-    terms = TouchTerms(problem.touch_cost, problem.discount, weights)
-    bound = ObjectBound(problem.outcome_probs, shapes, terms, rng)
+    costs = TouchCosts(problem.touch_cost, problem.discount, weights)
+    bound = ObjectBound(problem.outcome_probs, shapes, costs, rng)
     stage = staged(problem).stages[0]
     return bound(problem.prior, stage.confirm, stage.reject)

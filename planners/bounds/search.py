@@ -1,4 +1,4 @@
-"""What no policy for a search can exceed."""
+"""Upper bound on the optimal value of a search."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from planners.bounds.clairvoyant import told_shapes
-from planners.bounds.joint_belief import UntoldBound, is_small
+from planners.bounds.clairvoyant import clairvoyant_bound
+from planners.bounds.joint_belief import JointBeliefBound, is_small
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 
 
 def search_bound(problem: SearchTouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
-    """What no policy for a search exceeds at its start, by the tightest bound there is for a search of its size.
+    """Upper bound on the optimal value of a search at its start: the tightest that its size allows.
 
     Args:
         problem: the search.
-        rng: samples where grids are fine; any grid gives a bound.
-        weights: what each touch of an object is worth, see :class:`~planners.pomdp.touch_costs.TouchTerms`.
+        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
+        weights: probability that each touch of an object gives new information, see
+            :class:`~planners.pomdp.touch_costs.TouchCosts`.
 
     >>> perfect = SearchTouchProblem(np.eye(2)[None], 2, "distinct", target=0, touch_cost=0.1)
-    >>> round(search_bound(perfect, np.random.default_rng(0)), 6)      # one touch tells which of the two it is
+    >>> round(search_bound(perfect, np.random.default_rng(0)), 6)      # one touch decides between two shapes
     0.9
     """
-    terms = TouchTerms(problem.touch_cost, problem.discount, weights)
-    told = told_shapes(problem, terms, rng)(0, frozenset())
+    costs = TouchCosts(problem.touch_cost, problem.discount, weights)
+    revealed = clairvoyant_bound(problem, costs, rng)(0, frozenset())
     if problem.num_objects > 1 and problem.discount == 1.0 and is_small(problem):
-        return min(told, UntoldBound(problem, terms, rng)())
-    return told
+        return min(revealed, JointBeliefBound(problem, costs, rng)())
+    return revealed

@@ -1,4 +1,4 @@
-"""Which beliefs searches come to: where it is worth planning well."""
+"""Beliefs that simulated searches reach, at which the solver improves its policy."""
 
 from __future__ import annotations
 
@@ -8,43 +8,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.problem import Floats
-from planners.pomdp.alpha_vectors import Plans
+from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.stages import StagedProblem
 
 _MOST_TOUCHES = 40
-_GOING_ON = 0.75  # chance to probe once more while there are no plans
-_ANYWHERE = 0.2  # share of one-object beginnings that are any belief, so that a policy is sound away from its prior too
+_PROBE_PROB = 0.75  # of one more probe by the random policy
+_RANDOM_PRIORS = 0.2  # fraction of one-object tests that start from a random belief, so that policies hold for it too
 
 
-def reached_beliefs(
+def sample_beliefs(
     problem: StagedProblem,
-    plans: Sequence[Plans] | None,
+    vectors: Sequence[AlphaVectors] | None,
     rng: np.random.Generator,
     num_searches: int,
     exploration: float = 0.1,
 ) -> list[list[Floats]]:
-    """Beliefs that simulated searches have, by stage and by number of touches in it.
+    """Simulate searches, and return their beliefs by stage and by number of touches in the stage.
 
     Args:
-        problem: what is searched.
-        plans: followed, one set a stage; random actions without.
+        problem: the search.
+        vectors: of the policy that is followed, one set per stage; random actions if None.
         rng: of actions and outcomes.
-        num_searches: how many.
-        exploration: share of actions taken at random instead of as planned.
+        num_searches: number of simulated searches.
+        exploration: fraction of actions that are random instead of the policy's.
 
     Returns:
         For each stage, for each number of touches from 0, beliefs ``(B, n)``.
     """
     beliefs = np.tile(problem.initial, (num_searches, 1))
     if len(problem.stages) == 1:
-        anywhere = rng.random(num_searches) < _ANYWHERE
-        anywhere[0] = False
+        from_random = rng.random(num_searches) < _RANDOM_PRIORS
+        from_random[0] = False
         possible = problem.initial > 0.0
-        drawn = rng.dirichlet(np.full(int(possible.sum()), 0.7), size=int(anywhere.sum()))
-        beliefs[np.ix_(anywhere, possible)] = drawn
+        drawn = rng.dirichlet(np.full(int(possible.sum()), 0.7), size=int(from_random.sum()))
+        beliefs[np.ix_(from_random, possible)] = drawn
     found = []
     for number, stage in enumerate(problem.stages):
-        some = None if plans is None else plans[number]
+        some = None if vectors is None else vectors[number]
         levels, rejected = _one_stage(problem, number, some, beliefs, rng, exploration)
         found.append(levels)
         if stage.moves is not None:
@@ -59,18 +59,18 @@ def reached_beliefs(
 def _one_stage(
     problem: StagedProblem,
     number: int,
-    plans: Plans | None,
+    vectors: AlphaVectors | None,
     beliefs: Floats,
     rng: np.random.Generator,
     exploration: float,
 ) -> tuple[list[Floats], Floats]:
-    """Beliefs by number of touches, and those at which the object is left."""
+    """Beliefs by number of touches, and those at which the object is rejected."""
     num_poses = len(problem.outcome_probs)
     likelihoods = problem.likelihoods(number)
     levels, left = [beliefs], []
     for _ in range(_MOST_TOUCHES):
-        actions = _actions(plans, beliefs, num_poses, rng, exploration)
-        # Some of the confirmed are left too: plans for what follows must not fail where a decider errs.
+        actions = _actions(vectors, beliefs, num_poses, rng, exploration)
+        # Some confirmed objects count as rejected too, so that later stages are solved for beliefs after an error.
         left.append(beliefs[(actions > num_poses) | ((actions == num_poses) & (rng.random(len(beliefs)) < 0.3))])
         probing = actions < num_poses
         if not probing.any():
@@ -82,12 +82,12 @@ def _one_stage(
 
 
 def _actions(
-    plans: Plans | None, beliefs: Floats, num_poses: int, rng: np.random.Generator, exploration: float
+    vectors: AlphaVectors | None, beliefs: Floats, num_poses: int, rng: np.random.Generator, exploration: float
 ) -> NDArray[np.int64]:
-    if plans is None:
+    if vectors is None:
         poses = rng.integers(num_poses, size=len(beliefs))
-        return np.where(rng.random(len(beliefs)) < _GOING_ON, poses, num_poses + 1)
-    planned = plans.actions[plans.best(beliefs)]
+        return np.where(rng.random(len(beliefs)) < _PROBE_PROB, poses, num_poses + 1)
+    planned = vectors.actions[vectors.best(beliefs)]
     at_random = rng.integers(num_poses + 2, size=len(beliefs))
     return np.where(rng.random(len(beliefs)) < exploration, at_random, planned)
 
@@ -97,7 +97,7 @@ def _touched(beliefs: Floats, likelihoods: Floats, rng: np.random.Generator) -> 
     joint = beliefs[:, :, None] * likelihoods
     chances = joint.sum(axis=1)  # (B, M)
     drawn = rng.random((len(chances), 1)) * chances.sum(axis=1, keepdims=True)
-    # The last outcome that has any chance bounds the draw, so that rounding picks no impossible one.
+    # Bounded by the last possible outcome, so that rounding never draws an impossible one.
     last = chances.shape[1] - 1 - (chances[:, ::-1] > 0.0).argmax(axis=1)
     outcomes = np.minimum((chances.cumsum(axis=1) <= drawn).sum(axis=1), last)
     posterior = joint[np.arange(len(joint)), :, outcomes]

@@ -1,4 +1,4 @@
-"""The exact value of a touch problem with few touches, by recursion over what can be observed."""
+"""Exact value of a touch problem with few touches, by recursion over all observation histories."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _MAX_HISTORIES = 3_000_000
 
 
 def finite_horizon_value(problem: TouchProblem, max_touches: int) -> float:
-    """Value of the best policy that touches at most so many times; exact but for rounding.
+    """Value of the best policy with at most ``max_touches`` touches, exact up to rounding.
 
-    Touches are independent given the shape, so their order does not matter and histories of equal counts are one.
+    Touches are independent given the shape, so histories that differ only in order are one history.
 
     Args:
         problem: may have a touch cost of zero.
-        max_touches: after which CONFIRM or REJECT is all that is left, ≥ 0.
+        max_touches: number of touches after which only CONFIRM and REJECT are left, ≥ 0.
 
     Raises:
         InvalidArgument: ``max_touches`` is no integer ≥ 0, or there are more than three million histories.
 
-    >>> table = [[[0.9, 0.1], [0.1, 0.9]]]                            # right nine times of ten
+    >>> table = [[[0.9, 0.1], [0.1, 0.9]]]                            # right nine times in ten
     >>> problem = TouchProblem(table, prior=[0.5, 0.5], target=0, touch_cost=0.05)
     >>> round(finite_horizon_value(problem, 0), 6), round(finite_horizon_value(problem, 1), 6)
     (0.0, 0.75)
@@ -37,7 +37,7 @@ def finite_horizon_value(problem: TouchProblem, max_touches: int) -> float:
     num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
     num_items = num_poses * num_outcomes
     total = 0
-    for depth in range(max_touches):  # stops counting early: a million touches are counted as fast as ten
+    for depth in range(max_touches):  # stops early: a million touches take no longer than ten
         total += comb(num_items + depth - 1, depth)
         if total > _MAX_HISTORIES:
             raise InvalidArgument(
@@ -61,14 +61,14 @@ def finite_horizon_value(problem: TouchProblem, max_touches: int) -> float:
         cost = problem.touch_cost * weights.sum(axis=1)
         for pose in range(num_poses):
             mine = range(pose * num_outcomes, (pose + 1) * num_outcomes)
-            worth = np.zeros(len(weights))
+            after = np.zeros(len(weights))
             for number in mine:
-                if value is None:  # the last touch: all that is left is to stop
-                    worth += np.abs((weights * items[number]) @ confirm)
+                if value is None:  # after the last touch only CONFIRM and REJECT are left
+                    after += np.abs((weights * items[number]) @ confirm)
                 else:
                     longer = np.sort(np.column_stack([histories, np.full(len(histories), number)]), axis=1)
-                    worth += value[_rank(longer, num_items)]
-            best = np.maximum(best, problem.discount * worth - cost)
+                    after += value[_rank(longer, num_items)]
+            best = np.maximum(best, problem.discount * after - cost)
         value = best
     assert value is not None, "there is at least the level without touches"
     return float(value[0])
@@ -81,7 +81,7 @@ def _rank(histories: NDArray[np.int64], num_items: int) -> NDArray[np.int64]:
     previous: NDArray[np.int64] = np.zeros(len(histories), np.int64)
     for column in range(depth):
         left = depth - column - 1
-        # How many histories go on with an item smaller than this one.
+        # Number of histories that continue with a smaller item.
         begun = np.array([comb(num_items - i + left - 1, left) if i < num_items else 0 for i in range(num_items + 1)])
         before = np.concatenate([[0], begun.cumsum()])
         rank += before[histories[:, column]] - before[previous]

@@ -1,12 +1,13 @@
-"""Touch problems as tables: what solvers take.
+"""Touch problems with tabular observation models, for solvers.
 
-Both are partially observable Markov decision processes whose hidden state never changes while an object is touched, so
-that all there is to plan is which observations to buy, and when to stop.
+Both are partially observable Markov decision processes whose hidden state does not change while an object is touched.
+A policy decides which observations to buy, and when to stop.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 from numbers import Integral, Real
 
 import numpy as np
@@ -22,16 +23,16 @@ from belief.validation import SUM_TOLERANCE, as_real
 
 @dataclass(frozen=True, eq=False)
 class TouchProblem(FrozenArrays):
-    """One object, one question: is it the target (paper §5.8)?
+    """Decide whether one object is the target (paper §5.8).
 
-    CONFIRM and REJECT are worth +1 where right and -1 where wrong, and end it; every probe costs ``touch_cost``.
+    CONFIRM and REJECT end the problem with +1 if right and -1 if wrong; every probe costs ``touch_cost``.
 
     Attributes:
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
         prior: of the shape, ``(K,)``.
-        target: index of the shape asked about.
+        target: index of the target shape.
         touch_cost: λ, price of a probe, ≥ 0.
-        discount: γ, what the rest is worth after a probe, in (0, 1].
+        discount: γ, per probe, in (0, 1].
 
     Raises:
         InvalidArgument: an argument is out of its range; the message names it.
@@ -67,11 +68,10 @@ class TouchProblem(FrozenArrays):
 
 @dataclass(frozen=True, eq=False)
 class SearchTouchProblem(FrozenArrays):
-    """A search among several objects, one after the other, none visited twice.
+    """Search for the target among several objects, one after the other, each visited once.
 
-    CONFIRM is worth +1 on the target and -1 on anything else and ends the search; REJECT is worth nothing and brings
-    the next object; when all are rejected that is worth +1 if no target was there and -1 otherwise; every probe costs
-    ``touch_cost``.
+    CONFIRM ends the search with +1 on the target and -1 on any other shape. REJECT gives 0 and brings the next object.
+    Rejecting all objects gives +1 if none was the target and -1 otherwise. Every probe costs ``touch_cost``.
 
     Attributes:
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
@@ -80,7 +80,7 @@ class SearchTouchProblem(FrozenArrays):
         target: index of the shape sought.
         touch_cost: λ, price of a probe, ≥ 0.
         prior: of the shape of an ``independent`` object, ``(K,)``; uniform by default.
-        discount: γ, what the rest is worth after a probe or a REJECT, in (0, 1].
+        discount: γ, per probe or REJECT, in (0, 1].
 
     Raises:
         InvalidArgument: an argument is out of its range; the message names it.
@@ -119,6 +119,17 @@ class SearchTouchProblem(FrozenArrays):
         self.freeze()
 
     @property
+    def num_states(self) -> int:
+        """Hidden states of all stages together, in the smallest exact form; see :mod:`planners.pomdp.stages`.
+
+        >>> SearchTouchProblem(np.full((1, 4, 1), 1.0), 4, "distinct", target=0, touch_cost=0.1).num_states
+        32
+        """
+        if self.composition is Composition.INDEPENDENT:
+            return 2 * self.num_shapes
+        return sum(comb(self.num_shapes, i) * (self.num_shapes - i) for i in range(self.num_objects))
+
+    @property
     def num_poses(self) -> int:
         """P."""
         return self.outcome_probs.shape[0]
@@ -130,7 +141,17 @@ class SearchTouchProblem(FrozenArrays):
 
 
 def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:
-    """The table as float64, once everything is found to be in range."""
+    """The table as float64.
+
+    Args:
+        outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
+        target: index of a shape.
+        touch_cost: λ, ≥ 0.
+        discount: γ, in (0, 1].
+
+    Raises:
+        ValueError: one of them is out of its range; the message names it.
+    """
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
     if not isinstance(target, Integral) or not 0 <= target < table.shape[1]:
         raise InvalidArgument(f"target must be an integer in [0, {table.shape[1]}), got {target!r}")
@@ -142,7 +163,12 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
-    """A probability vector ``(size,)``, normalised to the last bit, that cannot be written to.
+    """A read-only probability vector ``(size,)`` that sums to one exactly up to rounding.
+
+    Args:
+        probs: to be checked and normalised.
+        size: number of probabilities.
+        name: of the argument, for messages.
 
     Raises:
         InvalidArgument: another size, text, NaN or negative numbers, or a sum that is not one within float16's

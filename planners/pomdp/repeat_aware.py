@@ -1,10 +1,11 @@
-"""Plans for touches that repeat each other: one set for each number of touches an object has had.
+"""Value iteration that accounts for repeated touches: one set of alpha vectors per number of touches of an object.
 
-Poses are few. Once all were used, a touch tells only a share of what a fresh one would, and a plan that counts on fresh
-ones goes on for ever in the hope of them. Here the t-th touch shows an outcome with probability w_t only, else nothing,
-and after the last one can but stop:
+There are few poses. A touch in a pose that was used before gives less information than a new one. A policy that ignores
+this touches for too long. Here the t-th touch gives an outcome with probability w_t and nothing otherwise; after T
+touches only CONFIRM and REJECT are left:
 
-    W_T = max of the stops,   W_t(b) = max(stops, max_p -λ + w_t ∑_o p(o | b, p) W_{t+1}(b_o) + (1 - w_t) W_{t+1}(b))
+    W_T = max(CONFIRM, REJECT)
+    W_t(b) = max(CONFIRM, REJECT, max_p -λ + w_t ∑_o p(o | b, p) W_{t+1}(b_o) + (1 - w_t) W_{t+1}(b))
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from belief.problem import Floats
-from planners.pomdp.alpha_vectors import Plans
-from planners.pomdp.belief_sampling import reached_beliefs
-from planners.pomdp.solver import backup, different, improving, stopping_plans
+from planners.pomdp.alpha_vectors import AlphaVectors
+from planners.pomdp.belief_sampling import sample_beliefs
+from planners.pomdp.solver import backup, different, improving, stopping_vectors
 from planners.pomdp.stages import StagedProblem
 
 _NUM_SEARCHES = 200
@@ -25,34 +26,34 @@ _NUM_BELIEFS = 250
 _LEAST_GAIN = 1e-6
 
 
-def limited_plans(
-    problem: StagedProblem, plans: Sequence[Plans], weights: Floats, rng: np.random.Generator
-) -> list[list[Plans]]:
-    """Plans for every stage, by number of touches of its object so far, from 0 to T.
+def repeat_aware_vectors(
+    problem: StagedProblem, vectors: Sequence[AlphaVectors], weights: Floats, rng: np.random.Generator
+) -> tuple[tuple[AlphaVectors, ...], ...]:
+    """Alpha vectors for every stage, by number of touches of its object, from 0 to T.
 
     Args:
-        problem: what to solve.
-        plans: for touches that are all fresh; searches that follow them show at which beliefs to plan.
-        weights: w, of the first touch, the second, and so on, ``(T,)``, each in [0, 1].
+        problem: to be solved.
+        vectors: solution without repeats; searches that follow it are simulated to sample beliefs.
+        weights: w_1 … w_T, ``(T,)``, each in [0, 1].
         rng: of those searches.
     """
-    reached = reached_beliefs(problem, plans, rng, _NUM_SEARCHES, _EXPLORATION)
-    found: list[list[Plans]] = []
+    sampled = sample_beliefs(problem, vectors, rng, _NUM_SEARCHES, _EXPLORATION)
+    found: list[tuple[AlphaVectors, ...]] = []
     for number in reversed(range(len(problem.stages))):
-        beliefs = _some(different(np.concatenate(reached[number])), rng)
+        beliefs = _some(different(np.concatenate(sampled[number])), rng)
         following = found[-1][0] if found else None
-        stops = stopping_plans(problem, problem.stages[number], following, beliefs)
+        stops = stopping_vectors(problem, problem.stages[number], following, beliefs)
         likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
         by_touches = [stops]
         for weight in weights[::-1]:
             probing = backup(problem, likelihoods, by_touches[-1], beliefs, float(weight))
             by_touches.append(stops.joined(improving(probing, beliefs, stops, _LEAST_GAIN)))
-        found.append(by_touches[::-1])
-    return found[::-1]
+        found.append(tuple(by_touches[::-1]))
+    return tuple(found[::-1])
 
 
 def _some(beliefs: Floats, rng: np.random.Generator) -> Floats:
-    """At most so many; the first, where the stage begins, is always among them."""
+    """At most 250 of the beliefs; the first one, with which the stage begins, is always kept."""
     if len(beliefs) <= _NUM_BELIEFS:
         return beliefs
     chosen = 1 + rng.choice(len(beliefs) - 1, _NUM_BELIEFS - 1, replace=False)

@@ -1,14 +1,14 @@
 r"""Point-based value iteration (Pineau, Gordon & Thrun 2003) on a staged touch problem.
 
-The value of any plan is linear in the belief, so a set of plans is a set of vectors α, and the best of them a lower
-bound V(b) = max α·b that is piecewise linear, convex, and *achieved*. A backup at a belief b makes the best plan that
-probes once and then goes on with known plans:
+The value of any conditional plan is linear in the belief: an alpha vector. The maximum of several, V(b) = max α·b, is
+a lower bound on the optimal value, and the policy of these plans achieves it. A backup at a belief b gives the alpha
+vector of the best plan that probes once and continues with a known plan:
 
     α_p = -λ + γ ∑_o p(o | pose p, ·) ⊙ argmax_α  (b ⊙ p(o | p, ·)) · α
 
-Beliefs to back up at are those that searches following the plans so far come to, those with most touches first, because
-their values are what the others build on: one pass does what sweeps in no order need many for. Rounds of simulating
-and backing up alternate, larger each time. All of it is arrays: one matrix product for all beliefs, poses and outcomes.
+Backups are made at beliefs that simulated searches reach under the current policy. Beliefs after most touches come
+first, because the values of the others depend on theirs; one pass in this order replaces many sweeps. Simulation and
+backups alternate, in rounds of increasing size. One matrix product serves all beliefs, poses and outcomes.
 """
 
 from __future__ import annotations
@@ -19,99 +19,109 @@ from math import ceil
 import numpy as np
 
 from belief.problem import Floats
-from planners.pomdp.alpha_vectors import Plans
-from planners.pomdp.belief_sampling import reached_beliefs
+from planners.pomdp.alpha_vectors import AlphaVectors
+from planners.pomdp.belief_sampling import sample_beliefs
 from planners.pomdp.stages import Stage, StagedProblem
 
-_LEAST_GAIN = 1e-5  # of value at its own belief, for a plan to be kept
+_LEAST_GAIN = 1e-5  # in value at its own belief, for a vector to be kept
 _BLOCK = 3_000_000  # numbers in the largest array
-_MOST_BELIEFS = 6_000  # of a stage and round to back up at
-_ALIKE = 3  # decimals beyond which beliefs are taken for one
+_MOST_BELIEFS = 6_000  # with a backup, per stage and round
+_DECIMALS = 3  # of beliefs; those that differ less count as one
 
 
-def point_based(problem: StagedProblem, rng: np.random.Generator, rounds: Sequence[int]) -> list[Plans]:
-    """Plans for every stage.
+def point_based_value_iteration(
+    problem: StagedProblem, rng: np.random.Generator, rounds: Sequence[int]
+) -> list[AlphaVectors]:
+    """Alpha vectors for every stage.
 
     Args:
-        problem: what to solve; needs a touch cost or a discount, or touching on would never end.
+        problem: to be solved; with a touch cost above 0 or a discount below 1.
         rng: of the simulated searches.
-        rounds: how many searches to simulate in each round.
+        rounds: number of searches simulated in each round.
 
     Raises:
         ValueError: touches cost nothing and nothing is discounted.
     """
     if problem.touch_cost == 0.0 and problem.discount == 1.0:
         raise ValueError(
-            "touch_cost is 0 and discount is 1: touching on for ever costs nothing, so there is no best plan. Give "
+            "touch_cost is 0 and discount is 1: touching for ever costs nothing, so no policy is optimal. Give "
             "touches a cost, or a touch limit with finite_horizon_value"
         )
-    plans: list[Plans] | None = None
+    vectors: list[AlphaVectors] | None = None
     for num_searches in rounds:
-        plans = _backward(problem, reached_beliefs(problem, plans, rng, num_searches), plans)
-    assert plans is not None, "there is at least one round"
-    return plans
+        vectors = _backward(problem, sample_beliefs(problem, vectors, rng, num_searches), vectors)
+    assert vectors is not None, "there is at least one round"
+    return vectors
 
 
-def _backward(problem: StagedProblem, reached: list[list[Floats]], known: list[Plans] | None) -> list[Plans]:
-    """Plans for all stages, the last first; those known are kept where they are the best at a reached belief."""
-    solved: list[Plans] = []
+def _backward(
+    problem: StagedProblem, sampled: list[list[Floats]], known: list[AlphaVectors] | None
+) -> list[AlphaVectors]:
+    """Alpha vectors for all stages, computed from the last to the first; known ones are kept if best at some belief."""
+    solved: list[AlphaVectors] = []
     for number in reversed(range(len(problem.stages))):
-        beliefs = np.concatenate(reached[number])
-        plans = stopping_plans(problem, problem.stages[number], solved[-1] if solved else None, beliefs)
-        num_stops = len(plans.alphas)
+        beliefs = np.concatenate(sampled[number])
+        vectors = stopping_vectors(problem, problem.stages[number], solved[-1] if solved else None, beliefs)
+        num_stops = len(vectors.alphas)
         if known is not None:
             old = known[number]
             is_probe = old.actions < len(problem.outcome_probs)
-            plans = plans.joined(Plans(old.alphas[is_probe], old.actions[is_probe]))
+            vectors = vectors.joined(AlphaVectors(old.alphas[is_probe], old.actions[is_probe]))
         likelihoods = np.ascontiguousarray(np.moveaxis(problem.likelihoods(number), 2, 1))  # (P, M, n)
         share = min(1.0, _MOST_BELIEFS / len(beliefs))
-        for level in reversed(reached[number]):
+        for level in reversed(sampled[number]):
             some = different(level[: ceil(share * len(level))])
-            probing = backup(problem, likelihoods, plans, some)
-            plans = plans.joined(improving(probing, some, plans, _LEAST_GAIN))
-        kept = np.union1d(np.unique(plans.best(beliefs)), np.arange(min(2, num_stops)))  # what stops is always there
-        solved.append(Plans(plans.alphas[kept], plans.actions[kept]))
+            probing = backup(problem, likelihoods, vectors, some)
+            vectors = vectors.joined(improving(probing, some, vectors, _LEAST_GAIN))
+        kept = np.union1d(
+            np.unique(vectors.best(beliefs)), np.arange(min(2, num_stops))
+        )  # CONFIRM and REJECT are always kept
+        solved.append(AlphaVectors(vectors.alphas[kept], vectors.actions[kept]))
     return solved[::-1]
 
 
-def stopping_plans(problem: StagedProblem, stage: Stage, following: Plans | None, beliefs: Floats) -> Plans:
-    """CONFIRM, then REJECT with each plan for what follows that is best at a belief."""
+def stopping_vectors(
+    problem: StagedProblem, stage: Stage, following: AlphaVectors | None, beliefs: Floats
+) -> AlphaVectors:
+    """Alpha vectors of CONFIRM, and of REJECT followed by each vector of the next stage that is best at some belief."""
     num_poses = len(problem.outcome_probs)
     rejects = stage.reject[None]
     if following is not None:
-        assert stage.moves is not None, "only the last stage leads nowhere"
+        assert stage.moves is not None, "only the last stage has no successor"
         rejects = rejects + problem.discount * following.alphas @ stage.moves.T
-    rejecting = Plans(rejects, np.full(len(rejects), num_poses + 1)).useful(beliefs)
-    return Plans(stage.confirm[None], np.array([num_poses])).joined(rejecting)
+    rejecting = AlphaVectors(rejects, np.full(len(rejects), num_poses + 1)).useful(beliefs)
+    return AlphaVectors(stage.confirm[None], np.array([num_poses])).joined(rejecting)
 
 
-def improving(found: Plans, beliefs: Floats, known: Plans, least_gain: float) -> Plans:
-    """Those of the plans found, one for each belief, that are worth more there than any known, without needless ones.
+def improving(found: AlphaVectors, beliefs: Floats, known: AlphaVectors, least_gain: float) -> AlphaVectors:
+    """Of the vectors found, one per belief, those that have a higher value there than all known ones.
 
-    >>> known = Plans(np.array([[0.0, 0.0]]), np.array([1]))
-    >>> found = Plans(np.array([[0.5, 0.1], [-0.2, 0.1]]), np.array([0, 0]))
+    >>> known = AlphaVectors(np.array([[0.0, 0.0]]), np.array([1]))
+    >>> found = AlphaVectors(np.array([[0.5, 0.1], [-0.2, 0.1]]), np.array([0, 0]))
     >>> improving(found, np.array([[0.9, 0.1], [0.8, 0.2]]), known, least_gain=0.01).alphas.tolist()
     [[0.5, 0.1]]
     """
     better = (found.alphas * beliefs).sum(axis=1) - known.value(beliefs) > least_gain
-    some = Plans(found.alphas[better], found.actions[better])
+    some = AlphaVectors(found.alphas[better], found.actions[better])
     return some.useful(beliefs) if better.any() else some
 
 
-def backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: Floats, weight: float = 1.0) -> Plans:
-    """The best plan that begins with a probe, at each belief.
+def backup(
+    problem: StagedProblem, likelihoods: Floats, vectors: AlphaVectors, beliefs: Floats, weight: float = 1.0
+) -> AlphaVectors:
+    """The alpha vector of the best plan that begins with a probe, for each belief.
 
     Args:
-        problem: gives touch cost and discount.
+        problem: its touch cost and discount are used.
         likelihoods: p(outcome | pose, state), ``(P, M, n)``.
-        plans: to go on with.
+        vectors: of the plans to continue with.
         beliefs: ``(B, n)``.
-        weight: chance that a probe shows an outcome at all, and not nothing.
+        weight: probability that a probe gives an outcome; otherwise it gives nothing.
     """
     num_poses, num_outcomes, num_states = likelihoods.shape
     single = likelihoods.reshape(-1, num_states).astype(np.float32)
-    transposed = np.ascontiguousarray(plans.alphas.T, np.float32)  # which plan is best may be rounded, its value not
-    rows = max(1, _BLOCK // (num_poses * num_outcomes * max(num_states, len(plans.alphas))))
+    transposed = np.ascontiguousarray(vectors.alphas.T, np.float32)  # for the choice of a vector; values are in float64
+    rows = max(1, _BLOCK // (num_poses * num_outcomes * max(num_states, len(vectors.alphas))))
     alphas, actions = [], []
     for first in range(0, len(beliefs), rows):
         some = beliefs[first : first + rows]
@@ -119,21 +129,21 @@ def backup(problem: StagedProblem, likelihoods: Floats, plans: Plans, beliefs: F
         best = (joint.reshape(-1, num_states) @ transposed).argmax(axis=1).reshape(-1, num_poses, num_outcomes)
         candidates = np.empty((len(some), num_poses, num_states))
         for pose in range(num_poses):
-            candidates[:, pose] = np.einsum("mn,bmn->bn", likelihoods[pose], plans.alphas[best[:, pose]])
+            candidates[:, pose] = np.einsum("mn,bmn->bn", likelihoods[pose], vectors.alphas[best[:, pose]])
         if weight < 1.0:
-            candidates = weight * candidates + (1.0 - weight) * plans.alphas[plans.best(some)][:, None]
+            candidates = weight * candidates + (1.0 - weight) * vectors.alphas[vectors.best(some)][:, None]
         candidates = problem.discount * candidates - problem.touch_cost
         pose_of = np.einsum("bpn,bn->bp", candidates, some).argmax(axis=1)
         alphas.append(candidates[np.arange(len(some)), pose_of])
         actions.append(pose_of)
-    return Plans(np.concatenate(alphas), np.concatenate(actions))
+    return AlphaVectors(np.concatenate(alphas), np.concatenate(actions))
 
 
 def different(beliefs: Floats) -> Floats:
-    """Beliefs ``(B, n)`` without those that are nearly another, in their order.
+    """Beliefs ``(B, n)`` in their order, without those that nearly equal another.
 
     >>> different(np.array([[0.5, 0.5], [0.9, 0.1], [0.50001, 0.49999]])).tolist()
     [[0.5, 0.5], [0.9, 0.1]]
     """
-    _, index = np.unique(beliefs.round(_ALIKE), axis=0, return_index=True)
+    _, index = np.unique(beliefs.round(_DECIMALS), axis=0, return_index=True)
     return beliefs[np.sort(index)]

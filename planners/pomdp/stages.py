@@ -1,17 +1,16 @@
-"""A search written out as stages, one an object, with the smallest hidden state that is exact.
+"""A search as a sequence of stages, one per object, with the smallest exact hidden state.
 
-In a stage the hidden state x stays as it is while probes observe the shape of the current object. CONFIRM ends
-everything with a payoff that depends on x; REJECT leads to the next stage, x moving by a stochastic matrix, or, in the
-last stage, ends with a payoff. For one object x is its shape. For ``independent`` objects x is the shape and whether a
-target was rejected before; for ``distinct`` ones the shape and the set of shapes rejected before: n 2^(n-1) states in
-all, because it does not matter in which order they went.
+Within a stage the hidden state x does not change, and probes observe the shape of the current object. CONFIRM ends the
+search with a payoff that depends on x. REJECT leads to the next stage, where x changes by a stochastic matrix; in the
+last stage it ends the search with a payoff. For one object x is its shape. For ``independent`` objects x is the shape
+and whether a target was rejected before; for ``distinct`` ones the shape and the set of shapes rejected before: n
+2^(n-1) states in all, because the order of rejection does not matter.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +25,13 @@ _LEAST_LOG = -500.0  # of a probability relative to the largest
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One object.
+    """One object of a search.
 
     Attributes:
-        shapes: of the current object in each of the n states, ``(n,)``.
+        shapes: shape of the current object in each of the n states, ``(n,)``.
         confirm: payoff of CONFIRM, ``(n,)``.
-        reject: payoff of REJECT, ``(n,)``; zero where it leads on.
-        moves: states of the next stage after REJECT, ``(n, n')``, rows sum to one; None in the last stage.
+        reject: payoff of REJECT, ``(n,)``; zero if there is a next stage.
+        moves: p(state of the next stage | state) after REJECT, ``(n, n')``; None in the last stage.
     """
 
     shapes: NDArray[np.int64]
@@ -43,14 +42,14 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class StagedProblem:
-    """All that a solver needs.
+    """A search as stages, in the form that the solver takes.
 
     Attributes:
-        stages: one an object.
+        stages: one per object.
         initial: belief about the first stage's state.
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
         touch_cost: λ.
-        discount: γ, a probe or a REJECT.
+        discount: γ, per probe or REJECT.
     """
 
     stages: tuple[Stage, ...]
@@ -81,25 +80,10 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
     return StagedProblem(tuple(stages), initial, problem.outcome_probs, problem.touch_cost, problem.discount)
 
 
-def num_states(problem: TouchProblem | SearchTouchProblem) -> int:
-    """Hidden states of all stages together, in the smallest exact form.
-
-    >>> import numpy as np
-    >>> from planners.solve import SearchTouchProblem
-    >>> num_states(SearchTouchProblem(np.full((1, 4, 1), 1.0), 4, "distinct", target=0, touch_cost=0.1))
-    32
-    """
-    if isinstance(problem, TouchProblem):
-        return problem.num_shapes
-    if problem.composition is Composition.INDEPENDENT:
-        return 2 * problem.num_shapes
-    return sum(comb(problem.num_shapes, i) * (problem.num_shapes - i) for i in range(problem.num_objects))
-
-
 def _independent(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
     num_shapes, prior = problem.num_shapes, problem.prior
     assert prior is not None, "filled in at construction"
-    shapes = np.tile(np.arange(num_shapes), 2)  # nothing missed yet, then a target missed
+    shapes = np.tile(np.arange(num_shapes), 2)  # without, then with a rejected target
     missed = np.arange(2 * num_shapes) >= num_shapes
     is_target = shapes == problem.target
     moves = np.zeros((2 * num_shapes, 2 * num_shapes))
@@ -113,7 +97,7 @@ def _independent(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
 
 def _distinct(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
     num_shapes, every = problem.num_shapes, range(problem.num_shapes)
-    total = num_states(problem)
+    total = problem.num_states
     if total > MAX_STATES:
         raise ValueError(
             f"{problem.num_objects} distinct objects of {num_shapes} shapes have {total} hidden states, more than "
@@ -146,17 +130,17 @@ def _sign(right: NDArray[np.bool_]) -> Floats:
 
 
 def stage_belief(problem: StagedProblem, log_likelihoods: Floats, number: int) -> Floats:
-    """Belief about a stage's hidden state, given what was felt of its object and of those rejected before, ``(n,)``.
+    """Belief about a stage's hidden state, given the touches of its object and of those rejected before, ``(n,)``.
 
     Args:
         problem: the search.
-        log_likelihoods: log p(touches of an object | shape), ``(N, K)``; any size.
+        log_likelihoods: log p(touches of an object | shape), ``(N, K)``; finite or -inf.
         number: of the stage, from 0.
 
     >>> import numpy as np
     >>> from planners.solve import SearchTouchProblem
     >>> problem = staged(SearchTouchProblem(np.full((1, 2, 1), 1.0), 2, "distinct", target=0, touch_cost=0.1))
-    >>> stage_belief(problem, np.log([[0.2, 0.8], [0.5, 0.5]]), 1)      # probably the target is still to come
+    >>> stage_belief(problem, np.log([[0.2, 0.8], [0.5, 0.5]]), 1)      # the target is probably not rejected yet
     array([0.2, 0.8])
     >>> problem.stages[1].shapes
     array([1, 0])
@@ -166,11 +150,11 @@ def stage_belief(problem: StagedProblem, log_likelihoods: Floats, number: int) -
         with np.errstate(divide="ignore"):
             logs = np.log(belief) + log_likelihoods[i, problem.stages[i].shapes]
         relative = logs - logs.max()
-        # What is possible stays possible: later evidence may bring it back.
+        # Possible states keep a positive probability, so that later evidence can raise it.
         belief = np.where(relative == -np.inf, 0.0, np.exp(np.maximum(relative, _LEAST_LOG)))
         belief /= belief.sum()
         if i < number:
             moves = problem.stages[i].moves
-            assert moves is not None, "only the last stage leads nowhere"
+            assert moves is not None, "only the last stage has no successor"
             belief = belief @ moves
     return belief

@@ -1,4 +1,4 @@
-"""What touches cost, and how much of a fresh touch each of an object's touches is worth."""
+"""Cost of the touches of one object, and how much information repeated touches give."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from belief.errors import InvalidArgument
 
 
 @dataclass(frozen=True)
-class TouchTerms:
-    """Terms on which one object can be touched, as often as one likes.
+class TouchCosts:
+    """Cost, discount and repeat weights of the touches of one object; their number is not limited.
 
     Attributes:
         cost: λ.
         discount: γ, per touch.
-        weights: the t-th touch shows an outcome with probability ``weights[t]``, else nothing; the last holds for all
-            that follow. Not increasing, in [0, 1]. Touches that are all fresh by default.
+        weights: touch t gives an outcome with probability ``weights[t]``, and nothing otherwise; the last weight holds
+            for all later touches. They are in [0, 1] and do not increase.
 
-    >>> TouchTerms(0.02, 1.0, (1.0, 0.5)).lasting        # half of them show nothing: an outcome costs twice as much
+    Raises:
+        InvalidArgument: a number is out of its range.
+
+    >>> TouchCosts(0.02, 1.0, (1.0, 0.5)).lasting        # half of them give nothing, so an outcome costs twice as much
     (0.04, 1.0)
     """
 
@@ -39,9 +42,9 @@ class TouchTerms:
 
     @property
     def lasting(self) -> tuple[float, float]:
-        """Cost and discount of an outcome once the last weight holds.
+        """Cost and discount of one outcome once the last weight holds.
 
-        A touch that shows nothing leaves all as it was: whoever touches then goes on until one shows something.
+        A touch without an outcome does not change the belief, so the same pose is touched until there is an outcome.
         """
         weight = self.weights[-1]
         if weight == 0.0:
@@ -50,9 +53,9 @@ class TouchTerms:
         return self.cost / rate, self.discount * weight / rate
 
     def weight(self, touches: int) -> float:
-        """Of the next touch once so many were made."""
+        """Weight of the next touch after so many touches."""
         return self.weights[min(touches, len(self.weights) - 1)]
 
-    def after(self, touches: int) -> TouchTerms:
-        """The terms once so many touches were made."""
-        return TouchTerms(self.cost, self.discount, tuple(self.weights[touches:]) or (self.weights[-1],))
+    def after(self, touches: int) -> TouchCosts:
+        """The costs that hold after so many touches."""
+        return TouchCosts(self.cost, self.discount, tuple(self.weights[touches:]) or (self.weights[-1],))

@@ -1,7 +1,7 @@
-"""Solve touch problems: plans whose value is certified from below and from above.
+"""Solve touch problems: policies with a lower and an upper bound on the optimal value.
 
 >>> import numpy as np
->>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])                       # one pose, right nine times of ten
+>>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])                       # one pose, right nine times in ten
 >>> policy = solve(TouchProblem(table, prior=[0.5, 0.5], target=0, touch_cost=0.05))
 >>> int(policy.action([0.5, 0.5])), int(policy.action([0.99, 0.01])), int(policy.action([0.01, 0.99]))
 (0, 1, 2)
@@ -16,8 +16,11 @@ from typing import overload
 
 import numpy as np
 
+from belief.errors import InvalidArgument
+from belief.problem import Floats
 from planners.pomdp.finite_horizon import finite_horizon_value
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.stages import StagedProblem
 from planners.solve.policy import SearchPolicy, TouchPolicy, solve_search, solve_touch
 from planners.solve.policy_files import load_policy, save_policy
 
@@ -34,9 +37,9 @@ __all__ = [
 
 
 ROUNDS = (200, 200, 400, 400, 800)
-"""Tests of one object simulated in each round of planning, by default: well below a second for four shapes."""
+"""Default number of simulated tests of one object per round of planning; takes well below a second for four shapes."""
 SEARCH_ROUNDS = (*ROUNDS, 2000)
-"""The same for searches: one to three seconds for four objects."""
+"""Default number of simulated searches per round of planning; takes one to three seconds for four objects."""
 
 
 @overload
@@ -45,25 +48,33 @@ def solve(
 ) -> TouchPolicy: ...
 @overload
 def solve(
-    problem: SearchTouchProblem, rng: np.random.Generator | None = None, rounds: Sequence[int] | None = None
-) -> SearchPolicy: ...
-def solve(
-    problem: TouchProblem | SearchTouchProblem,
+    problem: SearchTouchProblem | StagedProblem,
     rng: np.random.Generator | None = None,
     rounds: Sequence[int] | None = None,
+    repeat_weights: Floats | None = None,
+) -> SearchPolicy: ...
+def solve(
+    problem: TouchProblem | SearchTouchProblem | StagedProblem,
+    rng: np.random.Generator | None = None,
+    rounds: Sequence[int] | None = None,
+    repeat_weights: Floats | None = None,
 ) -> TouchPolicy | SearchPolicy:
     """Point-based value iteration; see :mod:`planners.pomdp.solver`.
 
     Args:
-        problem: one object, or a search.
-        rng: samples the beliefs to plan at; seed 0 by default, so that a problem has one solution.
-        rounds: how many to simulate in each round of planning; more are slower and closer to the best. By default
+        problem: one object, a search, or a search as stages.
+        rng: samples the beliefs at which the solver works; seed 0 by default, so that a problem has one solution.
+        rounds: number of simulated searches in each round; more take longer and give a higher value. By default
             :data:`ROUNDS` for one object, :data:`SEARCH_ROUNDS` for a search.
+        repeat_weights: probability that the first, second, … touch of an object gives new information, ``(T,)``; for
+            a repeat-aware policy (:mod:`planners.pomdp.repeat_aware`) of a search. None: every touch does.
 
     Raises:
-        ValueError: touches cost nothing and nothing is discounted, or there are too many hidden states.
+        ValueError: touch cost 0 with discount 1, too many hidden states, or repeat weights for a single object.
     """
     rng = rng if rng is not None else np.random.default_rng(0)
     if isinstance(problem, TouchProblem):
+        if repeat_weights is not None:
+            raise InvalidArgument("repeat_weights need a SearchTouchProblem, which may have num_objects = 1")
         return solve_touch(problem, rng, ROUNDS if rounds is None else rounds)
-    return solve_search(problem, rng, SEARCH_ROUNDS if rounds is None else rounds)
+    return solve_search(problem, rng, SEARCH_ROUNDS if rounds is None else rounds, repeat_weights)

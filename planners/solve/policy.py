@@ -1,4 +1,4 @@
-"""Solved problems: what to do at a belief, what that is worth, and how far it can be from the best."""
+"""Policies of solved problems: the best action at a belief, its value, and bounds on the optimal value."""
 
 from __future__ import annotations
 
@@ -10,64 +10,67 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief import Belief
 from belief.errors import InvalidArgument
 from belief.problem import Floats
 from belief.validation import SUM_TOLERANCE, as_real
-from planners.bounds.object import touch_bound
+from planners.bounds.object import object_bound
 from planners.bounds.search import search_bound
-from planners.pomdp.alpha_vectors import Plans
+from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
-from planners.pomdp.solver import point_based
-from planners.pomdp.stages import staged
+from planners.pomdp.repeat_aware import repeat_aware_vectors
+from planners.pomdp.solver import point_based_value_iteration
+from planners.pomdp.stages import StagedProblem, stage_belief, staged
 
-_BLOCK = 256  # beliefs whose worth under all plans fits a processor's cache
+_BLOCK = 256  # beliefs whose values under all alpha vectors fit in a processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class TouchPolicy:
-    """A policy for one object, with bounds on what the best one is worth at the problem's prior.
+    """A policy for one object, with bounds on the optimal value at the problem's prior.
 
-    Actions are integers: 0 to P - 1 are poses to probe in, P is CONFIRM, P + 1 is REJECT. Of equally good plans those
-    that stop come first, then the lowest pose.
+    Actions are integers: 0 to P - 1 are poses to probe in, P is CONFIRM, P + 1 is REJECT. Of equally good actions
+    CONFIRM and REJECT come first, then the lowest pose.
 
     Attributes:
-        problem: what was solved.
-        plans: whose value is linear in the belief.
+        problem: the problem that was solved.
+        vectors: the alpha vectors of the policy.
     """
 
     problem: TouchProblem
-    plans: Plans
+    vectors: AlphaVectors
 
-    def value(self, belief: ArrayLike) -> Floats:
-        """What following the policy is worth at beliefs ``(..., K)``, at least; ``(...)``.
+    def value(self, belief: ArrayLike | Belief) -> Floats:
+        """Lower bound on the value of following the policy from beliefs ``(..., K)``; ``(...)``.
 
         Raises:
-            InvalidArgument: a belief is none.
+            InvalidArgument: a belief is not a distribution over the shapes.
         """
         return np.asarray((checked_beliefs(belief, self.problem.num_shapes) @ self._transposed).max(axis=-1))
 
-    def action(self, belief: ArrayLike) -> NDArray[np.int64]:
-        """What to do at beliefs ``(..., K)``; ``(...)``.
+    def action(self, belief: ArrayLike | Belief) -> NDArray[np.int64]:
+        """The best action at beliefs ``(..., K)``; ``(...)``.
 
-        Of plans worth the same to seven digits, a batch may be given another than a belief alone.
+        A :class:`belief.Belief` is not checked again, since it was checked when it was made. Where two actions have
+        equal values to seven digits, a batch may get another one than a single belief.
 
         Raises:
-            InvalidArgument: a belief is none.
+            InvalidArgument: a belief is not a distribution over the shapes.
         """
         beliefs = checked_beliefs(belief, self.problem.num_shapes)
         if beliefs.ndim == 1:
-            return self.plans.actions[(beliefs @ self._transposed).argmax()]
+            return self.vectors.actions[(beliefs @ self._transposed).argmax()]
         rows = beliefs.reshape(-1, self.problem.num_shapes).astype(np.float32)
         best = np.empty(len(rows), np.int64)
         for i in range(0, len(rows), _BLOCK):
-            (rows[i : i + _BLOCK] @ self._single).argmax(axis=1, out=best[i : i + _BLOCK])
-        return self.plans.actions[best].reshape(beliefs.shape[:-1])
+            (rows[i : i + _BLOCK] @ self._transposed_float32).argmax(axis=1, out=best[i : i + _BLOCK])
+        return self.vectors.actions[best].reshape(beliefs.shape[:-1])
 
-    def q_values(self, belief: ArrayLike) -> Floats:
-        """What each action is worth at beliefs ``(..., K)`` if the policy is followed after it, ``(..., P + 2)``.
+    def q_values(self, belief: ArrayLike | Belief) -> Floats:
+        """Value of each action at beliefs ``(..., K)`` if the policy is followed after it, ``(..., P + 2)``.
 
         Raises:
-            InvalidArgument: a belief is none.
+            InvalidArgument: a belief is not a distribution over the shapes.
         """
         b = checked_beliefs(belief, self.problem.num_shapes)
         confirm = 2.0 * b[..., self.problem.target] - b.sum(axis=-1)
@@ -78,95 +81,150 @@ class TouchPolicy:
 
     @cached_property
     def _transposed(self) -> Floats:
-        return np.ascontiguousarray(self.plans.alphas.T)
+        return np.ascontiguousarray(self.vectors.alphas.T)
 
     @cached_property
-    def _single(self) -> NDArray[np.float32]:
-        """Which plan is best may be rounded; what it is worth is not."""
+    def _transposed_float32(self) -> NDArray[np.float32]:
+        """For the choice of an action only; values are computed in float64."""
         return self._transposed.astype(np.float32)
 
     @property
     def lower_bound(self) -> float:
-        """What following one of the plans from the prior is worth: the optimum is not below it."""
+        """Lower bound on the optimal value at the prior: the value of the policy."""
         return float(self.value(self.problem.prior))
 
     @cached_property
     def upper_bound(self) -> float:
-        """What no policy exceeds at the prior; computed when first asked for, in some seconds."""
-        return max(touch_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
+        """Upper bound on the optimal value at the prior; computed when first asked for, in some seconds."""
+        return max(object_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
     def __str__(self) -> str:
-        return _told("policy for one object", len(self.plans.alphas), self.lower_bound, self.upper_bound)
+        return _summary("policy for one object", len(self.vectors.alphas), self.lower_bound, self.upper_bound)
 
 
 @dataclass(frozen=True, eq=False)
 class SearchPolicy:
-    """A policy for a whole search, as plans for every object, with bounds at the start.
+    """A policy for a whole search, with bounds on the optimal value at its start.
+
+    A policy that is not repeat-aware has one set of alpha vectors per object. A repeat-aware one has a set for each
+    number of touches that the object has had; the last set holds for all numbers beyond.
 
     Attributes:
-        problem: what was solved.
-        stages: plans for the first object, the second, and so on; over the hidden states of
+        problem: the problem that was solved.
+        vectors: alpha vectors by object and by number of touches, over the hidden states of
             :mod:`planners.pomdp.stages`.
     """
 
-    problem: SearchTouchProblem
-    stages: tuple[Plans, ...] = field(repr=False)
+    problem: SearchTouchProblem | StagedProblem
+    vectors: tuple[tuple[AlphaVectors, ...], ...] = field(repr=False)
+
+    @cached_property
+    def search(self) -> StagedProblem:
+        """The problem as stages."""
+        return self.problem if isinstance(self.problem, StagedProblem) else staged(self.problem)
+
+    def at(self, object_index: int, num_touches: int = 0) -> AlphaVectors:
+        """The alpha vectors for an object that has had so many touches.
+
+        Raises:
+            InvalidArgument: there is no such object.
+        """
+        if not isinstance(object_index, Integral) or not 0 <= object_index < len(self.vectors):
+            raise InvalidArgument(f"object_index must be in [0, {len(self.vectors)}), got {object_index!r}")
+        by_touches = self.vectors[object_index]
+        return by_touches[min(num_touches, len(by_touches) - 1)]
+
+    def belief(self, object_index: int, log_likelihoods: Floats) -> Floats:
+        """Belief about the hidden state at an object; see :func:`planners.pomdp.stages.stage_belief`.
+
+        Args:
+            object_index: of the current object.
+            log_likelihoods: log p(touches of an object | shape), ``(N, K)``.
+        """
+        return stage_belief(self.search, log_likelihoods, object_index)
+
+    def action(self, object_index: int, belief: ArrayLike, num_touches: int = 0) -> int:
+        """The best action; integers as in :class:`TouchPolicy`.
+
+        Args:
+            object_index: of the current object.
+            belief: about its hidden state, ``(n,)``; see :meth:`belief`.
+            num_touches: touches that it has had.
+
+        Raises:
+            InvalidArgument: there is no such object, or the belief is not a distribution over its hidden states.
+        """
+        vectors, beliefs = self._stage(object_index, belief, num_touches)
+        return int(vectors.actions[vectors.best(beliefs)[0]])
+
+    def value(self, object_index: int, belief: ArrayLike, num_touches: int = 0) -> float:
+        """Lower bound on the value of the search from a belief on; arguments and errors as of :meth:`action`."""
+        vectors, beliefs = self._stage(object_index, belief, num_touches)
+        return float(vectors.value(beliefs)[0])
+
+    def probe_values(self, object_index: int, belief: Floats, num_touches: int, weights: Floats) -> Floats:
+        """Value of one more touch in each pose, by one exact step of look-ahead, ``(P,)``.
+
+        Args:
+            object_index: of the current object.
+            belief: about its hidden state, ``(n,)``.
+            num_touches: touches that it has had.
+            weights: probability that a touch in each pose gives new information, ``(P,)``; the value is -inf where it
+                is zero.
+        """
+        after = self.at(object_index, num_touches + 1)
+        joint = np.moveaxis(belief[:, None] * self.search.likelihoods(object_index), 2, 1)  # (P, M, n)
+        informed = (joint @ after.alphas.T).max(axis=2).sum(axis=1)
+        repeated = float((after.alphas @ belief).max())
+        values = weights * informed + (1.0 - weights) * repeated - self.search.touch_cost
+        return np.where(weights > 0.0, values, -np.inf)
 
     @property
     def initial_value(self) -> float:
-        """What the policy is worth at the start, at least."""
-        return float(self.stages[0].value(self._initial[None])[0])
+        """Lower bound on the value of the policy at the start."""
+        return float(self.at(0).value(self.search.initial[None])[0])
 
     @property
     def initial_action(self) -> int:
-        """What it does first; integers as in :class:`TouchPolicy`."""
-        return int(self.stages[0].actions[self.stages[0].best(self._initial[None])[0]])
+        """Its first action; integers as in :class:`TouchPolicy`."""
+        return int(self.at(0).actions[self.at(0).best(self.search.initial[None])[0]])
 
     @property
     def lower_bound(self) -> float:
-        """The same as ``initial_value``: the optimum is not below it."""
+        """Lower bound on the optimal value at the start: ``initial_value``."""
         return self.initial_value
 
     @cached_property
     def upper_bound(self) -> float:
-        """What no policy exceeds at the start; computed when first asked for, in some seconds."""
-        return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
-
-    def action(self, object_index: int, belief: ArrayLike) -> int:
-        """What to do at a belief ``(n,)`` about an object's state: see :func:`planners.pomdp.stages.stage_belief`.
+        """Upper bound on the optimal value at the start; computed when first asked for, in some seconds.
 
         Raises:
-            InvalidArgument: there is no such object, or the belief is none.
+            InvalidArgument: the problem was given as stages, for which there is no bound.
         """
-        plans, beliefs = self._stage(object_index, belief)
-        return int(plans.actions[plans.best(beliefs)[0]])
+        if isinstance(self.problem, StagedProblem):
+            raise InvalidArgument("an upper bound needs a SearchTouchProblem; this policy was solved for stages")
+        return max(search_bound(self.problem, np.random.default_rng(0)), self.lower_bound)
 
-    def value(self, object_index: int, belief: ArrayLike) -> float:
-        """What the rest of the search is worth at a belief ``(n,)``, at least; errors as of :meth:`action`."""
-        plans, beliefs = self._stage(object_index, belief)
-        return float(plans.value(beliefs)[0])
-
-    def _stage(self, object_index: int, belief: ArrayLike) -> tuple[Plans, Floats]:
-        """The plans for an object, and a belief about its state as one row."""
-        if not isinstance(object_index, Integral) or not 0 <= object_index < len(self.stages):
-            raise InvalidArgument(f"object_index must be in [0, {len(self.stages)}), got {object_index!r}")
-        plans = self.stages[object_index]
-        checked = checked_beliefs(belief, plans.alphas.shape[1])
+    def _stage(self, object_index: int, belief: ArrayLike, num_touches: int) -> tuple[AlphaVectors, Floats]:
+        """The alpha vectors for an object, and a belief about its hidden state as one row."""
+        vectors = self.at(object_index, num_touches)
+        checked = checked_beliefs(belief, vectors.alphas.shape[1])
         if checked.ndim != 1:
-            raise InvalidArgument(f"one belief ({plans.alphas.shape[1]},) is needed, got {checked.shape}")
-        return plans, checked[None]
-
-    @cached_property
-    def _initial(self) -> Floats:
-        return staged(self.problem).initial
+            raise InvalidArgument(f"one belief ({vectors.alphas.shape[1]},) is needed, got {checked.shape}")
+        return vectors, checked[None]
 
     def __str__(self) -> str:
-        number = sum(len(plans.alphas) for plans in self.stages)
-        return _told(f"policy for {self.problem.num_objects} objects", number, self.lower_bound, self.upper_bound)
+        number = sum(len(vectors.alphas) for by_touches in self.vectors for vectors in by_touches)
+        high = None if isinstance(self.problem, StagedProblem) else self.upper_bound
+        return _summary(f"policy for {len(self.vectors)} objects", number, self.lower_bound, high)
 
 
-def checked_beliefs(belief: ArrayLike, num_states: int) -> Floats:
+def checked_beliefs(belief: ArrayLike | Belief, num_states: int) -> Floats:
     """Beliefs ``(..., n)`` as float64.
+
+    Args:
+        belief: numbers, which are checked, or a :class:`belief.Belief`, of which only the size is.
+        num_states: n.
 
     Raises:
         InvalidArgument: another number of states, text, negative numbers, NaN, infinity, or a sum that is not one
@@ -177,12 +235,19 @@ def checked_beliefs(belief: ArrayLike, num_states: int) -> Floats:
     ...
     belief.errors.InvalidArgument: a belief must be 2 probabilities that sum to one, got [0.7, 0.7]
     """
-    try:
-        beliefs = np.asarray(as_real(belief, "a belief"), np.float64)
-    except ValueError as error:
-        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
+    if isinstance(belief, Belief):
+        if len(belief.probs) == num_states:
+            return belief.probs
+        raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief}")
+    if type(belief) is np.ndarray and belief.dtype == np.float64:
+        beliefs = belief
+    else:
+        try:
+            beliefs = np.asarray(as_real(belief, "a belief"), np.float64)
+        except ValueError as error:
+            raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one: {error}") from error
     if beliefs.shape[-1:] == (num_states,):
-        if beliefs.ndim == 1:  # one decision must not wait for a check of many
+        if beliefs.ndim == 1:  # Python's sum is quicker than numpy's for few numbers
             row = beliefs.tolist()
             good = abs(sum(row) - 1.0) <= SUM_TOLERANCE and min(row) >= 0.0  # NaN fails
         else:
@@ -194,14 +259,25 @@ def checked_beliefs(belief: ArrayLike, num_states: int) -> Floats:
 
 def solve_touch(problem: TouchProblem, rng: np.random.Generator, rounds: Sequence[int]) -> TouchPolicy:
     """See :func:`planners.solve.solve`."""
-    return TouchPolicy(problem, point_based(staged(problem), rng, rounds)[0])
+    return TouchPolicy(problem, point_based_value_iteration(staged(problem), rng, rounds)[0])
 
 
-def solve_search(problem: SearchTouchProblem, rng: np.random.Generator, rounds: Sequence[int]) -> SearchPolicy:
+def solve_search(
+    problem: SearchTouchProblem | StagedProblem,
+    rng: np.random.Generator,
+    rounds: Sequence[int],
+    repeat_weights: Floats | None,
+) -> SearchPolicy:
     """See :func:`planners.solve.solve`."""
-    return SearchPolicy(problem, tuple(point_based(staged(problem), rng, rounds)))
+    search = problem if isinstance(problem, StagedProblem) else staged(problem)
+    vectors = point_based_value_iteration(search, rng, rounds)
+    if repeat_weights is None:
+        return SearchPolicy(problem, tuple((some,) for some in vectors))
+    return SearchPolicy(problem, repeat_aware_vectors(search, vectors, repeat_weights, rng))
 
 
-def _told(what: str, num_plans: int, low: float, high: float) -> str:
+def _summary(what: str, num_vectors: int, low: float, high: float | None) -> str:
+    if high is None:
+        return f"{what}: {num_vectors} alpha vectors, value at least {low:.4f}"
     gap = f"{(high - low) / abs(high):.2%}" if high else "undefined"
-    return f"{what}: {num_plans} plans, worth at least {low:.4f}, at most {high:.4f} is possible (gap {gap})"
+    return f"{what}: {num_vectors} alpha vectors, value at least {low:.4f}, at most {high:.4f} is possible (gap {gap})"

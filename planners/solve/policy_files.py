@@ -1,6 +1,6 @@
-"""Solved policies on disk: arrays and a line of JSON, and never code.
+"""Files of solved policies: arrays and one line of JSON, without code.
 
-A policy holds only for the observation model it was solved for, so its file says which that was, by content.
+A policy is valid only for the observation model it was solved for, so its file holds a digest of that model.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.errors import ActiveTouchError, CorruptFile
+from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
 from belief.files import atomic_path, sealed_json, unsealed_json
+from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.pomdp.alpha_vectors import Plans
+from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.stages import StagedProblem
 from planners.solve.policy import SearchPolicy, TouchPolicy
 
-_FORMAT = "activetouch policy 2"
-_MOST_BYTES = 1 << 30  # that a file may unpack to
+_FORMAT = "activetouch policy 3"
+_MOST_BYTES = 1 << 30  # of an unpacked file
 
 
 class PolicyMismatch(ActiveTouchError, ValueError):
@@ -31,35 +33,43 @@ class PolicyMismatch(ActiveTouchError, ValueError):
 
 
 class CorruptPolicy(CorruptFile):
-    """A file is no policy, or a damaged one."""
+    """A file is not a policy, or is damaged."""
 
 
 def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
-    """Write a policy, whole or not at all.
+    """Write a policy; a file that cannot be written completely is not written at all.
 
     Args:
         path: the file; conventionally ends in ``.npz``.
-        policy: what to write.
+        policy: to be written.
 
     Raises:
+        InvalidArgument: it was solved for stages and not for a :class:`SearchTouchProblem`.
         CannotWrite: the disk is full, or the folder cannot be written to.
     """
     problem = policy.problem
+    if isinstance(problem, StagedProblem):
+        raise InvalidArgument(
+            "only the policy of a SearchTouchProblem or a TouchProblem can be saved; this one was solved for stages "
+            "with fewer hidden states than the search"
+        )
     header: dict[str, Any] = {
         "format": _FORMAT,
-        "model_sha256": table_sha256(problem.outcome_probs),
+        "model_sha256": OutcomeTable(problem.outcome_probs).sha256,
         "target": int(problem.target),
         "touch_cost": float(problem.touch_cost),
         "discount": float(problem.discount),
     }
     if isinstance(problem, SearchTouchProblem):
         header |= {"num_objects": problem.num_objects, "composition": str(problem.composition)}
-    stages = policy.stages if isinstance(policy, SearchPolicy) else (policy.plans,)
+    by_object = policy.vectors if isinstance(policy, SearchPolicy) else ((policy.vectors,),)
+    header["num_touches"] = len(by_object[0])
     arrays: dict[str, Any] = {"outcome_probs": problem.outcome_probs}
     assert problem.prior is not None, "filled in at construction"
     arrays["prior"] = problem.prior
-    for number, plans in enumerate(stages):
-        arrays |= {f"alphas_{number}": plans.alphas, f"actions_{number}": plans.actions}
+    for number, by_touches in enumerate(by_object):
+        for touches, vectors in enumerate(by_touches):
+            arrays |= {f"alphas_{number}_{touches}": vectors.alphas, f"actions_{number}_{touches}": vectors.actions}
     header["arrays_sha256"] = _arrays_sha256(arrays)
     content = {"header": np.array(sealed_json(header, indent=None)), **arrays}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
@@ -71,25 +81,25 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
 
     Args:
         path: the file.
-        outcome_probs: the observation model at hand, ``(P, K, M)``, to be sure that the policy is for it.
+        outcome_probs: outcome table ``(P, K, M)`` that the policy must have been solved for; not checked if None.
 
     Raises:
-        CorruptPolicy: the file is no policy, or damaged.
+        CorruptPolicy: the file is not a policy, or is damaged.
         PolicyMismatch: it was solved for another observation model.
     """
     content = path.read_bytes()
     try:
         header, arrays = _unpacked(content)
         policy = _policy(header, arrays)
-    except Exception as error:  # what numpy and zipfile raise on damaged bytes is no closed list
-        raise CorruptPolicy(f"{path} is no policy that can be read: {error}; solve again and save it") from error
-    solved_for = table_sha256(policy.problem.outcome_probs)
+    except Exception as error:  # numpy and zipfile raise many kinds on damaged bytes
+        raise CorruptPolicy(f"{path} cannot be read as a policy: {error}; solve again and save it") from error
+    solved_for = OutcomeTable(policy.problem.outcome_probs).sha256
     if solved_for != header["model_sha256"]:
         raise CorruptPolicy(f"{path} holds another observation model than its header says: the file was changed")
-    if outcome_probs is not None and table_sha256(outcome_probs) != solved_for:
+    expected = solved_for if outcome_probs is None else OutcomeTable(np.asarray(outcome_probs)).sha256
+    if expected != solved_for:
         raise PolicyMismatch(
-            f"{path} was solved for the observation model {solved_for[:12]}, the one at hand is "
-            f"{table_sha256(outcome_probs)[:12]}; solve again for this one"
+            f"{path} was solved for the observation model {solved_for[:12]}, not for {expected[:12]}; solve again"
         )
     return policy
 
@@ -119,31 +129,23 @@ def _arrays_sha256(arrays: Mapping[str, NDArray[Any]]) -> str:
     return digest.hexdigest()
 
 
-def table_sha256(outcome_probs: ArrayLike) -> str:
-    """Fingerprint of an observation model's outcome table, to the last bit.
-
-    >>> table_sha256([[[0.5, 0.5]]])[:12]
-    '38ffe0147c9c'
-    """
-    table = np.ascontiguousarray(outcome_probs, np.float64)
-    return hashlib.sha256(repr(table.shape).encode() + table.astype("<f8").tobytes()).hexdigest()
-
-
 def _policy(header: dict[str, Any], arrays: dict[str, Any]) -> TouchPolicy | SearchPolicy:
     table, prior = arrays["outcome_probs"], arrays["prior"]
     target, cost, discount = header["target"], header["touch_cost"], header["discount"]
     if "num_objects" not in header:
         single = TouchProblem(table, prior, target, cost, discount)
-        return TouchPolicy(single, _plans(arrays, 0))
+        return TouchPolicy(single, _vectors(arrays, "0_0"))
     given: Floats | None = prior if header["composition"] == "independent" else None
     search = SearchTouchProblem(table, header["num_objects"], header["composition"], target, cost, given, discount)
-    return SearchPolicy(search, tuple(_plans(arrays, number) for number in range(search.num_objects)))
+    touches = range(header["num_touches"])
+    by_object = [[_vectors(arrays, f"{number}_{count}") for count in touches] for number in range(search.num_objects)]
+    return SearchPolicy(search, tuple(map(tuple, by_object)))
 
 
-def _plans(arrays: dict[str, Any], number: int) -> Plans:
-    alphas, actions = arrays[f"alphas_{number}"], arrays[f"actions_{number}"]
+def _vectors(arrays: dict[str, Any], name: str) -> AlphaVectors:
+    alphas, actions = arrays[f"alphas_{name}"], arrays[f"actions_{name}"]
     if alphas.dtype.kind != "f" or actions.dtype.kind != "i" or not len(alphas):
-        raise ValueError(f"plans of object {number} are no numbers")
+        raise ValueError(f"the alpha vectors {name} are not numbers")
     if alphas.ndim != 2 or actions.shape != alphas.shape[:1] or not np.isfinite(alphas).all():
-        raise ValueError(f"plans of object {number} are damaged")
-    return Plans(np.asarray(alphas, np.float64), np.asarray(actions, np.int64))
+        raise ValueError(f"the alpha vectors {name} are damaged")
+    return AlphaVectors(np.asarray(alphas, np.float64), np.asarray(actions, np.int64))

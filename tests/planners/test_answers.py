@@ -12,7 +12,7 @@ from belief.synthetic import SyntheticWorld
 from planners import Decision, search
 from planners.answers import BadDecision
 from planners.probing import FixedOrder
-from planners.stop_override import Confident
+from planners.stop_override import StopOverride
 from planners.stopping import PosteriorThresholds
 
 
@@ -58,7 +58,7 @@ NO_DECISIONS = {
 
 @pytest.mark.parametrize("what", NO_DECISIONS)
 @pytest.mark.parametrize(
-    "wrap", [Answers, lambda answer: Confident(PosteriorThresholds(), Answers(answer), FixedOrder())]
+    "wrap", [Answers, lambda answer: StopOverride(PosteriorThresholds(), Answers(answer), FixedOrder())]
 )
 def test_what_is_no_decision_is_an_error_that_says_who_answered_what(what, wrap, model):
     with pytest.raises(BadDecision, match="Answers answered") as caught:

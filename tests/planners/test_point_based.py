@@ -66,7 +66,7 @@ def test_any_composition_is_planned_for_and_searched(num_objects, num_shapes, co
     model = random_model(np.random.default_rng(1), num_shapes, sharpness=5.0)
     problem = problem_of(model, num_objects, composition, touch_limit=12 * num_objects)
     decider = PointBased(model.outcome_table(), rounds=(50, 100))
-    assert decider.planned(problem, 0).exact is exact
+    assert isinstance(decider.policy(problem, 0).problem, SearchTouchProblem) is exact
     successes = [play(decider, model, problem, 0, n).success for n in range(12)]
     assert np.mean(successes) > 0.6  # the floor is at most one half
 

@@ -14,7 +14,7 @@ from belief.synthetic import SyntheticWorld
 from planners import make_decider, search
 from planners.decider import InformationState
 from planners.episode import Outcome
-from planners.ppo import BadPolicy, MissingPolicy, Policy, PolicyCard, PPODecider, load_policy, policy_file
+from planners.ppo import BadPolicy, MissingPolicy, Policy, PolicyCard, PPODecider, load_ppo_policy, policy_file
 
 SHAPES, POSES = tuple(f"shape_{k}" for k in range(4)), ("p0", "p1", "p2")
 
@@ -93,16 +93,16 @@ def test_layers_that_do_not_fit_are_refused():
 
 def test_a_missing_policy_says_what_to_run(tmp_path, model, problem):
     with pytest.raises(MissingPolicy, match="folder of policies is needed"):
-        load_policy(None, "paper", "shape_0")
+        load_ppo_policy(None, "paper", "shape_0")
     with pytest.raises(MissingPolicy, match="'shape_2' and the state 'posterior' in"):
-        load_policy(tmp_path, "posterior", "shape_2")
+        load_ppo_policy(tmp_path, "posterior", "shape_2")
     decider = make_decider("ppo", model.outcome_table(), model, tmp_path)
     with pytest.raises(MissingPolicy):
         search(SyntheticWorld(model, (0, 1, 2, 3)), decider, problem, 0, model, (0,))
     write(tmp_path, constant_policy([0, 0, 0, 0, 1]))
     (tmp_path / policy_file("paper", "shape_1")).write_bytes((tmp_path / policy_file("paper", "shape_0")).read_bytes())
     with pytest.raises(BadPolicy, match="is for the target 'shape_0'"):
-        load_policy(tmp_path, "paper", "shape_1")
+        load_ppo_policy(tmp_path, "paper", "shape_1")
 
 
 def test_a_policy_of_another_scene_is_refused(tmp_path, model):

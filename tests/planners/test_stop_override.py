@@ -6,7 +6,7 @@ from belief import Belief, Confirm, Probe, Reject, SearchProblem
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, InformationState, Outcome, search_lockstep
 from planners.probing import FixedOrder
-from planners.stop_override import Confident
+from planners.stop_override import StopOverride
 from planners.stopping import PosteriorThresholds
 
 PROBLEM = SearchProblem(("a", "b"), ("p", "q"), num_objects=2)
@@ -25,7 +25,7 @@ def info(prob):
 
 
 def confident(action):
-    return Confident(PosteriorThresholds(0.9, 0.1), Always(action), FixedOrder())
+    return StopOverride(PosteriorThresholds(0.9, 0.1), Always(action), FixedOrder())
 
 
 @pytest.mark.parametrize("action", [Probe(1), Confirm(), Reject()])
@@ -50,7 +50,7 @@ def test_stops_keep_the_rules_promise_whatever_the_decider():
     model = random_model(np.random.default_rng(3), sharpness=3.0)
     problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4, touch_limit=200)
     worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 9]))) for s in range(600)]
-    decider = Confident(PosteriorThresholds(0.95, 0.05, max_touches=100), Always(Confirm()), FixedOrder())
+    decider = StopOverride(PosteriorThresholds(0.95, 0.05, max_touches=100), Always(Confirm()), FixedOrder())
     episodes = search_lockstep(worlds, decider, problem, [0] * 600, model, [(s,) for s in range(600)])
     stops = [
         e.success

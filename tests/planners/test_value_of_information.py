@@ -12,7 +12,7 @@ from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
 from planners import InformationState, search_lockstep
-from planners.continuation_value import RestValues, prob_missed, target_chances
+from planners.continuation_value import ContinuationValue, prob_missed, target_chances
 from planners.repeats import CorrelatedRepeats, LeastUsedFirst
 from planners.value_of_information import ValueOfInformation
 
@@ -172,7 +172,7 @@ def test_chances_of_the_rest_are_those_of_counting_arrangements():
 @pytest.mark.parametrize("composition", ["distinct", "independent"])
 def test_a_perfect_pose_is_worth_what_counting_says(composition, touch_cost):
     problem = SearchProblem(tuple("abc"), ("p",), 2, composition, touch_cost)
-    values = RestValues.of(problem, 0, OutcomeTable(np.eye(3)[None])).values[:, 0]
+    values = ContinuationValue.of(problem, 0, OutcomeTable(np.eye(3)[None])).values[:, 0]
     # One touch tells all; independent objects both fail to be the target, or have all been rejected rightly.
     second = 1.0 - touch_cost
     assert values.tolist() == pytest.approx([1 / 3 * (1 - touch_cost) + 2 / 3 * (second - touch_cost), second, 1.0])
@@ -183,8 +183,8 @@ def test_one_test_is_worth_what_recursion_over_outcomes_says():
     table = OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]])
     problem = one_object(2, 1, 0.02, touch_limit=9)
     expected = value(table, np.array([0.5, 0.5]), np.zeros(1, int), 9, 0.02, CorrelatedRepeats(0.0))
-    assert RestValues.of(problem, 0, table).values[0, 0] == pytest.approx(expected, abs=0.03)
-    dearer = RestValues.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
+    assert ContinuationValue.of(problem, 0, table).values[0, 0] == pytest.approx(expected, abs=0.03)
+    dearer = ContinuationValue.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
     assert dearer < expected - 0.05  # repeats tell less
 
 
@@ -199,4 +199,4 @@ def test_the_rest_is_worth_somewhat_more_than_searches_return():
     decider = ValueOfInformation(table)
     episodes = search_lockstep(worlds, decider, problem, [1] * len(worlds), model, [(s,) for s in seeds])
     mean = np.mean([episode.reward(problem) for episode in episodes])
-    assert mean - 0.05 < RestValues.of(problem, 1, table).values[0, 0] < mean + 0.12
+    assert mean - 0.05 < ContinuationValue.of(problem, 1, table).values[0, 0] < mean + 0.12

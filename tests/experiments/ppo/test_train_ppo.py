@@ -24,7 +24,7 @@ from experiments.ppo.reference import reference, thresholds
 from experiments.ppo.state import write_state
 from experiments.ppo.train_ppo import PPOChanges, TrainPPO
 from experiments.ppo.training import LEARNER, POLICY, STATE, OtherTraining, Training, evaluate, play, policy_of
-from planners.ppo import Policy, load_policy
+from planners.ppo import Policy, load_ppo_policy
 
 pytestmark = pytest.mark.torch
 POSES = ("p0", "p1", "p2")
@@ -180,7 +180,7 @@ def test_the_command_trains_every_target_and_keeps_the_best_seed(bank, sharp, tm
     found = json.loads((tmp_path / "out" / "curves.json").read_text())
     for state in ("paper", "posterior"):
         for target in ("shape_1", "shape_3"):
-            policy = load_policy(tmp_path / "out" / "policies", state, target)
+            policy = load_ppo_policy(tmp_path / "out" / "policies", state, target)
             seeds = [(tmp_path / "out" / f"{state}-{target}-{seed}" / POLICY).read_bytes() for seed in range(2)]
             assert policy.to_bytes() in seeds
             assert len(found[state][target]) == 2

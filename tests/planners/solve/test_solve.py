@@ -11,11 +11,11 @@ from scipy.special import softmax
 
 from belief.errors import InvalidArgument
 from planners.bounds.belief_grid import BeliefGrid
-from planners.bounds.object import ObjectBound, touch_bound
+from planners.bounds.object import ObjectBound, object_bound
 from planners.bounds.search import search_bound
 from planners.bounds.simplex import SimplexGrid
 from planners.pomdp.stages import stage_belief, staged
-from planners.pomdp.touch_costs import TouchTerms
+from planners.pomdp.touch_costs import TouchCosts
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 
 NINE_OF_TEN = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -142,7 +142,7 @@ def test_the_bounds_enclose_what_brute_force_finds(num_shapes, touch_cost):
 def test_dearer_touches_are_never_worth_more(seed, touch_cost):
     table = random_table(seed, 2, 3, 3)
     rng = np.random.default_rng(seed)
-    cheap, dear = (touch_bound(uniform(table, touch_cost=c), rng) for c in (touch_cost, 2 * touch_cost))
+    cheap, dear = (object_bound(uniform(table, touch_cost=c), rng) for c in (touch_cost, 2 * touch_cost))
     assert solve(uniform(table, touch_cost=2 * touch_cost), rounds=(100, 100)).lower_bound <= cheap + 1e-9
     assert dear <= cheap + 1e-6
 
@@ -157,7 +157,7 @@ def test_relabelling_shapes_changes_nothing():
 
 def test_the_same_problem_has_the_same_solution():
     one, other = (solve(uniform(random_table(1))) for _ in range(2))
-    assert (one.plans.alphas == other.plans.alphas).all()
+    assert (one.vectors.alphas == other.vectors.alphas).all()
 
 
 def test_batches_and_single_beliefs_are_treated_alike():
@@ -307,8 +307,8 @@ def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(comp
 
 def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
     table = random_table(1, 2, 3, 3)
-    rare = ObjectBound(table, np.arange(3), TouchTerms(0.02, 1.0, (0.25,)), np.random.default_rng(0))
-    dear = ObjectBound(table, np.arange(3), TouchTerms(0.08), np.random.default_rng(0))
+    rare = ObjectBound(table, np.arange(3), TouchCosts(0.02, 1.0, (0.25,)), np.random.default_rng(0))
+    dear = ObjectBound(table, np.arange(3), TouchCosts(0.08), np.random.default_rng(0))
     arguments = np.full(3, 1 / 3), np.array([1.0, -1.0, -1.0]), np.array([-1.0, 1.0, 1.0])
     assert rare(*arguments) == pytest.approx(dear(*arguments), abs=2e-4)
 
@@ -316,7 +316,7 @@ def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
 @pytest.mark.parametrize("weights", [(), (0.5, 0.6), (1.1,), (0.5, -0.1), (np.nan,)])
 def test_what_is_no_worth_of_touches_is_refused(weights):
     with pytest.raises(ValueError, match="weights"):
-        TouchTerms(0.1, 1.0, weights)
+        TouchCosts(0.1, 1.0, weights)
 
 
 def test_of_many_shapes_the_bound_is_as_tight_where_most_are_easily_told_from_the_target():
@@ -411,7 +411,7 @@ def test_a_bound_for_forty_shapes_is_a_bound_in_little_memory():
     problem = TouchProblem(table, np.full(num_shapes, 1 / num_shapes), 0, 0.02)
     tracemalloc.start()
     try:
-        bound = touch_bound(problem, np.random.default_rng(0))
+        bound = object_bound(problem, np.random.default_rng(0))
         assert tracemalloc.get_traced_memory()[1] < 4e8  # bytes; 5 GB before it was made in blocks
     finally:
         tracemalloc.stop()
@@ -433,14 +433,14 @@ def test_points_of_a_grid_of_many_parts_are_told_apart(num_parts):
 def test_a_table_too_large_for_any_grid_is_refused_by_a_stated_limit(monkeypatch):
     monkeypatch.setattr("planners.bounds.belief_grid._MOST_NUMBERS", 1000)
     with pytest.raises(InvalidArgument, match=r"1 poses, 2 shapes and 2 outcomes needs .* more than 1000"):
-        touch_bound(TouchProblem([[[0.9, 0.1], [0.1, 0.9]]], [0.5, 0.5], 0, 0.05), np.random.default_rng(0))
+        object_bound(TouchProblem([[[0.9, 0.1], [0.1, 0.9]]], [0.5, 0.5], 0, 0.05), np.random.default_rng(0))
 
 
 def test_a_grid_beyond_the_limit_is_coarser_and_still_bounds(monkeypatch):
     table = np.random.default_rng(0).dirichlet(np.full(3, 0.5), size=(2, 4))
     problem = TouchProblem(table, np.full(4, 0.25), 0, 0.05)
-    fine = touch_bound(problem, np.random.default_rng(0))
+    fine = object_bound(problem, np.random.default_rng(0))
     monkeypatch.setattr("planners.bounds.belief_grid._MOST_NUMBERS", 6000 * table.size)
-    coarse = touch_bound(problem, np.random.default_rng(0))
+    coarse = object_bound(problem, np.random.default_rng(0))
     assert solve(problem, rounds=(50, 50)).lower_bound <= coarse
     assert fine <= coarse + 1e-6 <= fine + 0.01

@@ -1,0 +1,69 @@
+"""``activetouch export``: the search of a scene as a ``.pomdp`` file, or the policy of the default planner as ``.npz``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from belief import Composition
+from belief.errors import InvalidArgument, UnknownName
+from belief.files import write_text
+from experiments.command_line.arguments import check_arguments
+from experiments.search.setting import Setting, known_model
+from planners.export import to_pomdp
+from planners.point_based import PointBased
+from planners.repeats import repeat_discount
+from planners.solve import SearchTouchProblem, save_policy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write the search of a scene for other solvers (.pomdp), or the policy that point_based follows (.npz).
+
+    For example:
+
+        activetouch export --scene coarse --target cone --out cone.pomdp
+        activetouch export --scene coarse --target cone --format npz --out cone.npz
+        activetouch export --scene many --target cone --num-objects 1 --out one-object.pomdp
+    """
+
+    target: str
+    """Shape to search for."""
+    out: Path
+    """File to write."""
+    format: Literal["pomdp", "npz"] = "pomdp"
+    """pomdp: the search in Cassandra's text format. npz: the solved policy, read by planners.solve.load_policy."""
+    setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
+    """The search."""
+
+    def run(self) -> None:
+        """Write the file.
+
+        Raises:
+            UnknownName: the scene has no such shape.
+            InvalidArgument: the search is too large; fewer objects work.
+        """
+        check_arguments(self)
+        problem = self.setting.problem
+        if self.target not in problem.shape_labels:
+            raise UnknownName("target", self.target, list(problem.shape_labels))
+        target = problem.shape_labels.index(self.target)
+        model, table = known_model(self.setting)
+        try:
+            if self.format == "npz":
+                policy = PointBased(table, repeat_discount(model)).policy(problem, target)
+                save_policy(self.out, policy)
+                print(f"{self.out}: policy with a return of at least {policy.lower_bound:.4f}")
+            else:
+                if not isinstance(problem.composition, Composition):
+                    raise InvalidArgument("a .pomdp file needs --composition distinct or independent")
+                search = SearchTouchProblem(
+                    table.probs, problem.num_objects, problem.composition, target, problem.touch_cost
+                )
+                write_text(self.out, to_pomdp(search, problem.shape_labels, problem.pose_labels))
+                print(f"{self.out}: search for the {self.target} among {problem.num_objects} objects")
+        except InvalidArgument as error:
+            raise InvalidArgument(f"{error}. For one object: --num-objects 1") from error
