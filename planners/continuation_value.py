@@ -1,16 +1,15 @@
-r"""What REJECT is worth inside a search: the value of going on with the objects that are left.
+r"""Continuation value of REJECT: the value of a search from the next object on.
 
-The exact value depends on the whole joint belief. Two simplifications make it two numbers an object, cheap enough to
-compute on the way (decision 0019):
+The exact value depends on the whole joint belief. Two simplifications reduce it to two numbers per object, quick to
+compute at run time (decision 0019):
 
-- after a REJECT the searcher is taken to know whether it gave the target away, though not which of the other shapes it
-  rejected. Then going on from object i is worth w(i, m), where m says whether a target was given away before, and
-  w(i, m) is the value of a test of one object that pays w(i+1, 1) for rejecting the target and w(i+1, m) for rejecting
-  anything else;
-- that test goes through the poses in turn and stops at thresholds on the posterior of the target, the best of a few
-  dozen pairs. What a pair is worth is averaged over sampled sequences of touches, the same for all pairs and objects.
+- After a REJECT it is revealed whether the rejected object was the target, but not which other shape it had. The value
+  from object i on is then w(i, m), where m says whether a target was rejected before. It is the value of a test of one
+  object that pays w(i+1, 1) for rejecting the target and w(i+1, m) for rejecting any other shape.
+- That test probes the poses in turn and stops at the best of some dozen pairs of thresholds on the posterior of the
+  target. The value of a pair is its mean over sampled sequences of touches, the same for all pairs and objects.
 
-What the searcher really believes about objects rejected before comes from the joint belief of the scene.
+At run time, the probability of m comes from the joint belief of the scene.
 """
 
 from __future__ import annotations
@@ -33,11 +32,10 @@ _CONFIRM = 1.0 - _REJECT
 
 @dataclass(frozen=True, eq=False)
 class ContinuationValue:
-    """Values of going on.
+    """Values of the rest of a search, by object and by whether a target was rejected.
 
     Attributes:
-        values: w, before any touch of object i and with m targets given away, ``(N + 1, 2)``; the last row is of having
-            rejected everything.
+        values: w(i, m), before any touch of object i, ``(N + 1, 2)``; the last row is for all objects rejected.
     """
 
     values: Floats
@@ -46,16 +44,16 @@ class ContinuationValue:
     def of(
         cls, problem: SearchProblem, target: int, table: OutcomeTable, repeats: RepeatDiscount | None = None
     ) -> ContinuationValue:
-        """Work from the last object to the first.
+        """Compute the values from the last object to the first.
 
         Args:
             problem: the search.
             target: index of the shape sought.
             table: p(outcome | pose, shape).
-            repeats: what repeats are worth.
+            repeats: discounts the value of repeated poses.
 
-        A perfect pose finds the target among the first three of four objects with one touch each, and the last object
-        needs none: a fourth each of 1, 2, 3 and 3 touches.
+        A perfect pose finds the target among the first three of four objects with one touch each; the last object needs
+        none. The number of touches is 1, 2, 3 or 3, each with probability 1/4.
 
         >>> problem = SearchProblem(tuple("abcd"), ("p",), num_objects=4, touch_cost=0.04)
         >>> ContinuationValue.of(problem, 0, OutcomeTable(np.eye(4)[None])).values[:, 0].round(3).tolist()
@@ -71,7 +69,7 @@ class ContinuationValue:
         for index in reversed(range(problem.num_objects)):
             for missed, chance in enumerate(chances[index].tolist()):
                 reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
-                if chance in (0.0, 1.0):  # nothing to find out
+                if chance in (0.0, 1.0):  # the answer is known
                     values[index, missed] = 1.0 if chance else reject_other
                     continue
                 prior = (1.0 - chance) * others
@@ -82,7 +80,7 @@ class ContinuationValue:
         return cls(values)
 
     def reject_payoffs(self, info: InformationState) -> Floats:
-        """What rejecting the current object is worth if it has each shape, ``(K,)``."""
+        """Value of rejecting the current object for each shape that it may have, ``(K,)``."""
         missed = prob_missed(info)
         if_right, if_missed = self.values[info.object_index + 1].tolist()
         payoffs = np.full(info.problem.num_shapes, (1.0 - missed) * if_right + missed * if_missed)
@@ -91,9 +89,13 @@ class ContinuationValue:
 
 
 def target_chances(problem: SearchProblem, target: int) -> Floats:
-    """Probability that object i is a target, before it is touched, ``(N, 2)``.
+    """Probability that object i is a target before it is touched, ``(N, 2)``.
 
-    Column 0: if none of those before was a target; column 1: if exactly one was.
+    Column 0 is given that no earlier object was a target, column 1 given that exactly one was.
+
+    Args:
+        problem: the search.
+        target: index of the shape sought.
 
     >>> target_chances(SearchProblem(tuple("abcd"), ("p",), num_objects=3), target=0).round(3).tolist()
     [[0.25, 0.0], [0.333, 0.0], [0.5, 0.0]]
@@ -107,9 +109,9 @@ def target_chances(problem: SearchProblem, target: int) -> Floats:
 
 
 def prob_missed(info: InformationState) -> float:
-    """Probability that a target was among the rejected objects, if the current object is none.
+    """Probability that a target was among the rejected objects, given that the current object is not one.
 
-    Without a joint belief (``info.scene``) nothing tells, and it is zero.
+    It is 0 without a joint belief (``info.scene``).
 
     >>> from belief import Belief
     >>> problem = SearchProblem(tuple("ab"), ("p",), num_objects=2)
@@ -120,15 +122,17 @@ def prob_missed(info: InformationState) -> float:
         return 0.0
     log_probs = [info.scene.belief(index).log_probs[info.target] for index in range(info.object_index)]
     missed = np.minimum(np.exp(log_probs), 1.0)
-    if info.problem.counts is None or info.problem.counts[info.target] > 1:  # only nearly for several of one bag
+    if (
+        info.problem.counts is None or info.problem.counts[info.target] > 1
+    ):  # an approximation for several targets with known counts
         return float(1.0 - np.prod(1.0 - missed))
     other = 1.0 - info.target_prob
     return min(float(missed.sum()) / other, 1.0) if other > 0.0 else 0.0
 
 
 def _sequences(table: OutcomeTable, length: int, repeats: RepeatDiscount) -> Floats:
-    """Log-likelihoods of sampled touches, summed up, from none to all: ``(shape, sequence, 0 … length, K)``."""
-    rng = np.random.default_rng(0)  # so that a problem has one value
+    """Cumulative log-likelihoods of sampled touches, from none to all: ``(shape, sequence, 0 … length, K)``."""
+    rng = np.random.default_rng(0)  # fixed, so that a problem has one value
     number = -(-_SEQUENCES // table.num_shapes)
     evidence = np.zeros((table.num_shapes, number, length + 1, table.num_shapes))
     with np.errstate(divide="ignore"):
@@ -148,7 +152,7 @@ def _sequences(table: OutcomeTable, length: int, repeats: RepeatDiscount) -> Flo
 def _test_value(
     evidence: Floats, prior: Floats, target: int, reject_target: float, reject_other: float, touch_cost: float
 ) -> float:
-    """What the best pair of thresholds makes of an object with this prior."""
+    """Value of the best pair of thresholds for an object with this prior."""
     kept = np.flatnonzero(prior)
     scores = evidence[kept][..., kept] + np.log(prior[kept])  # (k, S, n + 1, k)
     scores -= scores.max(axis=-1, keepdims=True)

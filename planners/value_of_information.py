@@ -1,18 +1,16 @@
-r"""Stop when no plan of one or two more touches is worth its cost: Bayes-risk stopping without thresholds.
+r"""Value of information: stop when no plan of one or two more touches has a value above its cost.
 
-Stopping at a belief b is worth S(b) = max(c · b, r · b), where c pays +1 for confirming the target and -1 for anything
-else, and r is what going on with the search is worth after rejecting each shape (:mod:`planners.continuation_value`).
-One more touch in a pose is worth E S(b') - λ; two are worth E max(S(b'), max_pose E S(b'') - λ) - λ. Looking one touch
-ahead fails
-where poses tell something only together: then no single touch is worth its cost, and it never touches. Looking two
-ahead finds these (Krause & Guestrin 2009 call the value of information non-submodular). With a sensor so poor that a
-decision takes many touches, two are not enough either: thresholds then return more (docs/planners.md).
+The value of stopping at a belief b is S(b) = max(c · b, r · b). Here c is +1 for the target and -1 for any other shape,
+and r is the value of the search after rejecting each shape (:mod:`planners.continuation_value`). The value of one more
+touch in a pose is E S(b') - λ; that of two is E max(S(b'), max_pose E S(b'') - λ) - λ. A depth of one fails where two
+poses are informative only together: no single touch is worth its cost, and it never touches. A depth of two succeeds
+there (the value of information is not submodular: Krause & Guestrin 2009). With a poor sensor, where a decision takes
+many touches, two are not enough either, and thresholds have a higher return (docs/planners.md).
 
-A pose that was used before tells anew only in a share w of the cases (:mod:`planners.repeats`), and nothing in the
-others: it is an erasure channel in front of a new touch, so that what it is worth beyond its cost shrinks by w.
+A touch in a pose that was used before gives new information with probability w and none otherwise
+(:mod:`planners.repeats`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
 
-All P² M² branches are two matrix products on unnormalised beliefs; nothing is divided, and an impossible outcome weighs
-nothing.
+All P² M² branches are two matrix products on unnormalised beliefs, in which an impossible outcome has weight zero.
 """
 
 from __future__ import annotations
@@ -39,12 +37,12 @@ _Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int]
 
 @dataclass(frozen=True, eq=False)
 class ValueOfInformation:
-    """Probes in the pose that starts the best plan, if that is worth its cost; else confirms or rejects.
+    """Probes the first pose of the best plan if its value exceeds that of stopping; else confirms or rejects.
 
     Attributes:
         table: p(outcome | pose, shape).
         depth: touches to look ahead, 1 or 2.
-        repeats: what a repeat is worth; by default only poses used least compete.
+        repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
         max_touches: of one object; by default an equal share of the problem's touch limit, so that searches are never
             cut off, not even where touches cost nothing.
 
@@ -66,7 +64,7 @@ class ValueOfInformation:
     depth: int = 2
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
     max_touches: int | None = None
-    _rest_values: dict[_Key, ContinuationValue] = field(default_factory=dict, init=False, repr=False)
+    _continuations: dict[_Key, ContinuationValue] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.depth not in (1, 2):
@@ -97,12 +95,12 @@ class ValueOfInformation:
         return Decision(Confirm() if confirm > reject else Reject(), scores)
 
     def payoffs(self, info: InformationState) -> Floats:
-        """What CONFIRM and REJECT are worth for each shape that the current object may have, ``(2, K)``."""
+        """Value of CONFIRM and of REJECT for each shape that the current object may have, ``(2, K)``."""
         confirm = np.where(np.arange(info.problem.num_shapes) == info.target, 1.0, -1.0)
-        return np.stack([confirm, self._rest(info.problem, info.target).reject_payoffs(info)])
+        return np.stack([confirm, self._continuation(info.problem, info.target).reject_payoffs(info)])
 
     def probe_values(self, info: InformationState, payoffs: Floats) -> Floats:
-        """What the best plan is worth that begins with a probe in each pose, ``(P,)``; -inf out of the running."""
+        """Value of the best plan that begins with a probe in each pose, ``(P,)``; -inf for poses that are excluded."""
         belief, cost, uses = info.belief.probs, info.problem.touch_cost, info.uses
         num_poses, num_outcomes = self.table.num_poses, self.table.num_outcomes
         now = (payoffs @ belief).max()
@@ -127,8 +125,8 @@ class ValueOfInformation:
         """The table as ``(K, P M)``."""
         return np.ascontiguousarray(self.table.probs.transpose(1, 0, 2).reshape(self.table.num_shapes, -1))
 
-    def _rest(self, problem: SearchProblem, target: int) -> ContinuationValue:
+    def _continuation(self, problem: SearchProblem, target: int) -> ContinuationValue:
         key = (problem.num_objects, problem.counts, problem.touch_cost, target)
-        if key not in self._rest_values:
-            self._rest_values[key] = ContinuationValue.of(problem, target, self.table, self.repeats)
-        return self._rest_values[key]
+        if key not in self._continuations:
+            self._continuations[key] = ContinuationValue.of(problem, target, self.table, self.repeats)
+        return self._continuations[key]

@@ -1,4 +1,4 @@
-"""``activetouch export``: the search of a scene as a ``.pomdp`` file, or the policy of the default planner as ``.npz``."""
+"""``activetouch export``: a search as a ``.pomdp`` file, or the policy of the default planner as a ``.npz`` file."""
 
 from __future__ import annotations
 

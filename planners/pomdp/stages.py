@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief import Composition
+from belief.errors import InvalidArgument
 from belief.problem import Floats
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
 
@@ -67,7 +68,7 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
     """A problem as stages.
 
     Raises:
-        ValueError: there would be more than 2 000 states.
+        InvalidArgument: there would be more than 2 000 states.
     """
     if isinstance(problem, TouchProblem):
         is_target = np.arange(problem.num_shapes) == problem.target
@@ -99,7 +100,7 @@ def _distinct(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
     num_shapes, every = problem.num_shapes, range(problem.num_shapes)
     total = problem.num_states
     if total > MAX_STATES:
-        raise ValueError(
+        raise InvalidArgument(
             f"{problem.num_objects} distinct objects of {num_shapes} shapes have {total} hidden states, more than "
             f"{MAX_STATES}; the decider planners.point_based.PointBased plans for fewer states, without bounds"
         )
