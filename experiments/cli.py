@@ -36,7 +36,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "compare": Entry("search.compare:Compare", "play the same searches with several deciders; report"),
         "merge": Entry("search.merge:Merge", "unite run folders that several machines filled"),
         "replay": Entry("search.replay:Replay", "draw or animate one recorded search"),
-        "export": Entry("search.export:Export", "write a search as .pomdp, or the default planner's policy as .npz"),
+        "export": Entry("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
         "overprobing": Entry("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
