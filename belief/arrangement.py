@@ -1,4 +1,4 @@
-"""Which shape sits where, when objects come from a bag of known content: exact marginals over all arrangements.
+"""Exact marginals over all arrangements of shapes, for objects from a bag of known content.
 
 An arrangement says which shape each of N objects has. Its weight is the product of the objects' likelihoods, times the
 number of ways to draw it from the bag. There are up to K^N arrangements (N! when all shapes differ), but what the first

@@ -1,4 +1,4 @@
-"""What is known about which shapes are on the table."""
+"""Compositions: prior knowledge about which shapes are on the table."""
 
 from __future__ import annotations
 

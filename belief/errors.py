@@ -1,4 +1,4 @@
-"""The project's exceptions that belong to no single package above ``belief``."""
+"""Exceptions that all packages of the project raise."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ class ActiveTouchError(Exception):
 
 
 class InvalidArgument(ActiveTouchError, ValueError):
-    """An argument is not what the function takes; the message says what was given and what would do."""
+    """An argument is invalid; the message states the given value and the valid ones."""
 
 
 class ImpossibleObservation(ActiveTouchError, ValueError):
     """The evidence has zero likelihood under every hypothesis still believed in.
 
-    The belief that was to be updated stays as it was: what to do (raise, ignore, floor) is the caller's
-    choice. A smoothed observation model never assigns zero.
+    The belief is unchanged. A smoothed observation model never assigns likelihood zero.
     """
 
 
@@ -28,11 +27,11 @@ class CannotWrite(ActiveTouchError, OSError):
 
 
 class BrokenContract(ActiveTouchError, AssertionError):
-    """A part of a user's own does not do what its protocol promises; the message says what, and for which input."""
+    """An object of a user's own does not keep its protocol; the message states which rule and for which input."""
 
 
 class UnknownName(ActiveTouchError, KeyError):
-    """A name was looked up that no table has; the message suggests the nearest one and lists all."""
+    """A name is not in a registry; the message suggests the nearest name and lists all names."""
 
     def __init__(self, kind: str, name: str, known: list[str]) -> None:
         from difflib import get_close_matches

@@ -1,4 +1,4 @@
-"""The touches of one object, oldest first: a sequence that never changes and grows in constant time."""
+"""An immutable sequence of the touches of one object, oldest first."""
 
 from __future__ import annotations
 

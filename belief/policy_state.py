@@ -1,4 +1,4 @@
-"""What a learned policy sees: the situation of an episode as a row of numbers, one way or another.
+"""Encodings of the situation of an episode as the input vector of a learned policy.
 
 The paper's state is the classifier's last output, the last action and the time (paper §5.8): single frames, so a policy
 that sees it can fuse nothing. The posterior state has what touches add up to, and which poses are used up.
@@ -32,7 +32,7 @@ TOUCH_LIMIT = 12
 """T_max, touches of one object, unless told otherwise; the paper gives no number."""
 NO_ACTION = -1
 """``previous`` before the first action."""
-_SCALE = 4.0  # log-odds that count as large: odds of 55 to 1 become .76
+_SCALE = 4.0  # log-odds that count as large: odds of 55 to 1 become 0.76
 
 
 @dataclass(frozen=True, eq=False)

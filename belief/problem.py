@@ -1,4 +1,4 @@
-"""The words everyone shares: touches, actions, and the search problem with its reward.
+"""Types that all packages share: touches, actions, and the search problem with its reward.
 
 >>> problem = SearchProblem(shape_labels=("sphere", "cube"), pose_labels=("front",), num_objects=2)
 >>> problem.reward(confirmed_shape=0, target=0, num_touches=3)      # +1 for success, -0.02 per touch

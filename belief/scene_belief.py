@@ -1,4 +1,4 @@
-"""The joint belief about all objects on a table, coupled by what is known of the composition."""
+"""The joint belief about all objects on a table, coupled by the composition of the scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class SceneBelief(ReadableScene):
 
     It keeps an ``(N, K)`` table of log-likelihoods. For ``independent`` objects each row gives a posterior by itself;
     where the objects came from a bag of known content, the marginals come from :mod:`belief.arrangement`. Rejecting an
-    object is a decision, not evidence: it changes nothing here. Being told an object's shape is evidence: see
+    object is a decision, not evidence: it changes nothing here. A revealed shape is evidence: see
     :meth:`known` and :meth:`remove`. Object indices never change their meaning, whatever is removed.
 
     Args:
@@ -45,11 +45,11 @@ class SceneBelief(ReadableScene):
     >>> scene = SceneBelief(SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 3, bag), model)
     >>> print(scene.update(0, model.sample(0, poses=[0, 1, 2, 2], rng=rng)))
     Belief(shape_0 0.906, shape_1 0.094, shape_2 0.000)
-    >>> print(scene.belief(2))                                # which leaves the other shape for the others
+    >>> print(scene.belief(2))                                # the other objects have the other shape
     Belief(shape_0 0.047, shape_1 0.953, shape_2 0.000)
     >>> scene.state.num_states
     5
-    >>> scene.remove(0, shape=0)                              # found: it was the one
+    >>> scene.remove(0, shape=0)                              # the object was found
     >>> scene.prob_present(0)
     0.0
     """

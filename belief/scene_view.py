@@ -1,4 +1,4 @@
-"""What can be read of a scene's joint belief, and a view that allows nothing else."""
+"""Read access to the joint belief about a scene, and a read-only view of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from belief.history import TouchHistory
 from belief.problem import Floats
 
 UNKNOWN = -1
-"""In place of the shape of an object whose shape is not known."""
+"""Marks an object of unknown shape."""
 
 
 @dataclass(frozen=True)

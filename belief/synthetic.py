@@ -1,4 +1,4 @@
-"""A world sampled from an observation model: for tests, examples and planning without physics."""
+"""Synthetic worlds and random observation models, for tests, examples and planning without physics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Touches of many objects as arrays, which is how observation models compute."""
+"""Arrays of touches: S sequences of n touches each, the input of observation models."""
 
 from __future__ import annotations
 

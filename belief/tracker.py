@@ -1,4 +1,4 @@
-"""Follow what is known about one object while touches come in."""
+"""A Bayes filter for the shape of one object."""
 
 from __future__ import annotations
 

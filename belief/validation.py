@@ -1,4 +1,4 @@
-"""Rows of numbers over shapes, checked: an error names the argument, the row and the cause."""
+"""Validation of probabilities and likelihoods; an error names the argument, the row and the cause."""
 
 from __future__ import annotations
 

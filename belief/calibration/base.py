@@ -1,4 +1,4 @@
-"""What every calibration does: fit, predict, state its objective, and go to a file and back."""
+"""The interface of calibrations: fit, predict, objective, and serialisation."""
 
 from __future__ import annotations
 

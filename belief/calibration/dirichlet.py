@@ -32,10 +32,10 @@ class DirichletCalibration(AffineCalibration):
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> labels = rng.integers(2, size=4000)
-        >>> p = rng.beta(np.array([2.0, 5.0])[labels], np.array([4.0, 3.0])[labels])    # claimed for shape 1
+        >>> p = rng.beta(np.array([2.0, 5.0])[labels], np.array([4.0, 3.0])[labels])    # stated for shape 1
         >>> weak = DirichletCalibration(off_diagonal_strength=1e-3, bias_strength=1e-3)   # there are many touches
         >>> fitted = weak.fit(np.log(np.stack([1.0 - p, p], axis=1)), labels)
-        >>> fitted.predict_proba(np.log([0.5, 0.5])).round(2).tolist()   # by Bayes' rule .568 at a claim of one half
+        >>> fitted.predict_proba(np.log([0.5, 0.5])).round(2).tolist()   # by Bayes' rule 0.568 where one half is stated
         [0.42, 0.58]
     """
 

@@ -1,4 +1,4 @@
-"""What calibrations accept: finite logits of any scale, and integer labels; everything else is named and refused."""
+"""Validation of the inputs of calibrations: finite logits of any scale, and integer labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One calibration for each pose, as far as the touches of the pose carry."""
+"""One calibration for each pose, shrunk towards a common one where touches of the pose are few."""
 
 from __future__ import annotations
 

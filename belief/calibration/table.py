@@ -1,4 +1,4 @@
-"""Which calibrations there are."""
+"""The registry of calibrations."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """How good probabilities are: proper scores and calibration errors, for ``probs (n, K)`` and ``labels (n,)``.
 
-A model is calibrated if, of all it calls 90 % sure, nine in ten are right. Every estimate of by how much it is not is
-positive by chance: print the null quantile beside it, what a perfectly calibrated model scores on as many rows.
+A model is calibrated if, of all predictions with 90 % confidence, nine in ten are right. Every estimate of the
+calibration error is positive by chance. Print the null quantile beside it: the error of a perfectly calibrated model on
+as many rows.
 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Calibration errors from bins: of rows that are about equally confident, how many were right?
+"""Binned calibration errors: the gap between mean confidence and share right, in bins of similar confidence.
 
 With the gap of a bin ``gap_b = mean confidence - share right`` and its share of the rows ``w_b = n_b / n``
 
@@ -99,7 +99,7 @@ def debiased_calibration_error(
     Raises:
         ValueError: as :func:`expected_calibration_error`.
 
-    >>> round(debiased_calibration_error([[0.9, 0.1]] * 4, [0, 0, 1, 1]), 3)     # gap .4, less chance: √(.16 - .25/3)
+    >>> round(debiased_calibration_error([[0.9, 0.1]] * 4, [0, 0, 1, 1]), 3)  # √(0.16 - 0.25/3)
     0.277
     """
     p, y = checked_pair(probs, labels)

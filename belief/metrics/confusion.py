@@ -1,4 +1,4 @@
-"""Which shape is taken for which."""
+"""The confusion matrix of predicted shapes, and scores of each shape."""
 
 from __future__ import annotations
 

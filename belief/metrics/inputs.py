@@ -1,4 +1,4 @@
-"""What every metric accepts, checked and in one form."""
+"""Validation of the probabilities and labels that metrics take."""
 
 from __future__ import annotations
 

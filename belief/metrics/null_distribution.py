@@ -1,4 +1,4 @@
-"""What chance alone does to a metric."""
+"""Distribution of a metric for a perfectly calibrated model."""
 
 from __future__ import annotations
 

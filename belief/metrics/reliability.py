@@ -1,4 +1,4 @@
-"""The reliability curve: of what was called x % sure, how much was right, and how much chance would allow."""
+"""The reliability curve: share of right predictions by confidence, with consistency bands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything a calibration report needs, from one call."""
+"""The calibration report: accuracy, proper scores and calibration errors with intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the touches of one object add up to, while they come in: a touch costs the same however many came before it.
+"""The evidence about one object, updated touch by touch at a constant cost for each touch.
 
 >>> from belief.synthetic import random_model
 >>> model = random_model(np.random.default_rng(0), num_shapes=2)

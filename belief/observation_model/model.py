@@ -1,4 +1,4 @@
-"""What every observation model can do."""
+"""The interface of observation models, and the base class of those of this package."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alo
 
 
 class ObservationModel(Protocol):
-    """What turns touches into evidence: all that trackers and planners ask for.
+    """Turns touches into likelihoods: all methods that trackers and planners call.
 
     Two members are optional. ``start()`` returns the :class:`~belief.observation_model.evidence.ObjectEvidence` of no
     touches, which then takes in touches one by one; without it, the model is asked about all touches of an object after

@@ -1,4 +1,4 @@
-"""Discrete observation models, and how much they tell."""
+"""Outcome tables: discrete observation models, and their mutual information with the shape."""
 
 from __future__ import annotations
 

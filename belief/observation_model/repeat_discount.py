@@ -1,4 +1,4 @@
-"""How many independent touches some touches in one pose are worth, and how to estimate that from objects."""
+"""The effective number of independent touches of repeats in one pose, and the fit of their correlation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LONGEST = 12  # touches of a group that count: by then it shows how they repeat
 
 
 def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
-    """What n touches in one pose are worth when any two of them correlate by ρ: n / (1 + (n - 1) ρ).
+    """Effective number of n touches in one pose that correlate pairwise by ρ: n / (1 + (n - 1) ρ).
 
     It is the weight of their mean in generalised least squares under equal correlation; between 1 (ρ = 1, or one
     touch) and n (ρ = 0), and never above 1/ρ.

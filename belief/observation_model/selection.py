@@ -1,4 +1,4 @@
-"""Choose between observation models by how well they predict objects they have not seen, touch after touch."""
+"""Choose between observation models by their cross-validated loss on sequences of touches of held-out objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observation models from files."""
+"""Read observation models from JSON text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An outcome table as a world to touch: what planners that plan on the table are certain to be right about."""
+"""A model whose touches are drawn from an outcome table, for exact tests of planners."""
 
 from __future__ import annotations
 

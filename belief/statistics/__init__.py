@@ -1,8 +1,9 @@
 """Intervals and comparisons for success rates, costs and returns.
 
-What to use: Wilson intervals to show a rate, Clopper-Pearson to claim one; McNemar's test or the paired bootstrap where
-two deciders met the same episodes; the cluster bootstrap where values come in groups that err together; the stratified
-one where every target shape should count alike; Pareto fronts where cost and quality are traded.
+Use Wilson intervals to show a rate, and Clopper-Pearson intervals where the coverage must be guaranteed. Use McNemar's
+test or the paired bootstrap where two deciders play the same episodes, the cluster bootstrap where groups of values
+have correlated errors, the stratified bootstrap where every stratum counts alike, and a Pareto front where cost and
+quality are traded.
 """
 
 from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap, stratified_bootstrap

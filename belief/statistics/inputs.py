@@ -1,4 +1,4 @@
-"""What the functions of this package, and of :mod:`belief.metrics`, accept: checked once, in the same words."""
+"""Validation of the inputs of this package and of :mod:`belief.metrics`."""
 
 from __future__ import annotations
 

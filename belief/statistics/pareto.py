@@ -1,4 +1,4 @@
-"""Which configurations are worth having, where each costs something and achieves something.
+"""Pareto fronts of configurations that each have a cost and a success rate.
 
 One configuration dominates another if it costs no more and achieves no less, and is better in one of the two. What no
 other dominates forms the Pareto front: the offers among which a choice is a matter of taste.

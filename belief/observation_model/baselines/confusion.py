@@ -1,4 +1,4 @@
-"""The auditable observation model: how often each outcome came from each shape.
+"""The confusion model: the frequency of each discrete outcome, by pose and shape.
 
 A touch is discretised into (predicted shape × confidence bin); an outcome's probability is its share, per pose.
 """
@@ -150,7 +150,7 @@ class ConfusionModel(ArrayModel):
         return statistics
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`; the logits claim what the sampled outcome is worth, within its bin."""
+        """See :class:`ArrayModel`; the logits state the precision of the sampled outcome, within its bin."""
         cumulative = self.probs[:, shape].cumsum(axis=1)  # (P, M)
         drawn = rng.random(poses.shape)[..., None] * cumulative[poses][..., -1:]
         outcomes = (cumulative[poses] <= drawn).sum(axis=-1)
@@ -169,7 +169,7 @@ class ConfusionModel(ArrayModel):
         bins = np.arange(self.probs.shape[2]) // num_shapes
         edges = np.concatenate([[1.0 / num_shapes], self.confidence_edges, [1.0]])
         right = self.probs[:, predicted, np.arange(self.probs.shape[2])]  # (P, M)
-        margin = 1e-9  # bins are open below, and a claim of certainty has no finite logits
+        margin = 1e-9  # bins are open below, and certainty has no finite logits
         low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
         confidence = np.clip(right / np.maximum(self.probs.sum(axis=1), np.finfo(float).tiny), low, high)
         floor = self.calibration.floor  # which the calibration will add again

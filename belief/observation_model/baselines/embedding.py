@@ -1,4 +1,4 @@
-"""Where Gaussian models look at a touch: a few numbers that say what the classifier saw.
+"""Embeddings of touches as vectors of few components, for Gaussian models.
 
 Both embeddings cut off what is beyond all experience, so that one touch (a logit of 1e308, say) never outweighs all
 others: at the extremes that the calibration touches showed, and at three times the size that all but a tenth of them

@@ -1,4 +1,4 @@
-"""Expectation maximisation for what touches share: with their object, with their object and pose, with none."""
+"""Expectation maximisation for covariances that touches share by object, by object and pose, and not at all."""
 
 from __future__ import annotations
 
