@@ -7,8 +7,8 @@ The default is the leanest world in which the search makes sense: a pad and one 
     >>> rng = np.random.default_rng(0)
     >>> scene = Scene(press_model=Quasistatic())
     >>> thing = scene.sample_object(shape_index=3, rng=rng)        # a cone, unknown size and orientation
-    >>> contact, image = scene.press(thing, pose=0, rng=rng)
-    >>> image.shape, image.dtype, round(contact.force, 1)
+    >>> pressed = scene.press(thing, pose=0, rng=rng)
+    >>> pressed.image.shape, pressed.image.dtype, round(pressed.contact.force, 1)
     ((128, 128), dtype('uint8'), 2.6)
 """
 
@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +33,16 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press, Quasistatic
 from activetouch.pressing.robot import ROBOTS, Robot
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Mesh, Shape
 from belief.errors import UnknownName
 
-__all__ = ["Dynamic", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
+__all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
-_MOST_PRESSES = 10  # for one touch
+MOST_ATTEMPTS = 10
+"""Presses for one touch, where presses do not settle."""
 
 
 class Symmetry(StrEnum):
@@ -91,6 +93,24 @@ class WorldObject:
     orientation: Quaternion
     friction: float = 1.0
     stiffness: float = 1.0
+
+
+class PressedObject(NamedTuple):
+    """Result of one press.
+
+    Attributes:
+        contact: the physics.
+        image: the sensor's image, ``(n, n)`` or ``(n, n, 3)`` uint8.
+        num_unsettled: presses before it that did not settle.
+        placement: where the object was.
+        ideal: the image before the sensor's faults, in [0, 1].
+    """
+
+    contact: Contact
+    image: NDArray[np.uint8]
+    num_unsettled: int
+    placement: Placement
+    ideal: NDArray[np.floating]
 
 
 @dataclass(frozen=True)
@@ -145,10 +165,10 @@ class Scene:
             object.__setattr__(self, "robot", ROBOTS[self.robot])
 
     @property
-    def stage(self) -> Stage:
-        """What a press takes place in."""
+    def setup(self) -> Setup:
+        """The surroundings of a press."""
         loaded = tuple(self.shapes.values()) if self.parking else ()
-        return Stage(self.pad, self.height, self.finger, loaded, self.robot)
+        return Setup(self.pad, self.height, self.finger, loaded, self.robot)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -210,32 +230,39 @@ class Scene:
         Raises:
             UnstablePress: the simulation diverged.
         """
-        return self.press_model.press(self.stage, placement, self.variation.force.sample(rng))
+        return self.press_model.press(self.setup, placement, self.variation.force.sample(rng))
 
-    def settled_contact(
-        self, thing: WorldObject, pose: int, rng: np.random.Generator
-    ) -> tuple[Placement, Contact, int]:
-        """Press an object in a pose, again with other nuisances where a press does not settle (decision 0020).
+    def press(
+        self,
+        thing: WorldObject,
+        pose: int,
+        rng: np.random.Generator,
+        force_rng: np.random.Generator | None = None,
+        attempts: int = MOST_ATTEMPTS,
+    ) -> PressedObject:
+        """Press an object in a pose: place it, press it, render the contact, and read the image out.
 
-        Returns:
-            Where the object was, the contact, and how many presses before did not settle.
+        A press that does not settle is repeated with another offset and force from the same generators (decision 0020).
+
+        Args:
+            thing: the object.
+            pose: index of the pose.
+            rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
+            force_rng: of the force.
+            attempts: presses at most.
 
         Raises:
-            UnstablePress: again and again it did not settle.
+            UnstablePress: no press settled.
         """
-        for again in range(_MOST_PRESSES):
+        for num_unsettled in range(attempts):
             placement = self.place(thing, pose, rng)
             try:
-                return placement, self.contact(placement, rng), again
+                contact = self.contact(placement, rng if force_rng is None else force_rng)
             except UnstablePress as error:
                 last = error
-        raise UnstablePress(f"none of {_MOST_PRESSES} presses for one touch settled; the last one: {last}") from last
-
-    def press(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> tuple[Contact, NDArray[np.uint8]]:
-        """Press an object in a pose: the contact, and the sensor's image of it, ``(n, n)`` or ``(n, n, 3)``.
-
-        Raises:
-            UnstablePress: the simulation diverged.
-        """
-        contact = self.contact(self.place(thing, pose, rng), rng)
-        return contact, read_out(self.image(contact), self.faults, rng)
+                continue
+            ideal = self.image(contact)
+            return PressedObject(contact, read_out(ideal, self.faults, rng), num_unsettled, placement, ideal)
+        if attempts == 1:
+            raise last
+        raise UnstablePress(f"none of {attempts} presses for one touch settled; the last one: {last}") from last

@@ -4,8 +4,8 @@
     world = TouchWorld.sample(sensor, arrangement=(2, 0, 3, 1), rng=np.random.default_rng(0))
     touch = world.touch(pose=0, rng=np.random.default_rng(1))
 
-Many worlds are touched at once with :meth:`TactileSensor.touch_many`: presses one after the other, then one pass of the
-network over all images. It also keeps the time each part took.
+Many worlds are touched at once with :func:`touch_many`: presses one after the other, then one pass of the network over
+all images.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from activetouch.errors import LabelMismatch, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
-from activetouch.rendering import read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import in_words, require_scene, scene_fields
 from belief import Touch
@@ -39,17 +38,22 @@ CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
-@dataclass
+@dataclass(frozen=True)
 class TouchTime:
-    """Seconds spent on touches so far, by part, and presses that did not settle and were made again."""
+    """Seconds that touches took, by part, and the presses that did not settle and were repeated."""
 
     physics: float = 0.0
     network: float = 0.0
     pressed_again: int = 0
 
+    def __add__(self, other: TouchTime) -> TouchTime:
+        return TouchTime(
+            self.physics + other.physics, self.network + other.network, self.pressed_again + other.pressed_again
+        )
 
-class TouchRequest(Protocol):
-    """A touch that some episode waits for."""
+
+class PendingTouch(Protocol):
+    """A touch that an episode waits for."""
 
     @property
     def world(self) -> TouchWorld:
@@ -61,7 +65,7 @@ class TouchRequest(Protocol):
 
     @property
     def rng(self) -> np.random.Generator:
-        """The nuisances' source of chance."""
+        """Generator of offset, force and sensor faults."""
 
 
 def load_observation_model(folder: Path) -> ArrayModel:
@@ -157,7 +161,6 @@ class TactileSensor:
         scene: where presses come from.
         classifier: reads their images.
         model: turns what it reads into evidence.
-        time: seconds spent so far.
         shift: how the scene differs from the one that classifier and model were made for, in words; empty where it is
             the same.
 
@@ -168,7 +171,6 @@ class TactileSensor:
     scene: Scene
     classifier: TouchClassifier
     model: ArrayModel
-    time: TouchTime = field(default_factory=TouchTime)
     shift: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -218,16 +220,6 @@ class TactileSensor:
         logits, features = self.classifier.read(images)
         return [Touch(int(pose), row, feature) for pose, row, feature in zip(poses, logits, features, strict=True)]
 
-    def touch_many(self, requests: Sequence[TouchRequest]) -> list[Touch]:
-        """Press for every request, then read all images in one pass."""
-        started = time.perf_counter()
-        images = np.stack([request.world.press(request.pose, request.rng) for request in requests])
-        pressed = time.perf_counter()
-        touches = self.read(images, [request.pose for request in requests])
-        self.time.physics += pressed - started
-        self.time.network += time.perf_counter() - pressed
-        return touches
-
 
 class TouchWorld:
     """Objects on their guides, one at a time in front of the pad.
@@ -252,23 +244,28 @@ class TouchWorld:
         """True shape of every object, in order of visit; for scoring only."""
         return tuple(thing.shape_index for thing in self._objects)
 
-    def press(self, pose: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """The image of the current object pressed in a pose.
+    @property
+    def current(self) -> WorldObject:
+        """The object in front of the pad."""
+        return self._objects[self._current]
 
-        A press that does not settle is made again with new offset and force, from the same source of chance, and
-        counted in the sensor's time (decision 0020).
+    def press(self, pose: int, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
+        """The image of the current object pressed in a pose, and the time that took.
+
+        Args:
+            pose: index of the pose.
+            rng: of offset, force and the sensor's faults.
 
         Raises:
-            UnstablePress: again and again it did not settle.
+            UnstablePress: none of :data:`activetouch.scene.MOST_ATTEMPTS` presses settled.
         """
-        scene = self._sensor.scene
-        _, contact, again = scene.settled_contact(self._objects[self._current], pose, rng)
-        self._sensor.time.pressed_again += again
-        return read_out(scene.image(contact), scene.faults, rng)
+        started = time.perf_counter()
+        pressed = self._sensor.scene.press(self.current, pose, rng)
+        return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
-        """Press the current object and read the image."""
-        return self._sensor.read(self.press(pose, rng)[None], [pose])[0]
+        """Press the current object and read the image. See :meth:`press`."""
+        return self._sensor.read(self.press(pose, rng)[0][None], [pose])[0]
 
     def advance(self) -> None:
         """Put the current object aside and bring the next."""
@@ -279,3 +276,22 @@ class TouchWorld:
     def reset(self) -> None:
         """Bring the first object."""
         self._current = 0
+
+
+def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[list[Touch], TouchTime]:
+    """Press the current object of many worlds, then read all images in one pass of the network.
+
+    Args:
+        sensor: reads the images.
+        pending: the touches to make.
+
+    Returns:
+        The touches, in the order of ``pending``, and the time they took.
+
+    Raises:
+        UnstablePress: a press did not settle in any attempt.
+    """
+    images, times = zip(*[touch.world.press(touch.pose, touch.rng) for touch in pending], strict=True)
+    started = time.perf_counter()
+    touches = sensor.read(np.stack(images), [touch.pose for touch in pending])
+    return touches, sum(times, TouchTime(network=time.perf_counter() - started))

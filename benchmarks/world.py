@@ -27,7 +27,7 @@ from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import Rig
 from activetouch.pressing.robot import Robot
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 from benchmarks.mujoco_tactile import NativeSensor
 
@@ -54,7 +54,7 @@ def presses_per_second(scene: Scene, number: int) -> float:
 def rollouts_per_second(number: int = 256) -> float:
     """Presses stepped by ``mujoco.rollout`` on every core, each to the depth at which its pad carries about 2 N."""
     press, rng = Dynamic(), np.random.default_rng(0)
-    rigs = {name: Rig(Stage(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
+    rigs = {name: Rig(Setup(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
     models, states, controls = [], [], []
     scene = SCENES["gel"].scene
     for index in range(number):
@@ -96,7 +96,7 @@ def presses(scene: Scene) -> Callable[[int], object]:
     rng = np.random.default_rng(0)
     things = [scene.sample_object(index % len(scene.shapes), rng) for index in range(24)]
     placements = [scene.place(thing, index % 6, rng) for index, thing in enumerate(things)]
-    return lambda index: scene.press_model.press(scene.stage, placements[index % 24], 2.0)
+    return lambda index: scene.press_model.press(scene.setup, placements[index % 24], 2.0)
 
 
 def native_sensor(num_taxels: int) -> Callable[[int], object]:

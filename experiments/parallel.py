@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import joblib
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from activetouch.workers import born_deaf, end_with_parent
 from belief.errors import ActiveTouchError
 from experiments.command_line.console import plain_console
+from experiments.command_line.workers import born_deaf, end_with_parent
 
 T = TypeVar("T")
 

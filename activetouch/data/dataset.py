@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
-from activetouch.pressing.contact import Contact
-from activetouch.scene import Scene
+from activetouch.scene import PressedObject, Scene
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path
 from belief.seeding import keyed_rng
@@ -111,9 +110,9 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     for number in objects:
         draw, shape, touches = _touch_object(scene, plan, split, number)
         redrawn.append(draw)
-        for pose, contact, image in touches:
-            images.append(image)
-            rows.append((shape, number, pose, contact.force, contact.depth))
+        for pose, pressed in touches:
+            images.append(pressed.image)
+            rows.append((shape, number, pose, pressed.contact.force, pressed.contact.depth))
     shapes, object_ids, poses, forces, depths = (np.array(column) for column in zip(*rows, strict=True))
     with atomic_path(path) as temporary:
         np.savez(
@@ -130,11 +129,11 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
 
 def _touch_object(
     scene: Scene, plan: CollectionPlan, split: str, number: int
-) -> tuple[int, int, list[tuple[int, Contact, NDArray[np.uint8]]]]:
+) -> tuple[int, int, list[tuple[int, PressedObject]]]:
     """Touch an object in all planned poses and rounds, or the next one drawn for its place.
 
     Returns:
-        How many were drawn in vain, the shape, and pose, contact and image of each touch.
+        How many were drawn in vain, the shape, and pose and result of each press.
     """
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)
@@ -142,7 +141,7 @@ def _touch_object(
         rng = object_rng(plan, split, number, draw)
         thing = scene.sample_object(shape, rng)
         try:
-            return draw, shape, [(pose, *scene.press(thing, pose, rng)) for pose in poses]
+            return draw, shape, [(pose, scene.press(thing, pose, rng, attempts=1)) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(

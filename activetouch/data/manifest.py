@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.data.solver_settings import contact_model
+from activetouch.data.solver_settings import solver_settings
 from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -109,7 +109,7 @@ class Manifest:
             scene.symmetry,
             scene.image_shape,
             _versions(),
-            contact_model(scene),
+            solver_settings(scene),
         )
 
     @property

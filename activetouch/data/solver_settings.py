@@ -1,32 +1,21 @@
-"""What MuJoCo computes the pad's contacts with: beyond scene and plan, it decides what a stepped press comes to."""
+"""Solver settings of MuJoCo's contacts: beside scene and plan, they decide the result of a simulated press."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from activetouch.pressing.deformable import Deformable
-from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.scene import Scene
 
 
-def contact_model(scene: Scene) -> dict[str, Any]:
-    """What MuJoCo computes the pad's contacts with, read from the compiled model; empty where it computes none."""
-    shape, press = next(iter(scene.shapes.values())), scene.press_model
-    if isinstance(press, Dynamic | GuardedMove):
-        from activetouch.pressing.rig import build_spec  # loads MuJoCo
-
-        model = build_spec(scene.stage, shape, press.timestep).compile()
-        pad, kind, condim = model.pair("touch").id, "pair", model.pair_dim
-    elif isinstance(press, Deformable):
-        from activetouch.pressing.soft_rig import build_soft_spec  # loads MuJoCo
-
-        model = build_soft_spec(press, scene.pad, shape).compile()
-        pad, kind, condim = 0, "flex", model.flex_condim
-    else:
+def solver_settings(scene: Scene) -> dict[str, Any]:
+    """What MuJoCo computes the pad's contacts with, read from the compiled model; empty for a press without MuJoCo."""
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.shapes.values())))
+    if model is None:
         return {}
     import mujoco
 
+    kind, pad = ("flex", 0) if model.nflex else ("pair", model.pair("touch").id)
+    condim = model.flex_condim if model.nflex else model.pair_dim
     option = model.opt
     return {
         "solver": mujoco.mjtSolver(option.solver).name,

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from activetouch.envs.touch_source import LiveTouches, Objects, Press, Touches
+from activetouch.envs.touch_source import LiveTouches, Objects, RecordedPress, Touches
 from activetouch.world import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, Touch
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -54,7 +54,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise UnknownName("render mode", render_mode, self.metadata["render_modes"])
         self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
-        self.last_press: Press | None = None
+        self.last_press: RecordedPress | None = None
         self._prior: Belief | None = None  # about every object of an ``independent`` problem
         self._is_over = True
         self.action_space = spaces.Discrete(problem.num_poses + 2)
@@ -158,7 +158,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             return None
         from activetouch.envs.picture import draw
 
-        return draw(self.touches, self.last_press, self.belief, self.target)
+        return draw(self.last_press, self.belief, self.target)
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:

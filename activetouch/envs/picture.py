@@ -8,39 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from activetouch.envs.touch_source import LiveTouches, Press, Touches
-from activetouch.errors import UnstablePress
+from activetouch.envs.touch_source import RecordedPress
 from belief import Belief
 
 _SIZE = 240  # edge of each of the three panels [pixels]
 _INK, _PAPER, _BAR, _TARGET = (40, 44, 52), (250, 250, 248), (150, 170, 200), (222, 122, 60)
 
 
-def draw(touches: Touches, press: Press | None, belief: Belief, target: int) -> NDArray[np.uint8]:
-    """The frame, ``(240, 720, 3)`` uint8; panels of what there is not are blank."""
-    return np.concatenate([_scene(touches, press), _touch(press), _belief(belief, target)], axis=1)
+def draw(press: RecordedPress | None, belief: Belief, target: int) -> NDArray[np.uint8]:
+    """The frame of an episode, ``(240, 720, 3)`` uint8.
+
+    Args:
+        press: the last one; None leaves the panels of scene and image blank.
+        belief: about the current object.
+        target: index of the shape sought.
+    """
+    return np.concatenate([_scene(press), _touch(press), _belief(belief, target)], axis=1)
 
 
 def _blank() -> NDArray[np.uint8]:
     return np.full((_SIZE, _SIZE, 3), _PAPER, np.uint8)
 
 
-def _scene(touches: Touches, press: Press | None) -> NDArray[np.uint8]:
-    if press is None or not isinstance(touches, LiveTouches):
+def _scene(press: RecordedPress | None) -> NDArray[np.uint8]:
+    if press is None:
         return _blank()
     from activetouch.view.picture import press_picture  # loads MuJoCo
 
-    scene, rng = touches.sensor.scene, deepcopy(press.rng)
-    while True:
-        placement = scene.place(press.thing, press.pose, rng)
-        try:
-            depth = scene.contact(placement, rng).depth
-        except UnstablePress:  # pressed again then, and so now
-            continue
-        return press_picture(scene.stage, placement, depth, _SIZE, _SIZE, opengl=False)[0]
+    again = press.scene.press(press.thing, press.pose, deepcopy(press.rng))
+    return press_picture(press.scene.setup, again.placement, again.contact.depth, _SIZE, _SIZE, opengl=False)[0]
 
 
-def _touch(press: Press | None) -> NDArray[np.uint8]:
+def _touch(press: RecordedPress | None) -> NDArray[np.uint8]:
     if press is None:
         return _blank()
     image = Image.fromarray(press.image).convert("RGB")

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.scene import WorldObject
+from activetouch.scene import Scene, WorldObject
 from activetouch.world import TactileSensor, TouchWorld
 from belief import Touch
 from belief.observation_model import ArrayModel
@@ -18,17 +18,19 @@ from belief.synthetic import SyntheticWorld
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
-    """A press that can be made once more, to be shown.
+class RecordedPress:
+    """The image of a press, and what it takes to repeat that press.
 
     Attributes:
-        image: what the sensor saw, ``(H, W)`` or ``(H, W, 3)`` uint8.
+        image: the sensor's image, ``(H, W)`` or ``(H, W, 3)`` uint8.
+        scene: where the press was made.
         thing: the object.
         pose: index of the pose.
-        rng: source of chance, as it was before the press.
+        rng: state of the generator before the press.
     """
 
     image: NDArray[np.uint8]
+    scene: Scene
     thing: WorldObject
     pose: int
     rng: np.random.Generator
@@ -37,7 +39,7 @@ class Press:
 class Objects(Protocol):
     """The objects of one episode, the current one in front of the pad."""
 
-    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, Press | None]:
+    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, RecordedPress | None]:
         """Touch the current object; the press too, where there is one."""
 
     def advance(self) -> None:
@@ -94,21 +96,19 @@ class LiveObjects:
     """
 
     def __init__(self, sensor: TactileSensor, arrangement: Sequence[int], rng: np.random.Generator) -> None:
-        self._things = [sensor.scene.sample_object(shape, rng) for shape in arrangement]
-        self._world = TouchWorld(sensor, self._things)
+        self._world = TouchWorld.sample(sensor, arrangement, rng)
         self._sensor = sensor
-        self._current = 0
 
-    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, Press]:
+    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, RecordedPress]:
         """See :class:`Objects`."""
         before = deepcopy(rng)
-        image = self._world.press(pose, rng)
-        return self._sensor.read(image[None], [pose])[0], Press(image, self._things[self._current], pose, before)
+        image, _ = self._world.press(pose, rng)
+        press = RecordedPress(image, self._sensor.scene, self._world.current, pose, before)
+        return self._sensor.read(image[None], [pose])[0], press
 
     def advance(self) -> None:
         """See :class:`Objects`."""
         self._world.advance()
-        self._current += 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""A press on a pad that deforms: the slow reference for the elastic foundation.
+"""A press on a pad that deforms: the slow reference for the elastic foundation of the other presses.
 
 The foundation of :class:`activetouch.pressing.pad.Pad` is a bed of independent springs. Here the pad is a block of
 isotropic elastic solid, discretised by MuJoCo into tetrahedra (a *flex*), whose face dips around the object, bulges
@@ -9,6 +9,7 @@ object stands.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,14 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, first_touch
 from activetouch.pressing.dynamic import require_force
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
+from activetouch.shapes import Shape
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from activetouch.pressing.soft_rig import SoftPad
 
 Floats = NDArray[np.float64]
 
@@ -29,10 +37,10 @@ _SMOOTHING = (0.25, 0.5, 0.25)  # of the forces of neighbouring nodes
 
 
 @dataclass(frozen=True)
-class Deformable:
+class Deformable(Press):
     """The object is pulled against an elastic block with the stop force until the pad carries it.
 
-    Of the stage only the pad is modelled. The indentation is that of the block's face and may exceed the pad's
+    Of the setup, only the pad is modelled. The indentation is that of the block's face and may exceed the pad's
     ``max_depth``: a block does not bottom out.
 
     Attributes:
@@ -48,6 +56,10 @@ class Deformable:
         pause: for how long [s].
         patience: how long to wait for that before giving up [s].
     """
+
+    moves: ClassVar[bool] = True
+    is_slow: ClassVar[bool] = True
+    deforms: ClassVar[bool] = True
 
     nodes: int = 25
     layers: int = 4
@@ -68,19 +80,19 @@ class Deformable:
         if not self.pause >= self.timestep > 0.0:
             raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
-        """See :class:`activetouch.pressing.press.Press`."""
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`."""
         from activetouch.pressing.soft_rig import shared_soft_rig  # loads MuJoCo
 
         require_force(target_force)
-        pad = stage.pad
+        pad = setup.pad
         gap, touching = first_touch(pad, placement)
         if not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
             return Contact(pad, gap, 0.0, blank, blank)
         # All elastic stresses are proportional to Young's modulus: a block s times as stiff is the block under F / s.
         stop = target_force / placement.stiffness
-        rig = shared_soft_rig(self, pad, placement.shape)
+        rig = shared_soft_rig(self._soft_pad(pad), placement.shape)
         rig.place(touching + _CLEARANCE, placement, stop)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = round(self.pause / self.timestep), round(self.patience / self.timestep)
@@ -97,6 +109,19 @@ class Deformable:
             )
         indentation = np.maximum(_on_taxels(pad, rig.indentation), 0.0)
         return Contact(pad, gap, force, indentation, _pressure(pad, rig.node_forces, force))
+
+    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+        """See :class:`Press`."""
+        from activetouch.pressing.soft_rig import build_soft_spec  # loads MuJoCo
+
+        return build_soft_spec(self._soft_pad(setup.pad), shape).compile()
+
+    def _soft_pad(self, pad: Pad) -> SoftPad:
+        from activetouch.pressing.soft_rig import SoftPad  # loads MuJoCo
+
+        return SoftPad(
+            pad, self.nodes, self.layers, self.young, self.poisson, self.damping, self.timestep, self.admittance
+        )
 
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:

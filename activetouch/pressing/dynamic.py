@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
+from activetouch.shapes import Shape
+
+if TYPE_CHECKING:
+    import mujoco
 
 _LONGEST_STEP = 0.001  # [m]
 
@@ -30,13 +36,13 @@ def require_force(target_force: float) -> None:
         raise ValueError(f"target_force must be finite and ≥ 0 N, got {target_force}")
 
 
-def start_position(start: float, stage: Stage, placement: Placement) -> float:
+def start_position(start: float, setup: Setup, placement: Placement) -> float:
     """Where a press starts: ``start`` [m] in front of the pad, or further for an object that would touch it there."""
-    return max(start, placement.bounding_radius + stage.pad.max_depth)
+    return max(start, placement.bounding_radius + setup.pad.max_depth)
 
 
 @dataclass(frozen=True)
-class Dynamic:
+class Dynamic(Press):
     """The object moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing force.
 
     The force is read once it has stayed near the stop for the whole ``pause`` (admittance control). At the far end of
@@ -54,6 +60,8 @@ class Dynamic:
         traced: whether to sense force vector and contact point in every step, for ``Contact.trace``.
     """
 
+    moves: ClassVar[bool] = True
+
     timestep: float = 0.002
     speed: float = 0.1
     admittance: float = 0.02
@@ -67,13 +75,13 @@ class Dynamic:
     def __post_init__(self) -> None:
         require_steps(self.timestep, self.speed, self.pause)
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
-        """See :class:`activetouch.pressing.press.Press`."""
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`."""
         from activetouch.pressing.rig import shared_rig  # loads MuJoCo
 
         require_force(target_force)
-        rig = shared_rig(stage, placement.shape, self.timestep, self.traced)
-        position = withdrawn = start_position(self.start, stage, placement)
+        rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
+        position = withdrawn = start_position(self.start, setup, placement)
         rig.place(position, placement)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted = round(self.pause / self.timestep)
@@ -91,8 +99,8 @@ class Dynamic:
         elif at_end and force > 0.0:
             for _ in range(wanted):
                 force = rig.step(position, Phase.PAUSE)
-        gap, touching = first_touch(stage.pad, placement)
-        pressed_through = touching - position > 2 * stage.pad.half_thickness
+        gap, touching = first_touch(setup.pad, placement)
+        pressed_through = touching - position > 2 * setup.pad.half_thickness
         while position < withdrawn and (rig.force > 0.0 or self.traced):  # until the pad is free again
             position = min(position + self.timestep * self.speed, withdrawn)
             rig.step(position, Phase.WITHDRAW)
@@ -102,4 +110,14 @@ class Dynamic:
                 f"{num_steps}, {rig.num_warnings} MuJoCo warnings). Try a smaller timestep (now {self.timestep} s) or "
                 f"speed (now {self.speed} m/s)."
             )
-        return elastic_contact(stage.pad, gap, force, placement.stiffness, rig.trace())
+        return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
+
+    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+        """See :class:`Press`."""
+        from activetouch.pressing.rig import build_spec  # loads MuJoCo
+
+        return build_spec(setup, shape, self.timestep, self.traced).compile()
+
+    def with_trace(self) -> Dynamic:
+        """See :class:`Press`."""
+        return replace(self, traced=True)

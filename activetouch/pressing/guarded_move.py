@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,14 +12,19 @@ from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
 from activetouch.pressing.dynamic import require_force, require_steps, start_position
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
+from activetouch.shapes import Shape
+
+if TYPE_CHECKING:
+    import mujoco
 
 _LARGEST_FORCE = 1e4  # [N]; a pad that pushes harder than this is no pad
 
 
 @dataclass(frozen=True)
-class GuardedMove:
+class GuardedMove(Press):
     """Forward at constant speed, stop where the force reaches the threshold, hold that position, and go back.
 
     Nothing regulates the force: it is what the pad answers while the guide holds still, so it differs from the
@@ -33,6 +39,8 @@ class GuardedMove:
         rotation_time: that a rotation between two presses takes [s].
     """
 
+    moves: ClassVar[bool] = True
+
     timestep: float = 0.002
     speed: float = 0.02
     pause: float = 0.2
@@ -43,13 +51,13 @@ class GuardedMove:
     def __post_init__(self) -> None:
         require_steps(self.timestep, self.speed, self.pause)
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
-        """See :class:`activetouch.pressing.press.Press`; ``target_force`` is the threshold."""
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
+        """See :class:`Press`; ``target_force`` is the threshold."""
         from activetouch.pressing.rig import shared_rig  # loads MuJoCo
 
         require_force(target_force)
-        rig = shared_rig(stage, placement.shape, self.timestep, traced=True)
-        position = withdrawn = start_position(self.start, stage, placement)
+        rig = shared_rig(setup, placement.shape, self.timestep, traced=True)
+        position = withdrawn = start_position(self.start, setup, placement)
         rig.place(position, placement)
         force = 0.0
         while position > -self.travel and force < target_force:
@@ -65,14 +73,25 @@ class GuardedMove:
                 f"pressing {placement}: {force:.3g} N in the pause, {rig.num_warnings} MuJoCo warnings. Try a smaller "
                 f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
             )
-        return elastic_contact(stage.pad, surface_gap(stage.pad, placement), force, placement.stiffness, rig.trace())
+        return elastic_contact(setup.pad, surface_gap(setup.pad, placement), force, placement.stiffness, rig.trace())
 
-    def rotate(self, stage: Stage, placement: Placement, orientation: Quaternion) -> Trace:
-        """Turn the withdrawn object, evenly and the short way, from its placement to a new orientation."""
+    @property
+    def traced(self) -> bool:
+        """See :class:`Press`."""
+        return True
+
+    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+        """See :class:`Press`."""
+        from activetouch.pressing.rig import build_spec  # loads MuJoCo
+
+        return build_spec(setup, shape, self.timestep, traced=True).compile()
+
+    def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
+        """See :class:`Press`; the object turns evenly and the short way."""
         from activetouch.pressing.rig import shared_rig  # loads MuJoCo
 
-        rig = shared_rig(stage, placement.shape, self.timestep, traced=True)
-        position = start_position(self.start, stage, placement)
+        rig = shared_rig(setup, placement.shape, self.timestep, traced=True)
+        position = start_position(self.start, setup, placement)
         rig.place(position, placement)
         start, end = np.asarray(placement.orientation), np.asarray(orientation)
         end = end if start @ end >= 0.0 else -end  # the same rotation, the short way

@@ -1,6 +1,6 @@
-"""The MuJoCo model of a press: a soft pad, an object on a linear guide, and what else the stage asks for.
+"""The MuJoCo model of a press: a soft pad, an object on a linear guide, and what else the setup asks for.
 
-On the default stage that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
+On the default setup that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
 pressed object are a contact pair, so what cannot touch is never tested for contact. Parked objects are fixed to the
 world: there is one model for each object that can be active, and to park it is to go on with another's model. A model
 is compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:
@@ -19,7 +19,7 @@ from activetouch.errors import WrongMujoco
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.robot import attach_robot
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.shapes import Shape
 
@@ -55,50 +55,50 @@ _GEOM_TYPES = {
 
 
 def build_spec(
-    stage: Stage, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
+    setup: Setup, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
 ) -> mujoco.MjSpec:
-    """The model of a stage and one object at its largest size, ready to compile."""
+    """The model of a setup and one object at its largest size, ready to compile."""
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    pad, world = stage.pad, spec.worldbody
+    pad, world = setup.pad, spec.worldbody
     world.add_geom(
         name="pad",
         type=_GEOM_TYPES["box"],
         size=[pad.half_thickness, pad.half_width, pad.half_width],
-        pos=[-pad.half_thickness, 0.0, stage.height],
+        pos=[-pad.half_thickness, 0.0, setup.height],
         rgba=_DARK,
         **_NO_CONTACT,
     )
-    if stage.finger:
+    if setup.finger:
         # Wider than the pad but a pad's thickness behind its face, where no object comes: it needs no contact pair.
-        x, z = -2 * pad.half_thickness - _FINGER_TIP[0], stage.height - _FINGER_TIP[2] - _FINGER_BASE[2]
-        for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, stage.height)):
+        x, z = -2 * pad.half_thickness - _FINGER_TIP[0], setup.height - _FINGER_TIP[2] - _FINGER_BASE[2]
+        for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, setup.height)):
             position = [x, 0.0, height]
             world.add_geom(
                 name=f"finger_{name}", type=_GEOM_TYPES["box"], size=size, pos=position, rgba=_GREY, **_NO_CONTACT
             )
-    guide = world.add_body(name="guide", pos=[0.0, 0.0, stage.height])
+    guide = world.add_body(name="guide", pos=[0.0, 0.0, setup.height])
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
-    contact = {} if stage.robot is not None and stage.robot.collisions else _NO_CONTACT
+    contact = {} if setup.robot is not None and setup.robot.collisions else _NO_CONTACT
     add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.set_to_position(kp=_SERVO_STIFFNESS, dampratio=1.0)
-    for place, parked in enumerate(stage.loaded):
+    for place, parked in enumerate(setup.loaded):
         if parked != shape:
-            position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], stage.height]
+            position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], setup.height]
             add_solid(spec, world, f"parked{place}", parked, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
     if traced:
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
         sensor.intprm[:3] = [_FORCE_AND_POSITION, _NET_FORCE, 1]
-    if stage.robot is not None:
-        attach_robot(spec, stage.robot, (0.0, 0.0, stage.height))
+    if setup.robot is not None:
+        attach_robot(spec, setup.robot, (0.0, 0.0, setup.height))
     return spec
 
 
@@ -115,10 +115,10 @@ def add_solid(
 
 
 class Rig:
-    """A compiled stage with one object, placed and pressed again and again.
+    """A compiled setup with one object, placed and pressed again and again.
 
     Args:
-        stage: the pad and what else is modelled.
+        setup: the pad and what else is modelled.
         shape: of the object.
         timestep: of the simulation [s].
         traced: whether force vector and contact point are sensed in every step.
@@ -128,16 +128,16 @@ class Rig:
 
     def __init__(
         self,
-        stage: Stage,
+        setup: Setup,
         shape: Shape,
         timestep: float,
         traced: bool = False,
         largest_scale: float = LARGEST_SCALE,
     ) -> None:
-        self.model = build_spec(stage, shape, timestep, traced, largest_scale).compile()
+        self.model = build_spec(setup, shape, timestep, traced, largest_scale).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
-        self._height, self._traced = stage.height, traced
+        self._height, self._traced = setup.height, traced
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
         mesh = self.model.geom_dataid[self._geom]
         first, count = (self.model.mesh_vertadr[mesh], self.model.mesh_vertnum[mesh]) if mesh >= 0 else (0, 0)
@@ -221,10 +221,10 @@ class Rig:
 
 
 @lru_cache(maxsize=64)
-def shared_rig(stage: Stage, shape: Shape, timestep: float, traced: bool) -> Rig:
-    """The process's rig for a shape on a stage, compiled when first needed.
+def shared_rig(setup: Setup, shape: Shape, timestep: float, traced: bool) -> Rig:
+    """The process's rig for a shape on a setup, compiled when first needed.
 
     Every press sets everything it depends on, so a press does not remember the one before; but a process can run only
     one at a time.
     """
-    return Rig(stage, shape, timestep, traced)
+    return Rig(setup, shape, timestep, traced)

@@ -8,8 +8,8 @@ is stable whatever the stiffness of the contact (decision 0003 has the force law
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -19,9 +19,6 @@ from activetouch.placement import Placement
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import LARGEST_SCALE, add_solid
 from activetouch.shapes import Shape
-
-if TYPE_CHECKING:
-    from activetouch.pressing.deformable import Deformable
 
 Floats = NDArray[np.float64]
 
@@ -48,24 +45,44 @@ _PAD = """
 """
 
 
-def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
+@dataclass(frozen=True)
+class SoftPad:
+    """A block of elastic solid and its simulation; see :class:`activetouch.pressing.deformable.Deformable`.
+
+    Attributes:
+        pad: gives the block's size.
+        nodes, layers, young, poisson, damping, timestep, admittance: of the press.
+    """
+
+    pad: Pad
+    nodes: int
+    layers: int
+    young: float
+    poisson: float
+    damping: float
+    timestep: float
+    admittance: float
+
+
+def build_soft_spec(soft: SoftPad, shape: Shape) -> mujoco.MjSpec:
     """The model of a soft pad and one object at its largest size, ready to compile."""
+    pad = soft.pad
     thickness = 2 * pad.half_thickness
     spec = mujoco.MjSpec.from_string(
         _PAD.format(
-            timestep=press.timestep,
+            timestep=soft.timestep,
             iterations=_SOLVER_ITERATIONS,
-            planes=press.layers + 1,
-            nodes=press.nodes,
-            last=press.nodes - 1,
+            planes=soft.layers + 1,
+            nodes=soft.nodes,
+            last=soft.nodes - 1,
             mass=_PAD_MASS,
-            layer=thickness / press.layers,
-            spacing=2 * pad.half_width / (press.nodes - 1),
+            layer=thickness / soft.layers,
+            spacing=2 * pad.half_width / (soft.nodes - 1),
             centre=-pad.half_thickness,
-            contact_time=2 * press.timestep,
-            young=press.young,
-            poisson=press.poisson,
-            damping=press.damping,
+            contact_time=2 * soft.timestep,
+            young=soft.young,
+            poisson=soft.poisson,
+            damping=soft.damping,
         )
     )
     # Neo-Hookean (experimental in MuJoCo 4.0): the default Saint Venant-Kirchhoff solid gets softer the more it is
@@ -73,7 +90,7 @@ def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
     spec.flexes[0].elastic3d = _NEO_HOOKEAN
     guide = spec.worldbody.add_body(name="guide")
     guide.add_joint(
-        name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], damping=[1 / press.admittance, 0.0, 0.0]
+        name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], damping=[1 / soft.admittance, 0.0, 0.0]
     )
     body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
     add_solid(spec, body, "object", shape, LARGEST_SCALE, mass=_OBJECT_MASS)
@@ -83,15 +100,15 @@ def build_soft_spec(press: Deformable, pad: Pad, shape: Shape) -> mujoco.MjSpec:
 class SoftRig:
     """A compiled soft pad and one object, placed and stepped press after press."""
 
-    def __init__(self, press: Deformable, pad: Pad, shape: Shape) -> None:
-        self.model = build_soft_spec(press, pad, shape).compile()
+    def __init__(self, soft: SoftPad, shape: Shape) -> None:
+        self.model = build_soft_spec(soft, shape).compile()
         self.data = mujoco.MjData(self.model)
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
         joint = self.model.joint("guide")
         self._qpos, self._dof = joint.qposadr[0], joint.dofadr[0]
         mujoco.mj_forward(self.model, self.data)
         self._rest = self.data.flexvert_xpos.copy()
-        self._grid = (press.layers + 1, press.nodes, press.nodes)  # of the nodes: x, y, z
+        self._grid = (soft.layers + 1, soft.nodes, soft.nodes)  # of the nodes: x, y, z
         # Clamped nodes are vertices of the world's body: they have no degrees of freedom and no share in the force.
         self._free = self.model.flex_vertbodyid > 0
         self._node_dofs = self.model.body_dofadr[self.model.flex_vertbodyid[self._free]]  # of x; y and z follow
@@ -138,6 +155,6 @@ class SoftRig:
 
 
 @lru_cache(maxsize=32)
-def shared_soft_rig(press: Deformable, pad: Pad, shape: Shape) -> SoftRig:
-    """The one compiled model of these settings in this process."""
-    return SoftRig(press, pad, shape)
+def shared_soft_rig(soft: SoftPad, shape: Shape) -> SoftRig:
+    """The process's compiled model of these settings."""
+    return SoftRig(soft, shape)

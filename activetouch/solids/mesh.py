@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
@@ -16,8 +15,7 @@ from scipy.spatial import ConvexHull
 from activetouch.errors import BadMesh
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-
-Ints = NDArray[np.intp]
+from activetouch.solids.triangles import Ints, edges, tetrahedra
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of what a fingertip-sized pad can feel [m]
 _TYPICAL_RADIUS = 0.005  # from here on a guess at the unit is worth telling [m]
@@ -152,17 +150,3 @@ class Mesh:
             f"its farthest point is {self.bounding_radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to "
             f"{_MAX_RADIUS} m. Lengths are in metres{hint}"
         )
-
-
-def edges(faces: Ints) -> tuple[Ints, Ints]:
-    """One number for every directed edge, ``(3 f,)``, and for each edge how many triangles share it."""
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    size = int(faces.max()) + 1
-    _, sharing = np.unique(np.minimum(start, end) * size + np.maximum(start, end), return_counts=True)
-    return start * size + end, sharing
-
-
-def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
-    """Signed volumes of the tetrahedra between the origin and each triangle, ``(f,)`` [m³]."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6

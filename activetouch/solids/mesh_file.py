@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 
 from activetouch.errors import BadMesh
-from activetouch.solids.mesh import Ints, edges, tetrahedra
 from activetouch.solids.solid import Floats
+from activetouch.solids.triangles import Ints, edges, tetrahedra
 
 _FORMATS = (".stl", ".obj", ".ply", ".off")
 _SAME_POINT = 1e-8  # [m]; STL repeats a corner in every triangle, to seven digits

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from activetouch.placement import Placement
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.view.opengl import SKY, View, draw_in_child
 
 Image = NDArray[np.uint8]
@@ -27,22 +27,22 @@ _OVERSAMPLING = 2
 
 
 def press_picture(
-    stage: Stage, placement: Placement, depth: float, width: int = 640, height: int = 480, opengl: bool = True
+    setup: Setup, placement: Placement, depth: float, width: int = 640, height: int = 480, opengl: bool = True
 ) -> tuple[Image, bool]:
-    """The stage, the object pressed ``depth`` [m] into the pad, ``(height, width, 3)``; and whether OpenGL drew it.
+    """The setup, the object pressed ``depth`` [m] into the pad, ``(height, width, 3)``; and whether OpenGL drew it.
 
     Without ``opengl`` it is not even tried: that saves a second or two a picture.
     """
-    _, touching = first_touch(stage.pad, placement)
+    _, touching = first_touch(setup.pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
-    rig = Rig(stage, placement.shape, timestep=0.002, largest_scale=placement.scale)
+    rig = Rig(setup, placement.shape, timestep=0.002, largest_scale=placement.scale)
     rig.place(position, placement)
     mujoco.mj_forward(rig.model, rig.data)
-    lookat = np.array([0.0, 0.0, stage.height])
-    reach = 4.5 * max(stage.pad.half_width, placement.bounding_radius)
-    if stage.robot is not None or stage.loaded:  # show them too
-        lookat, reach = np.array([0.0, 0.1, stage.height]), 0.45
-    if stage.robot is not None:
+    lookat = np.array([0.0, 0.0, setup.height])
+    reach = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
+    if setup.robot is not None or setup.loaded:  # show them too
+        lookat, reach = np.array([0.0, 0.1, setup.height]), 0.45
+    if setup.robot is not None:
         reach = 1.1
     view = View(tuple(lookat.tolist()), reach, _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW, width, height)
     drawn = draw_in_child(rig.model, rig.data, view) if opengl else None

@@ -55,7 +55,7 @@ class Pressing:
 
     def image(self, scene: Scene) -> Floats:
         """The ideal image of the press."""
-        return scene.renderer(Quasistatic().press(scene.stage, self.placement, self.force))
+        return scene.renderer(Quasistatic().press(scene.setup, self.placement, self.force))
 
 
 @dataclass(frozen=True, eq=False)

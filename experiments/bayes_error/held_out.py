@@ -7,7 +7,7 @@ correct ones is binomial.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -70,12 +70,12 @@ def held_out_touch(scene: Scene, seed: int, stream: Stream, number: int) -> Held
     """
     rng = keyed_rng([seed, stream, number], is_fixed_length=True)
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
-    placement, contact, _ = scene.settled_contact(scene.sample_object(shape, rng), pose, rng)
-    clean = scene.image(contact)
+    pressed = replace(scene, faults=()).press(scene.sample_object(shape, rng), pose, rng)
+    clean = pressed.ideal
     before, after = split_at_noise(scene.faults)
     for fault in before:
         clean = fault(clean, rng)
-    return HeldOutTouch(shape, pose, placement, contact, clean, read_out(clean, after, rng))
+    return HeldOutTouch(shape, pose, pressed.placement, pressed.contact, clean, read_out(clean, after, rng))
 
 
 def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:

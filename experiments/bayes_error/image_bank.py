@@ -143,11 +143,10 @@ def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
 
 def ideal_images(scene: Scene, shape: int, count: int, rng: np.random.Generator) -> Floats:
     """Ideal images of new objects of a shape, each touched once, ``(count, n, n)``."""
-    presses = (
-        scene.settled_contact(scene.sample_object(shape, rng), number % len(scene.poses), rng)
-        for number in range(count)
+    ideal = replace(scene, faults=())
+    return np.stack(
+        [ideal.press(ideal.sample_object(shape, rng), n % len(ideal.poses), rng).ideal for n in range(count)]
     )
-    return np.stack([scene.image(contact) for _, contact, _ in presses])
 
 
 def log_evidence_of_slice(

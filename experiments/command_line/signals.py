@@ -90,6 +90,6 @@ def _give_up() -> None:
 
 
 def _end_workers() -> None:
-    from activetouch.workers import end_workers
+    from experiments.command_line.workers import end_workers
 
     end_workers()

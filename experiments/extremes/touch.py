@@ -17,7 +17,7 @@ from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Press
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.rendering import (
     DeadTaxels,
     ForcePatchRenderer,
@@ -50,7 +50,7 @@ def _press(
     friction: float = 1.0,
 ) -> Contact:
     placement = Placement(shape or SHAPES["sphere"], scale, _UPRIGHT, np.array(offset), friction)
-    return press.press(Stage(pad or Pad(num_taxels=32)), placement, force)
+    return press.press(Setup(pad or Pad(num_taxels=32)), placement, force)
 
 
 def _is_sound(contact: Contact) -> bool:

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from activetouch.errors import WrongPress
 from activetouch.poses import random_orientation
-from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.trace import Trace, join
 from activetouch.scene import Scene, WorldObject
 
@@ -17,28 +15,25 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
     """Press an object again and again, turning it to a new random orientation after each press.
 
     Args:
-        scene: whose presses are guarded moves.
+        scene: whose presses rotate the object, as guarded moves do.
         thing: the object.
-        num_cycles: presses.
+        num_cycles: number of presses.
         rng: chance of offsets, thresholds and rotations.
 
     Returns:
         One trace a cycle, with all five phases in their order; a miss has no ``contact``.
 
     Raises:
-        WrongPress: the scene's presses are no guarded moves, which alone rotate.
+        WrongPress: the scene's presses do not rotate.
         UnstablePress: the simulation diverged.
     """
-    move = scene.press_model
-    if not isinstance(move, GuardedMove):
-        raise WrongPress(f"cycles are made of guarded moves, the scene presses with {move}; use the scene 'paper'")
     placement = scene.place(thing, 0, rng)
     cycles = []
     for _ in range(num_cycles):
         contact = scene.contact(placement, rng)
         orientation = random_orientation(rng)
-        rotation = move.rotate(scene.stage, placement, orientation)
-        assert contact.trace is not None, "guarded moves are always traced"
+        rotation = scene.press_model.rotate(scene.setup, placement, orientation)
+        assert contact.trace is not None, "presses that rotate are traced"
         cycles.append(join([contact.trace, rotation]))
         placement = replace(placement, orientation=orientation, offset=scene.variation.sample_offset(rng))
     return cycles

@@ -27,7 +27,7 @@ from activetouch.pressing.contact import first_touch
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.press import Press, Quasistatic
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.scene import Scene
 from activetouch.shapes import SHAPES
 from belief.files import require_writable_file, write_text
@@ -182,7 +182,7 @@ class Fidelity:
 
 
 def _depth(name: str, kind: str, press: Press, placement: Placement, force: float) -> tuple[str, str, float, float]:
-    return name, kind, force, press.press(Stage(), placement, force).depth
+    return name, kind, force, press.press(Setup(), placement, force).depth
 
 
 def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[int, int, Pressed]:
@@ -193,7 +193,7 @@ def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[in
         placement = scene.place(thing, number % len(scene.poses), rng)
         target = scene.variation.force.sample(rng)
         try:
-            contact = scene.press_model.press(scene.stage, placement, target)
+            contact = scene.press_model.press(scene.setup, placement, target)
         except UnstablePress:
             rows.append((target, np.nan, np.nan, np.nan, False))
             images.append(np.full(scene.pad.num_taxels**2, np.nan))

@@ -1,4 +1,4 @@
-"""What a scene models, and why: counted in the compiled model, not promised.
+"""The parts that a scene models, counted in the compiled model, and what each is for.
 
 for entry in inventory(SCENES["paper"].scene):
 print(entry.number, entry.part, entry.why)
@@ -7,15 +7,18 @@ print(entry.number, entry.part, entry.why)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.dynamic import Dynamic
-from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Quasistatic
 from activetouch.pressing.robot import ROBOTS
 from activetouch.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
 
 
 @dataclass(frozen=True)
@@ -37,20 +40,13 @@ def inventory(scene: Scene) -> list[Entry]:
         Entry(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
-    press = scene.press_model
-    if isinstance(press, Dynamic | GuardedMove):
-        entries += _rigid_bodies(scene, press)
-    elif isinstance(press, Deformable):
-        entries += _soft_bodies(scene, press)
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.shapes.values())))
+    if model is not None:
+        entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
     return [entry for entry in entries if entry.number]
 
 
-def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
-    from activetouch.pressing.rig import build_spec  # loads MuJoCo
-
-    traced = isinstance(press, GuardedMove) or press.traced
-    stage = scene.stage
-    model = build_spec(stage, next(iter(scene.shapes.values())), press.timestep, traced).compile()
+def _rigid_bodies(model: mujoco.MjModel) -> list[Entry]:
     names = [model.geom(index).name for index in range(model.ngeom)]
     robot = np.array([name.startswith("robot_") for name in names])
     meeting = np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0))
@@ -69,10 +65,7 @@ def _rigid_bodies(scene: Scene, press: Dynamic | GuardedMove) -> list[Entry]:
     ]
 
 
-def _soft_bodies(scene: Scene, press: Deformable) -> list[Entry]:
-    from activetouch.pressing.soft_rig import SoftRig  # loads MuJoCo
-
-    model = SoftRig(press, scene.pad, next(iter(scene.shapes.values()))).model
+def _soft_bodies(model: mujoco.MjModel) -> list[Entry]:
     return [
         Entry(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
         Entry(model.nflexelem, "flex elements", "of the soft pad"),
@@ -82,29 +75,27 @@ def _soft_bodies(scene: Scene, press: Deformable) -> list[Entry]:
 
 def leaner(scene: Scene) -> tuple[str, Scene] | None:
     """The scene without the last thing it adds to the leanest one, and what that is; None for the leanest."""
+    press = scene.press_model
     if scene.robot is not None:
         return "without the robot", replace(scene, robot=None)
-    if isinstance(scene.press_model, Deformable):
+    if press.deforms:
         return "a rigid pad, with the force law for its imprint", replace(scene, press_model=Dynamic())
     if scene.parking or scene.finger:
         return "without finger and parked objects", replace(scene, parking=False, finger=False)
-    if isinstance(scene.press_model, GuardedMove):
+    if press.traced:
         return "force control, no trace", replace(scene, press_model=Dynamic())
-    if isinstance(scene.press_model, Dynamic):
-        if scene.press_model.traced:
-            return "without the trace", replace(scene, press_model=replace(scene.press_model, traced=False))
-        return "no time stepping", replace(scene, press_model=Quasistatic())
-    return None
+    return ("no time stepping", replace(scene, press_model=Quasistatic())) if press.moves else None
 
 
 def richer(scene: Scene) -> tuple[str, Scene] | None:
     """The scene with the next thing that could be modelled, and what that is; None for the richest."""
-    if isinstance(scene.press_model, Deformable):
+    press = scene.press_model
+    if press.deforms:
         return None
-    if isinstance(scene.press_model, Quasistatic):
+    if not press.moves:
         return "stepped motion", replace(scene, press_model=Dynamic())
-    if isinstance(scene.press_model, Dynamic) and not scene.press_model.traced:
-        return "a trace of force and contact point", replace(scene, press_model=replace(scene.press_model, traced=True))
+    if not press.traced:
+        return "a trace of force and contact point", replace(scene, press_model=press.with_trace())
     if not (scene.parking and scene.finger):
         return "the finger, and all objects loaded", replace(scene, parking=True, finger=True)
     if scene.robot is None:

@@ -30,7 +30,6 @@ from activetouch.data.dataset import TouchSet
 from activetouch.errors import WrongPress
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.pressing.contact import Contact, with_numbers_of
-from activetouch.pressing.deformable import Deformable
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
@@ -207,7 +206,7 @@ def exchange(scene: Scene, num_objects: int, key: Key, readings: Readings, jobs:
     Raises:
         WrongPress: the scene's imprints do not follow from geometry and depth.
     """
-    if isinstance(scene.press_model, Deformable):
+    if scene.press_model.deforms:
         raise WrongPress(
             "the imprint on a deformable pad does not follow from geometry and depth, so it cannot show another depth; "
             "take --fidelity quasistatic, dynamic or guarded_move"
@@ -248,8 +247,7 @@ def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
     number, pose = divmod(touch, len(scene.poses))
     thing = scene.sample_object(number % len(scene.shapes), keyed_rng([*key, _KEY, number, 2]))
     rng = keyed_rng([*key, _KEY, touch, 3])
-    _, contact, _ = scene.settled_contact(thing, pose, rng)
-    return contact, thing.stiffness
+    return scene.press(thing, pose, rng).contact, thing.stiffness
 
 
 def judged(touched: Exchanged, plain: Integers, lent: Integers) -> dict[str, Floats]:

@@ -1,4 +1,4 @@
-"""What presses of a scene cost: measured, in a process that loads nothing else."""
+"""Time and memory that presses of a scene take, measured in a process that loads nothing else."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.workers import in_own_process
+from experiments.command_line.workers import in_own_process
 
 _HEAVY = ("mujoco", "scipy", "trimesh", "matplotlib", "torch", "transformers")
 
@@ -40,7 +40,12 @@ class Cost:
 
 
 def measure(scene: Scene, num_presses: int) -> Cost:
-    """Press objects of all shapes in a fresh process and see what it takes."""
+    """The cost of presses of all shapes, measured in a new process.
+
+    Args:
+        scene: to press in.
+        num_presses: number of presses to average over.
+    """
     return in_own_process(multiprocessing.get_context("spawn"), _measure_here, scene, num_presses)
 
 
@@ -63,13 +68,12 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
         mujoco.mj_step = timed
     presses, images = [], []
     for number, thing in enumerate(things):
-        placement = scene.place(thing, number % len(scene.poses), rng)
         started = time.perf_counter()
-        contact = scene.contact(placement, rng)
+        contact = scene.press(thing, number % len(scene.poses), rng).contact
         pressed = time.perf_counter()
-        read_out(scene.image(contact), scene.faults, rng)
-        presses.append(pressed - started)
+        read_out(scene.image(contact), scene.faults, rng)  # once more, to know its share
         images.append(time.perf_counter() - pressed)
+        presses.append(pressed - started - images[-1])
     return Cost(
         step=float(np.mean(steps)) if steps else 0.0,
         num_steps=len(steps) / num_presses,

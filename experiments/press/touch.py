@@ -20,7 +20,6 @@ from rich.progress import track
 
 from activetouch.errors import MissingPackage, WrongPress
 from activetouch.placement import Placement
-from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
@@ -43,9 +42,7 @@ def _index(kind: str, label: str, labels: tuple[str, ...]) -> int:
 
 def traced(scene: Scene) -> Scene:
     """The scene with a force trace, where its presses can have one."""
-    if isinstance(scene.press_model, Dynamic):
-        return replace(scene, press_model=replace(scene.press_model, traced=True))
-    return scene
+    return replace(scene, press_model=scene.press_model.with_trace())
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class Touch:
         require_writable_file(self.out)
         scene = traced(self.choice.named.scene)
         placement, contact = press_once(scene, self.shape, self.pose, self.seed)
-        view, by_opengl = press_picture(scene.stage, placement, contact.depth)
+        view, by_opengl = press_picture(scene.setup, placement, contact.depth)
         if not by_opengl:
             print(GL_HINT)
         title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
@@ -94,8 +91,8 @@ def press_once(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placemen
     rng = np.random.default_rng(seed)
     shape_index, pose_index = _index("shape", shape, scene.shape_labels), _index("pose", pose, scene.pose_labels)
     thing = scene.sample_object(shape_index, rng)
-    placement = scene.place(thing, pose_index, rng)
-    return placement, scene.contact(placement, rng)
+    pressed = scene.press(thing, pose_index, rng)
+    return pressed.placement, pressed.contact
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ class Gallery:
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
             thing = scene.sample_object(shape_index, keyed_rng([self.seed, shape_index], is_fixed_length=True))
             for pose_index, pose in enumerate(scene.pose_labels):
-                contact, _ = scene.press(
+                contact, *_ = scene.press(
                     thing, pose_index, keyed_rng([self.seed, shape_index, pose_index], is_fixed_length=True)
                 )
                 for name, renderer in RENDERERS.items():
@@ -214,7 +211,7 @@ class View:
         if contact.trace is None:
             raise WrongPress("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
         viewer = _require_viewer()
-        rig = Rig(scene.stage, placement.shape, timestep=float(contact.trace.time[0]))
+        rig = Rig(scene.setup, placement.shape, timestep=float(contact.trace.time[0]))
         rig.place(float(contact.trace.position[0, 0]), placement)
         with viewer.launch_passive(rig.model, rig.data) as window:
             for position in itertools.cycle(contact.trace.position[:, 0]):

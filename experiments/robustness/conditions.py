@@ -13,7 +13,7 @@ from typing import TypeAlias
 from activetouch import rendering
 from activetouch.distributions import LogUniform, Uniform
 from activetouch.orientations import Presentation
-from activetouch.pressing.press import Press, Quasistatic
+from activetouch.pressing.press import Press
 from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
 from activetouch.scene import Scene
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS
@@ -47,8 +47,7 @@ def _dead(share: float) -> Change:
     """More dead taxels: those of a sensor that already has some stay dead."""
 
     def changed(scene: Scene) -> Scene:
-        binning = scene.renderer.binning if isinstance(scene.renderer, rendering.PressureRenderer) else 1
-        number = (scene.pad.num_taxels // binning) ** 2
+        number = scene.image_shape[0] ** 2
         dead = next((fault for fault in scene.faults if isinstance(fault, DeadTaxels)), DeadTaxels(0.0))
         more = replace(dead, share=min(dead.share + share, 1.0))
         if round(more.share * number) == round(dead.share * number):
@@ -75,7 +74,7 @@ def _sized(low: float, high: float) -> Change:
 
 
 def _rubbing(scene: Scene) -> Scene:
-    if isinstance(scene.press_model, Quasistatic):
+    if not scene.press_model.moves:
         raise MeansNothing("nothing slides in a quasistatic press")
     return _varied(friction=Uniform(0.3, 1.0))(scene)
 

@@ -8,7 +8,7 @@ presses.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
 
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import UnstablePress
-from activetouch.pressing.deformable import Deformable
 from activetouch.rendering import Fault, read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.world import TactileSensor
@@ -69,7 +68,7 @@ def choose(scene: Scene, num_objects: int, num_deformable: int = 0) -> tuple[dic
         except MeansNothing as reason:
             left_out[name] = str(reason)
             continue
-        is_slow = isinstance(changed.press_model, Deformable) and not isinstance(scene.press_model, Deformable)
+        is_slow = changed.press_model.is_slow and not scene.press_model.is_slow
         if Series(changed, 0).presses == Series(scene, 0).presses and changed.faults == scene.faults:
             left_out[name] = "it was trained so"
         elif is_slow and not num_deformable:
@@ -134,7 +133,7 @@ def _press_some(
     scene: Scene, faults: Mapping[str, tuple[Fault, ...]], numbers: range, key: tuple[int, int]
 ) -> tuple[list[int], dict[str, NDArray[np.uint8]]]:
     """Objects that could be pressed in all poses, n of them, and their images by name of the faults, ``(n, P, …)``."""
-    kept, images = [], {name: [] for name in faults}
+    without_faults, kept, images = replace(scene, faults=()), [], {name: [] for name in faults}
     for number in numbers:
         vary = scene.variation
         thing = WorldObject(
@@ -148,7 +147,7 @@ def _press_some(
         try:
             for pose in range(len(scene.poses)):
                 place, force = (part_rng(key, number, part, pose) for part in (Part.PLACE, Part.FORCE))
-                ideal.append(scene.renderer(scene.contact(scene.place(thing, pose, place), force)))
+                ideal.append(without_faults.press(thing, pose, place, force, attempts=1).ideal)
         except UnstablePress:
             continue
         kept.append(number)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from activetouch.world import touch_many
 from belief import SceneBelief
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
@@ -30,7 +31,7 @@ def solved_by_full_information(setting: Setting, target: int, seed: int, numbers
                 TouchRequest(world, pose, touch_rng(key, object_index, pose, repeat=0))
                 for pose in range(problem.num_poses)
             ]
-            scene.update(object_index, sensor.touch_many(requests))
+            scene.update(object_index, touch_many(sensor, requests)[0])
             if object_index + 1 < problem.num_objects:
                 world.advance()
         here = scene.marginals()[:, target]

@@ -57,7 +57,7 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
         if isinstance(step.decision.action, Probe) and step.touch is not None:
             pose = step.decision.action.pose
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
-            image = world.press(pose, rng)
+            image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):

@@ -12,8 +12,16 @@ from typing import Annotated, Any, Literal, TypeAlias
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TouchTime, load_observation_model
-from belief import Composition, SearchProblem
+from activetouch.world import (
+    CLASSIFIER_FILE,
+    MODELS,
+    OBSERVATION_FILE,
+    POLICIES,
+    TouchTime,
+    load_observation_model,
+    touch_many,
+)
+from belief import Composition, SearchProblem, Touch
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
@@ -22,6 +30,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
 from experiments.sensor_choice import check_sensor, load_quietly
 from planners import Decider, Episode, make_decider, search_lockstep
+from planners.search import TouchRequest
 
 _TOUCHES_PER_OBJECT = 12  # until a search is cut off
 
@@ -152,17 +161,22 @@ def play(
     setting: Setting, decider: str, target: int, seed: int, numbers: Sequence[int]
 ) -> tuple[list[Episode], Seconds]:
     """Play episodes in lockstep: the same numbers give the same episodes, bit for bit, in any process."""
-    sensor = load_sensor(setting)
-    sensor = replace(sensor, time=TouchTime())
+    sensor, spent = load_sensor(setting), [TouchTime()]
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]
     chosen = build_decider(setting, decider)
+
+    def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> list[Touch]:
+        touches, seconds = touch_many(sensor, requests)
+        spent.append(seconds)
+        return touches
+
     started = time.perf_counter()
     episodes = search_lockstep(
-        worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, sensor.touch_many
+        worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, touch_and_time
     )
     total = time.perf_counter() - started
     touches = sum(episode.num_touches for episode in episodes)
-    thinking = total - sensor.time.physics - sensor.time.network
-    spent = sensor.time
-    return episodes, Seconds(spent.physics, spent.network, thinking, touches, spent.pressed_again)
+    seconds = sum(spent, TouchTime())
+    thinking = total - seconds.physics - seconds.network
+    return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)

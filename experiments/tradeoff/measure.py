@@ -19,10 +19,10 @@ import numpy as np
 from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
 from activetouch.scene_description import scene_fields
-from activetouch.workers import in_own_process
-from activetouch.world import MODELS, POLICIES
+from activetouch.world import MODELS, POLICIES, touch_many
 from belief import Touch
 from belief.files import atomic_path, write_text
+from experiments.command_line.workers import in_own_process
 from experiments.search.setting import episode_seed, make_world
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
@@ -121,10 +121,10 @@ def _search(configuration: Configuration, cache: Path) -> Result:
     )
     touching = 0.0
 
-    def touch_many(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
+    def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
         nonlocal touching
         started = time.thread_time()
-        touches = sensor.touch_many(requests)
+        touches = touch_many(sensor, requests)[0]
         touching += time.thread_time() - started
         return touches
 
@@ -136,7 +136,7 @@ def _search(configuration: Configuration, cache: Path) -> Result:
             some = seeds[first : first + _TOGETHER]
             worlds, targets = [make_world(setting, sensor, seed) for seed in some], [seed[1] for seed in some]
             started = time.thread_time() - touching
-            episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, some, touch_many)
+            episodes += search_lockstep(worlds, decider, problem, targets, sensor.model, some, touch_and_time)
             thinking += time.thread_time() - touching - started
         return episodes, thinking
 
@@ -212,7 +212,7 @@ def _read_here(configuration: Configuration) -> dict[str, float]:
     seconds = []
     for number in range(_READINGS):
         thing = sensor.scene.sample_object(number % len(sensor.scene.shapes), rng)
-        _, image = sensor.scene.press(thing, 0, rng)
+        image = sensor.scene.press(thing, 0, rng).image
         started = time.thread_time()
         sensor.read(image[None], [0])
         seconds.append(time.thread_time() - started)

@@ -298,7 +298,7 @@ def test_the_default_shapes_come_first_in_the_extended_table():
 @pytest.mark.mujoco
 @every_shape
 def test_every_shape_compiles_into_a_scene_with_one_contact_pair(name):
-    from activetouch.pressing.setup import Stage
+    from activetouch.pressing.setup import Setup
 
-    model = build_spec(Stage(), EXTENDED_SHAPES[name], timestep=0.002).compile()
+    model = build_spec(Setup(), EXTENDED_SHAPES[name], timestep=0.002).compile()
     assert (model.ngeom, model.njnt, model.nu, model.npair) == (2, 1, 1, 1)

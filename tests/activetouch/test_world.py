@@ -9,45 +9,43 @@ from activetouch import SCENES, Quasistatic, TactileSensor, TouchWorld
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
-from activetouch.pressing.setup import Stage
-from activetouch.world import TouchTime
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
 
 pytestmark = pytest.mark.torch
 
 
 @dataclass(frozen=True)
-class Bouncing:
+class Bouncing(Press):
     """Presses like ``Quasistatic``, but does not settle at forces above ``limit`` [N]."""
 
     limit: float
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         if target_force > self.limit:
             raise UnstablePress(f"bounces at {target_force} N")
-        return Quasistatic().press(stage, placement, target_force)
+        return Quasistatic().press(setup, placement, target_force)
 
 
 def world(limit):
     scene = replace(SCENES["coarse"].scene, press_model=Bouncing(limit))
-    sensor = replace(TactileSensor.shipped("coarse", scene, anyway=True), time=TouchTime())
-    return sensor, TouchWorld.sample(sensor, (0, 1), np.random.default_rng(0))
+    sensor = TactileSensor.shipped("coarse", scene, anyway=True)
+    return TouchWorld.sample(sensor, (0, 1), np.random.default_rng(0))
 
 
 def test_a_press_that_does_not_settle_is_made_again_with_other_nuisances():
-    sensor, bouncing = world(limit=2.0)  # of forces between 1.5 and 3 N, two in three
-    _, calm = world(limit=3.0)
+    bouncing, calm = world(limit=2.0), world(limit=3.0)  # of forces between 1.5 and 3 N, two in three
     same = []
     for seed in range(30):
-        before = sensor.time.pressed_again
-        image = bouncing.press(0, np.random.default_rng(seed))
-        settled_at_once = sensor.time.pressed_again == before
+        image, time = bouncing.press(0, np.random.default_rng(seed))
+        settled_at_once = time.pressed_again == 0
         same.append(settled_at_once)
-        assert np.array_equal(image, calm.press(0, np.random.default_rng(seed))) == settled_at_once
-        assert np.array_equal(image, bouncing.press(0, np.random.default_rng(seed)))  # the seed decides
+        assert np.array_equal(image, calm.press(0, np.random.default_rng(seed))[0]) == settled_at_once
+        assert np.array_equal(image, bouncing.press(0, np.random.default_rng(seed))[0])  # the seed decides
     assert 0 < sum(same) < 30
 
 
 def test_an_object_that_never_settles_is_an_error_that_says_so():
-    _, hopeless = world(limit=1.0)
+    hopeless = world(limit=1.0)
     with pytest.raises(UnstablePress, match=r"none of 10 presses for one touch settled; the last one: bounces at"):
         hopeless.touch(0, np.random.default_rng(0))

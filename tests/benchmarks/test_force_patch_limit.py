@@ -88,14 +88,14 @@ def test_turning_and_mirroring_a_press_leaves_its_numbers():
 
 
 def test_a_miss_has_no_numbers():
-    contact = Quasistatic().press(SCENE.stage, replace(fresh_placement(), offset=np.array([1.0, 1.0])), 1.0)
+    contact = Quasistatic().press(SCENE.setup, replace(fresh_placement(), offset=np.array([1.0, 1.0])), 1.0)
     nothing = Trace(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)), [])
     assert not press_numbers(replace(contact, trace=nothing), SCENE.renderer).any()
 
 
 def test_a_press_without_trace_is_refused():
     with pytest.raises(ValueError, match="no trace"):
-        press_numbers(Quasistatic().press(SCENE.stage, fresh_placement(), 1.0), SCENE.renderer)
+        press_numbers(Quasistatic().press(SCENE.setup, fresh_placement(), 1.0), SCENE.renderer)
 
 
 def fresh_placement():

@@ -30,7 +30,8 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
 from activetouch.scene import Symmetry, Variation
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile, UnknownName
@@ -129,15 +130,15 @@ def test_a_shard_recorded_again_has_the_same_bytes(original, tmp_path):
 
 
 @dataclass(frozen=True)
-class Fragile:
+class Fragile(Press):
     """Presses like ``Quasistatic``, but does not settle on what is larger than ``limit``."""
 
     limit: float
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         if placement.scale > self.limit:
             raise UnstablePress(f"{placement} is too large")
-        return Quasistatic().press(stage, placement, target_force)
+        return Quasistatic().press(setup, placement, target_force)
 
 
 def test_an_object_that_cannot_be_pressed_is_replaced_and_the_others_keep_their_touches(original, tmp_path):
@@ -181,7 +182,7 @@ def test_an_unreadable_count_of_replaced_objects_is_a_clear_error(tmp_path):
 def test_an_object_that_misses_the_pad_is_recorded_without_force():
     scene = Scene(press_model=Quasistatic(), variation=Variation(offset=Constant(0.5)))
     rng = np.random.default_rng(0)
-    contact, image = scene.press(scene.sample_object(0, rng), 0, rng)
+    contact, image, *_ = scene.press(scene.sample_object(0, rng), 0, rng)
     assert (contact.force, contact.depth) == (0.0, 0.0)
     assert image.max() < 0.15 * 255  # noise only
 

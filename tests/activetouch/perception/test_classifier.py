@@ -14,7 +14,7 @@ from activetouch import SCENES, Scene, TactileSensor, TouchWorld
 from activetouch.errors import LabelMismatch
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.classifier import ClassifierCard, TouchClassifier, TouchNetwork
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, touch_many
 from belief.errors import CorruptFile, UnknownName
 
 pytestmark = pytest.mark.torch
@@ -52,7 +52,7 @@ def test_every_named_scene_has_a_sensor_that_reads_fresh_objects_of_it(name):
     for number in range(96):
         rng = np.random.default_rng([2026, number])
         world = TouchWorld.sample(sensor, (number % num_shapes,), rng)
-        images.append(world.press(number % 6, rng))
+        images.append(world.press(number % 6, rng)[0])
         poses.append(number % 6)
         truth.append(number % num_shapes)
     right = sum(
@@ -69,7 +69,7 @@ def test_touching_together_gives_what_touching_alone_gives(sensor):
             self.world = TouchWorld.sample(sensor, (number,), np.random.default_rng(number))
             self.pose, self.rng = number, np.random.default_rng([9, number])
 
-    together = sensor.touch_many([Request(number) for number in range(4)])
+    together, _ = touch_many(sensor, [Request(number) for number in range(4)])
     for number, touch in enumerate(together):
         request = Request(number)
         alone = request.world.touch(request.pose, request.rng)

@@ -12,12 +12,12 @@ from activetouch.placement import Placement
 from activetouch.poses import POSES, random_orientation
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.press import Quasistatic
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.shapes import SHAPES
 
 pytestmark = pytest.mark.mujoco
-STAGE = Stage()
-PAD = STAGE.pad
+SETUP = Setup()
+PAD = SETUP.pad
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 COARSE = Deformable(nodes=13, layers=3)  # an eighth of the default's time
 
@@ -38,7 +38,7 @@ def bonded_layer_force(depth: float, radius: float, press: Deformable) -> float:
 
 
 def test_a_sphere_presses_a_round_dent():
-    contact = COARSE.press(STAGE, sphere(), 2.0)
+    contact = COARSE.press(SETUP, sphere(), 2.0)
     dent = contact.indentation
     assert contact.force == pytest.approx(2.0, rel=0.02)
     assert np.unravel_index(dent.argmax(), dent.shape) == pytest.approx((63.5, 63.5), abs=3)
@@ -48,7 +48,7 @@ def test_a_sphere_presses_a_round_dent():
 
 def test_a_sphere_sinks_as_far_as_contact_mechanics_and_the_elastic_foundation_say():
     press = Deformable()
-    soft, springs = press.press(STAGE, sphere(), 2.0), Quasistatic().press(STAGE, sphere(), 2.0)
+    soft, springs = press.press(SETUP, sphere(), 2.0), Quasistatic().press(SETUP, sphere(), 2.0)
     # The formula's layer has no sides, so the block is a little softer.
     assert bonded_layer_force(soft.depth, 0.020, press) == pytest.approx(soft.force, rel=0.15)
     assert soft.depth == pytest.approx(springs.depth, rel=0.03)
@@ -59,7 +59,7 @@ def test_a_sphere_sinks_as_far_as_contact_mechanics_and_the_elastic_foundation_s
 @pytest.mark.parametrize("name", list(SHAPES))
 def test_the_integral_of_the_pressure_is_the_force_in_any_orientation(name, rng):
     placement = Placement(SHAPES[name], 1.05, random_orientation(rng), np.array([0.002, -0.001]))
-    contact = COARSE.press(STAGE, placement, 3.0)
+    contact = COARSE.press(SETUP, placement, 3.0)
     assert contact.force == pytest.approx(3.0, rel=0.02)
     assert contact.pressure.sum() * PAD.taxel_area == pytest.approx(contact.force)
     assert contact.pressure.min() >= 0.0
@@ -67,7 +67,7 @@ def test_the_integral_of_the_pressure_is_the_force_in_any_orientation(name, rng)
 
 
 def test_the_pressure_is_where_the_object_is():
-    contact = COARSE.press(STAGE, sphere(offset=np.array([0.004, -0.003])), 2.0)
+    contact = COARSE.press(SETUP, sphere(offset=np.array([0.004, -0.003])), 2.0)
     assert contact.centre_of_pressure == pytest.approx([0.004, -0.003], abs=5e-4)
     row, column = np.unravel_index(contact.indentation.argmax(), contact.indentation.shape)
     assert PAD.taxel_centres[1:].reshape(2, 128, 128)[:, row, column] == pytest.approx([0.004, -0.003], abs=1e-3)
@@ -75,32 +75,32 @@ def test_the_pressure_is_where_the_object_is():
 
 def test_the_face_dips_beside_an_edge_where_springs_stay_flat():
     edge = Placement(SHAPES["cube"], 1.0, POSES["z45"])
-    soft, springs = (press.press(STAGE, edge, 2.0) for press in (COARSE, Quasistatic()))
+    soft, springs = (press.press(SETUP, edge, 2.0) for press in (COARSE, Quasistatic()))
     beside = springs.indentation == 0.0
     assert soft.indentation[beside].max() > 0.2 * soft.depth
 
 
 def test_a_stiffer_object_skin_leaves_a_shallower_dent():
-    soft, hard = (COARSE.press(STAGE, sphere(stiffness=stiffness), 2.0) for stiffness in (1.0, 4.0))
+    soft, hard = (COARSE.press(SETUP, sphere(stiffness=stiffness), 2.0) for stiffness in (1.0, 4.0))
     assert hard.depth < 0.5 * soft.depth
 
 
 def test_a_press_does_not_remember_the_one_before():
     cylinder = Placement(SHAPES["cylinder"], 0.9, POSES["z45"], friction=0.4)
     other = Placement(SHAPES["cylinder"], 1.1, POSES["y45"], stiffness=2.0)
-    first = COARSE.press(STAGE, cylinder, 2.0)
-    COARSE.press(STAGE, other, 2.0)
-    assert np.array_equal(COARSE.press(STAGE, cylinder, 2.0).indentation, first.indentation)
+    first = COARSE.press(SETUP, cylinder, 2.0)
+    COARSE.press(SETUP, other, 2.0)
+    assert np.array_equal(COARSE.press(SETUP, cylinder, 2.0).indentation, first.indentation)
 
 
 def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_contact():
-    contact = Deformable().press(STAGE, sphere(offset=np.array([0.05, 0.0])), 2.0)
+    contact = Deformable().press(SETUP, sphere(offset=np.array([0.05, 0.0])), 2.0)
     assert contact.force == contact.depth == contact.pressure.max() == 0.0
 
 
 def test_a_press_that_does_not_settle_is_an_error_that_says_what_to_try():
     with pytest.raises(UnstablePress, match=r"Sphere.* did not settle at 2 N .* Try a smaller timestep"):
-        Deformable(nodes=9, layers=2, patience=0.01).press(STAGE, sphere(), 2.0)
+        Deformable(nodes=9, layers=2, patience=0.01).press(SETUP, sphere(), 2.0)
 
 
 @pytest.mark.parametrize("settings", [{"nodes": 1}, {"layers": 1}, {"poisson": 0.5}, {"young": 0.0}, {"pause": 0.0}])
@@ -111,7 +111,7 @@ def test_settings_without_a_block_or_a_pause_are_refused(settings):
 
 def test_an_absurd_size_is_refused():
     with pytest.raises(ValueError, match="scale must be in"):
-        COARSE.press(STAGE, Placement(SHAPES["sphere"], 5.0, UPRIGHT), 2.0)
+        COARSE.press(SETUP, Placement(SHAPES["sphere"], 5.0, UPRIGHT), 2.0)
 
 
 def test_a_deformable_press_survives_pickling():

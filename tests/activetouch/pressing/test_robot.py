@@ -17,7 +17,7 @@ from activetouch.errors import MissingRobot
 from activetouch.placement import Placement
 from activetouch.pressing.rig import Rig
 from activetouch.pressing.robot import ROBOTS, Robot, attach_robot
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
 
 pytestmark = pytest.mark.mujoco
@@ -144,14 +144,14 @@ def test_a_scene_with_a_robot_feels_the_same_to_the_bit(robot, jointed):
         touches = []
         for scene in (bare, held):
             rng = np.random.default_rng(number)
-            contact, image = scene.press(scene.sample_object(number % 4, rng), number % 6, rng)
+            contact, image, *_ = scene.press(scene.sample_object(number % 4, rng), number % 6, rng)
             touches.append((contact.force, image.tobytes()))
         assert touches[0] == touches[1]
 
 
 def test_a_jointed_robot_has_its_joints_and_holds_its_pose(robot):
     placement = Placement(SHAPES["cube"], 1.0, np.array([1.0, 0.0, 0.0, 0.0]))
-    rig = Rig(Stage(robot=replace(robot, jointed=True)), SHAPES["cube"], 0.002)
+    rig = Rig(Setup(robot=replace(robot, jointed=True)), SHAPES["cube"], 0.002)
     angles = (*robot.arm_angles, *robot.hand_angles)
     assert rig.model.njnt == 1 + len(angles)
     rig.place(0.05, placement)

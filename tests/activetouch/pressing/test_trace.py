@@ -8,7 +8,7 @@ from activetouch import SCENES, SHAPES, Dynamic
 from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import COLUMNS, Phase, Trace, join, write_csv
 from activetouch.scene import Scene
 from experiments.press.cycles import record_cycles
@@ -47,7 +47,7 @@ def test_the_force_acts_while_the_object_is_at_the_pad_and_never_before(rng):
 
 def test_a_traced_press_is_the_press_itself(rng):
     placement = Placement(SHAPES["cylinder"], 1.0, random_orientation(rng))
-    plain, traced = (Dynamic(traced=t).press(Stage(), placement, 2.0) for t in (False, True))
+    plain, traced = (Dynamic(traced=t).press(Setup(), placement, 2.0) for t in (False, True))
     assert plain.force == traced.force
     assert plain.trace is None
     end = traced.trace.end_of_pause
@@ -58,14 +58,14 @@ def test_a_traced_press_is_the_press_itself(rng):
 def test_the_contact_point_lies_under_the_imprint(rng):
     for shape in SHAPES.values():
         placement = Placement(shape, 1.0, random_orientation(rng))
-        contact = Dynamic(traced=True).press(Stage(height=0.07), placement, 2.0)
+        contact = Dynamic(traced=True).press(Setup(height=0.07), placement, 2.0)
         point = contact.trace.point[contact.trace.end_of_pause - 1]
         assert np.linalg.norm(point - contact.centre_of_pressure) < 0.006
 
 
 def test_a_miss_has_no_pause_with_force(rng):
     placement = Placement(SHAPES["sphere"], 1.0, random_orientation(rng), np.array([0.05, 0.0]))
-    contact = Dynamic(traced=True).press(Stage(), placement, 2.0)
+    contact = Dynamic(traced=True).press(Setup(), placement, 2.0)
     assert contact.force == 0.0
     assert not contact.trace.force.any()
     assert set(contact.trace.phase) == {Phase.APPROACH, Phase.WITHDRAW}

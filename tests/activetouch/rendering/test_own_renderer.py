@@ -71,7 +71,7 @@ def test_an_image_beyond_full_scale_saturates():
     stiff = Variation(stiffness=Constant(2.0), force=Constant(60.0))
     scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), variation=stiff, faults=())
     rng = np.random.default_rng(0)
-    contact, image = scene.press(scene.sample_object(1, rng), 0, rng)
+    contact, image, *_ = scene.press(scene.sample_object(1, rng), 0, rng)
     assert scene.renderer(contact).max() > 1.0
     assert image.max() == 255
 

@@ -10,7 +10,7 @@ from activetouch.poses import multiply, random_orientation, turn
 from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.rendering import (
     RENDERERS,
     DeadTaxels,
@@ -112,7 +112,7 @@ def test_the_patch_lies_where_the_force_acts():
 @pytest.mark.mujoco
 def test_a_window_slides_over_a_press():
     placement = Placement(SHAPES["cube"], 1.0, turn("z", 0.3))
-    contact = GuardedMove().press(Stage(PAD), placement, 1.0)
+    contact = GuardedMove().press(Setup(PAD), placement, 1.0)
     windows = list(ForcePatchRenderer().windows(contact, stride=0.02))
     assert len(windows) > 5
     assert all(window.shape == (64, 64, 3) for window in windows)

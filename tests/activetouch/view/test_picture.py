@@ -7,7 +7,7 @@ from activetouch import SCENES, SHAPES
 from activetouch.placement import Placement
 from activetouch.poses import turn
 from activetouch.pressing.rig import Rig
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from activetouch.view import opengl, picture
 
 pytestmark = pytest.mark.mujoco
@@ -28,7 +28,7 @@ def without_opengl(monkeypatch):
 
 
 def test_object_and_pad_are_seen_without_opengl(without_opengl):
-    image, by_opengl = picture.press_picture(Stage(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, 160, 120)
+    image, by_opengl = picture.press_picture(Setup(), Placement(SHAPES["cone"], 1.0, turn("y", 1.0)), 0.002, 160, 120)
     assert not by_opengl
     assert image.shape == (120, 160, 3)
     assert image.dtype == np.uint8
@@ -40,18 +40,18 @@ def test_the_paper_scene_shows_parked_objects(without_opengl):
     scene = SCENES["paper"].scene
     placement = Placement(SHAPES["sphere"], 1.0, turn("y", 0.0))
     blue = (0.3, 0.5, 0.75)
-    assert share_of(picture.press_picture(scene.stage, placement, 0.001, 160, 120)[0], blue) > 0.005
-    assert share_of(picture.press_picture(Stage(), placement, 0.001, 160, 120)[0], blue) == 0.0
+    assert share_of(picture.press_picture(scene.setup, placement, 0.001, 160, 120)[0], blue) > 0.005
+    assert share_of(picture.press_picture(Setup(), placement, 0.001, 160, 120)[0], blue) == 0.0
 
 
 def test_a_miss_can_be_drawn_too(without_opengl):
     placement = Placement(SHAPES["sphere"], 1.0, turn("y", 0.0), np.array([0.06, 0.0]))
-    assert picture.press_picture(Stage(), placement, 0.0, 80, 60)[0].std() > 0.0
+    assert picture.press_picture(Setup(), placement, 0.0, 80, 60)[0].std() > 0.0
 
 
 def test_opengl_draws_the_same_view_where_it_is_there():
     placement = Placement(SHAPES["cone"], 1.0, turn("y", 1.0))
-    image, by_opengl = picture.press_picture(Stage(), placement, 0.002, 160, 120)
+    image, by_opengl = picture.press_picture(Setup(), placement, 0.002, 160, 120)
     if not by_opengl:
         pytest.skip("no OpenGL backend works here")
     assert image.shape == (120, 160, 3)
@@ -61,6 +61,6 @@ def test_opengl_draws_the_same_view_where_it_is_there():
 def test_where_no_backend_works_nothing_is_drawn_and_nothing_breaks(monkeypatch):
     monkeypatch.setattr(opengl, "_BACKENDS", ("no-such-backend",))
     monkeypatch.delenv("MUJOCO_GL", raising=False)
-    rig = Rig(Stage(), SHAPES["cone"], 0.002)
+    rig = Rig(Setup(), SHAPES["cone"], 0.002)
     view = opengl.View((0.0, 0.0, 0.0), 0.1, 0.0, 0.0, 35.0, 16, 16)
     assert opengl.draw_in_child(rig.model, rig.data, view) is None

@@ -28,7 +28,7 @@ with running():
 POOL = """
 import multiprocessing, sys, time
 from pathlib import Path
-from activetouch.workers import in_own_process
+from experiments.command_line.workers import in_own_process
 from experiments.command_line.signals import running
 
 

@@ -5,7 +5,7 @@ import pytest
 from activetouch import SCENES, Quasistatic, Scene
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.rig import build_spec
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.setup import Setup
 from experiments.press.inventory import inventory, leaner, richer
 from experiments.press.step_counter import measure
 
@@ -45,7 +45,7 @@ def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_sof
         changes.append(found[0])
         scene = found[1]
     assert isinstance(scene.press_model, Quasistatic)
-    assert scene.stage == Stage(height=scene.height)
+    assert scene.setup == Setup(height=scene.height)
     assert len(changes) == 3
     while (found := richer(scene)) is not None:
         scene = found[1]
@@ -54,8 +54,8 @@ def test_leaner_and_leaner_ends_without_physics_and_richer_and_richer_with_a_sof
 
 def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
     bare, loaded = (
-        build_spec(stage, Scene().shapes["cone"], 0.002).compile()
-        for stage in (Stage(), Stage(finger=True, loaded=tuple(Scene().shapes.values())))
+        build_spec(setup, Scene().shapes["cone"], 0.002).compile()
+        for setup in (Setup(), Setup(finger=True, loaded=tuple(Scene().shapes.values())))
     )
     assert loaded.ngeom == bare.ngeom + 5
     for count in ("nbody", "nv", "nu", "npair"):

@@ -11,6 +11,7 @@ from activetouch.errors import WrongPress
 from activetouch.pressing.contact import contact_at_depth, surface_gap
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.pad import Pad
+from activetouch.pressing.press import Press
 from activetouch.rendering import RENDERERS
 from experiments.command_line.arguments import BadArgument
 from experiments.press.leak import PLAIN, REMOVED, SHUFFLED, Leak, exchange, judged
@@ -23,21 +24,21 @@ KEY = (0, 0)
 
 
 @dataclass(frozen=True)
-class OnlyDepthTells:
+class OnlyDepthTells(Press):
     """Every object feels like one sphere, pressed as deep as its shape says."""
 
-    def press(self, stage, placement, target_force):
+    def press(self, setup, placement, target_force):
         shape = next(k for k, shape in enumerate(SHAPES.values()) if shape is placement.shape)
-        ball = surface_gap(stage.pad, replace(placement, shape=SHAPES["sphere"], offset=np.zeros(2), scale=1.0))
-        return contact_at_depth(stage.pad, ball, 0.5e-3 * (1 + shape))
+        ball = surface_gap(setup.pad, replace(placement, shape=SHAPES["sphere"], offset=np.zeros(2), scale=1.0))
+        return contact_at_depth(setup.pad, ball, 0.5e-3 * (1 + shape))
 
 
 @dataclass(frozen=True)
-class OnlyGeometryTells:
+class OnlyGeometryTells(Press):
     """Every object is pressed to one depth, and the force is said to be one force."""
 
-    def press(self, stage, placement, target_force):
-        contact = contact_at_depth(stage.pad, surface_gap(stage.pad, placement), 1e-3)
+    def press(self, setup, placement, target_force):
+        contact = contact_at_depth(setup.pad, surface_gap(setup.pad, placement), 1e-3)
         return replace(contact, force=2.0)
 
 

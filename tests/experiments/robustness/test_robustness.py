@@ -11,7 +11,8 @@ from activetouch.distributions import Uniform
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
-from activetouch.pressing.setup import Stage
+from activetouch.pressing.press import Press
+from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
 from experiments.robustness import shifted_touches as felt_module
 from experiments.robustness.conditions import CONDITIONS
@@ -120,15 +121,15 @@ def test_a_sensor_without_information_is_reported_at_chance(sensor):
 
 
 @dataclass(frozen=True)
-class Fragile:
+class Fragile(Press):
     """Presses like ``Quasistatic``, but gives up on what is larger than ``limit``."""
 
     limit: float
 
-    def press(self, stage: Stage, placement: Placement, target_force: float) -> Contact:
+    def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         if placement.scale > self.limit:
             raise UnstablePress(f"{placement} is too large")
-        return Quasistatic().press(stage, placement, target_force)
+        return Quasistatic().press(setup, placement, target_force)
 
 
 @pytest.mark.torch

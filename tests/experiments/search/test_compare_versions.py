@@ -169,7 +169,7 @@ def test_a_refused_run_claims_no_folder(tmp_path, monkeypatch):
     refused(folder, FileNotFoundError, "ppo", setting=Setting(SceneChoice("hard")))
     monkeypatch.setattr("experiments.parallel._SECONDS_TO_CONNECT", 0.2)
     refused(folder, NoCluster, "threshold", backend="dask", scheduler="nonsense")
-    monkeypatch.setattr("activetouch.Scene.settled_contact", lambda *_: 1 / 0)
+    monkeypatch.setattr("activetouch.Scene.press", lambda *_: 1 / 0)
     refused(folder, ZeroDivisionError, "threshold")
 
 
