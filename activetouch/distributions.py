@@ -1,4 +1,4 @@
-"""What is left to chance in a scene, as small frozen distributions: ``distribution.sample(rng)`` draws one number.
+"""Probability distributions of the nuisances of a scene: ``distribution.sample(rng)`` draws one number.
 
 >>> import numpy as np
 >>> Uniform(1.5, 3.0).sample(np.random.default_rng(0))
@@ -16,7 +16,11 @@ import numpy as np
 
 
 class Distribution(Protocol):
-    """A real random number."""
+    """The distribution of a real random number."""
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value that it can give."""
 
     def sample(self, rng: np.random.Generator) -> float:
         """Draw one number."""
@@ -24,12 +28,17 @@ class Distribution(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """Always the same ``value``; leaves the generator alone."""
+    """The distribution of a number that is always ``value``; it draws nothing from the generator."""
 
     value: float
 
     def __post_init__(self) -> None:
         _require_finite(self, self.value)
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """See :class:`Distribution`."""
+        return self.value, self.value
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
@@ -38,7 +47,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Uniform:
-    """Anything between ``low`` and ``high`` alike."""
+    """The uniform distribution between ``low`` and ``high``."""
 
     low: float
     high: float
@@ -48,6 +57,11 @@ class Uniform:
         if self.low > self.high:
             raise ValueError(f"low must not exceed high, got {self}")
 
+    @property
+    def support(self) -> tuple[float, float]:
+        """See :class:`Distribution`."""
+        return self.low, self.high
+
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(rng.uniform(self.low, self.high))
@@ -55,7 +69,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class LogUniform:
-    """Anything between ``low`` and ``high``, both positive, with uniform logarithm: factors rather than differences."""
+    """The distribution between ``low`` and ``high``, both positive, whose logarithm is uniform."""
 
     low: float
     high: float
@@ -65,6 +79,11 @@ class LogUniform:
         if not 0.0 < self.low <= self.high:
             raise ValueError(f"0 < low ≤ high must hold, got {self}")
 
+    @property
+    def support(self) -> tuple[float, float]:
+        """See :class:`Distribution`."""
+        return self.low, self.high
+
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         return float(np.exp(rng.uniform(np.log(self.low), np.log(self.high))))
@@ -72,7 +91,7 @@ class LogUniform:
 
 @dataclass(frozen=True)
 class Normal:
-    """Gaussian around ``mean``, at most ``limit`` standard deviations away from it (values beyond are drawn again)."""
+    """The Gaussian distribution, truncated at ``limit`` standard deviations from ``mean``."""
 
     mean: float
     std: float
@@ -82,6 +101,11 @@ class Normal:
         _require_finite(self, self.mean, self.std, self.limit)
         if self.std < 0.0 or self.limit <= 0.0:
             raise ValueError(f"std must be ≥ 0 and limit > 0, got {self}")
+
+    @property
+    def support(self) -> tuple[float, float]:
+        """See :class:`Distribution`."""
+        return self.mean - self.limit * self.std, self.mean + self.limit * self.std
 
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""

@@ -55,3 +55,7 @@ class ImpossibleRecipe(ActiveTouchError, ValueError):
 
 class TrainingDiverged(ActiveTouchError, ArithmeticError):
     """A gradient is not finite, so that no step can be made with it."""
+
+
+class UnknownLikelihood(ActiveTouchError, TypeError):
+    """The probability of a reading is not known in closed form for the faults of a sensor."""

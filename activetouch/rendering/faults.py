@@ -9,11 +9,13 @@ the last one is saturated and converted to 8 bits.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from activetouch.errors import UnknownLikelihood
 
 Image = NDArray[np.floating]
 
@@ -131,6 +133,58 @@ class Hysteresis:
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return np.maximum(image - self.width, 0.0)
+
+
+def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:
+    """The faults before the first :class:`Noise`, and that one with all after it; all faults and none without noise."""
+    first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
+    return faults[:first], faults[first:]
+
+
+def gain_and_noise(faults: Sequence[Fault]) -> tuple[float, float, Sequence[Fault]]:
+    """The statistics of a sensor that amplifies by at most one uncertain gain and then adds noise.
+
+    Args:
+        faults: of the sensor, in turn.
+
+    Returns:
+        Half range of the gain, 0 without one; standard deviation of the noise; and the faults after the noise.
+
+    Raises:
+        UnknownLikelihood: there is no noise, or something other than one gain before it.
+    """
+    before, after = split_at_noise(faults)
+    match before, after[:1]:
+        case [], [Noise(std=std)] if std > 0.0:
+            return 0.0, std, after[1:]
+        case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
+            return gain, std, after[1:]
+    raise UnknownLikelihood(f"the distribution of readings is known for a Gain at most, then Noise; got {faults}")
+
+
+def live_taxels(faults: Sequence[Fault], edge: int) -> NDArray[np.bool_]:
+    """Which taxels of a square image still read anything, ``(edge, edge)``.
+
+    Args:
+        faults: nothing but :class:`DeadTaxels`.
+        edge: taxels along an edge.
+
+    Raises:
+        UnknownLikelihood: there are other faults.
+    """
+    live = np.ones((edge, edge), bool)
+    for fault in faults:
+        if not isinstance(fault, DeadTaxels):
+            raise UnknownLikelihood(
+                f"the probability of a reading is known up to DeadTaxels after the noise; got {fault}"
+            )
+        live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
+    return live
+
+
+def rescaled_noise(faults: Sequence[Fault], factor: float) -> tuple[Fault, ...]:
+    """The faults with the standard deviation of all noise multiplied by ``factor``."""
+    return tuple(replace(f, std=f.std * factor) if isinstance(f, Noise) else f for f in faults)
 
 
 def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) -> NDArray[np.uint8]:

@@ -25,15 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from activetouch.distributions import Constant, Distribution, LogUniform, Normal, Uniform
+from activetouch.errors import UnknownLikelihood
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion, multiply
 from activetouch.pressing.press import Quasistatic
-from activetouch.rendering import Gain, Noise
+from activetouch.rendering.faults import gain_and_noise, rescaled_noise
 from activetouch.scene import Scene, Symmetry, Variation
 from belief.seeding import keyed_rng
-from experiments.bayes_error.held_out import Stream, split_at_noise
-from experiments.bayes_error.image_bank import UnknownLikelihood, symmetric_views
+from experiments.bayes_error.held_out import Stream
+from experiments.bayes_error.image_bank import symmetric_views
 
 Floats = NDArray[np.float64]
 
@@ -112,16 +112,12 @@ class Sensing:
         Raises:
             UnknownLikelihood: there is no noise, or another fault than a gain before it.
         """
-        before, after = split_at_noise(scene.faults)
-        match list(before), list(after[:1]):
-            case [], [Noise(std=std)] if std > 0.0:
-                return cls(0.0, std)
-            case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
-                return cls(gain, std)
-        raise UnknownLikelihood(
-            f"the search for ambiguous touches needs a sensor with Noise, after a Gain at most; got {scene.faults}. "
-            "Use --learned-from, or for force-patch images python benchmarks/force_patch_limit.py"
-        )
+        try:
+            gain, std, _ = gain_and_noise(scene.faults)
+        except UnknownLikelihood as error:
+            hint = "Use --learned-from, or for force-patch images python benchmarks/force_patch_limit.py"
+            raise UnknownLikelihood(f"{error}. {hint}") from error
+        return cls(gain, std)
 
     def fit_gain(self, image: Floats, ideal: Floats) -> float:
         """The gain in its range for which an ideal image is nearest to ``image``."""
@@ -137,9 +133,7 @@ def sketched(scene: Scene, edge: int) -> Scene:
     """The scene with a coarse pad of ``edge`` taxels along an edge, and noise that gives the same distances."""
     found = scene.image_shape[0]
     finer = scene.pad.num_taxels // found
-    faults = tuple(
-        replace(fault, std=fault.std * edge / found) if isinstance(fault, Noise) else fault for fault in scene.faults
-    )
+    faults = rescaled_noise(scene.faults, edge / found)
     return replace(scene, pad=replace(scene.pad, num_taxels=edge * finer), faults=faults)
 
 
@@ -275,24 +269,8 @@ def refine(scene: Scene, image: Floats, start: Pressing, stride: float = 1.0) ->
 
 def _ranges(variation: Variation) -> tuple[Floats, Floats]:
     drawn = (variation.size, variation.offset, variation.offset, variation.force, variation.stiffness)
-    low, high = np.array([support(distribution) for distribution in drawn]).T
+    low, high = np.array([distribution.support for distribution in drawn]).T
     return np.concatenate([[-np.pi] * 3, low]), np.concatenate([[np.pi] * 3, high])
-
-
-def support(distribution: Distribution) -> tuple[float, float]:
-    """Smallest and largest value of a distribution.
-
-    Raises:
-        TypeError: the distribution is of another kind.
-    """
-    match distribution:
-        case Constant(value=value):
-            return value, value
-        case Uniform(low=low, high=high) | LogUniform(low=low, high=high):
-            return low, high
-        case Normal(mean=mean, std=std, limit=limit):
-            return mean - limit * std, mean + limit * std
-    raise TypeError(f"the distribution must be Constant, Uniform, LogUniform or Normal, got {distribution}")
 
 
 def _turn(vector: Floats) -> Quaternion:

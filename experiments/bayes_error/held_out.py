@@ -6,7 +6,6 @@ correct ones is binomial.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
-from activetouch.rendering import Fault, Noise, read_out
+from activetouch.rendering import read_out
+from activetouch.rendering.faults import split_at_noise
 from activetouch.scene import Scene
 from belief.seeding import keyed_rng
 
@@ -76,12 +76,6 @@ def held_out_touch(scene: Scene, seed: int, stream: Stream, number: int) -> Held
     for fault in before:
         clean = fault(clean, rng)
     return HeldOutTouch(shape, pose, pressed.placement, pressed.contact, clean, read_out(clean, after, rng))
-
-
-def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:
-    """Faults before the first :class:`~activetouch.rendering.Noise`, and the others; without noise, all and none."""
-    first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
-    return faults[:first], faults[first:]
 
 
 def held_out_readings(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, NDArray[np.uint8]]:

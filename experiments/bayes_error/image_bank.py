@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
+from activetouch.rendering import Fault
+from activetouch.rendering.faults import gain_and_noise, live_taxels
 from activetouch.scene import Scene, Symmetry
-from belief.errors import ActiveTouchError
 from belief.seeding import keyed_rng
 from experiments.bayes_error.held_out import Stream
 
@@ -34,10 +34,6 @@ Bytes = NDArray[np.uint8]
 
 IMAGES_PER_SLICE = 1000
 _READINGS_AT_ONCE, _IMAGES_AT_ONCE = 256, 2000  # blocks that fit into the processor's cache
-
-
-class UnknownLikelihood(ActiveTouchError, TypeError):
-    """The probability of a reading has no closed form for the faults of a sensor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,22 +57,8 @@ class SensorNoise:
         Raises:
             UnknownLikelihood: they are not a gain, then noise, then dead taxels; only the noise is required.
         """
-        match [fault for fault in faults if not isinstance(fault, DeadTaxels)]:
-            case [Gain(half_range=gain), Noise(std=std)] if std > 0.0:
-                pass
-            case [Noise(std=std)] if std > 0.0:
-                gain = 0.0
-            case _:
-                raise UnknownLikelihood(
-                    f"the probability of a reading is known for Gain, then Noise, then DeadTaxels; got {faults}"
-                )
-        live = np.ones((edge, edge), bool)
-        for number, fault in enumerate(faults):
-            if isinstance(fault, DeadTaxels):
-                if not any(isinstance(earlier, Noise) for earlier in faults[:number]):
-                    raise UnknownLikelihood(f"dead taxels must come after the noise; got {faults}")
-                live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
-        return cls(gain, std, live)
+        gain, std, after = gain_and_noise(faults)
+        return cls(gain, std, live_taxels(after, edge))
 
     def sample_means(self, ideals: Floats, rng: np.random.Generator) -> Floats:
         """Amplified live taxels ``(B, T)`` of ideal images ``(B, n, n)``, a gain drawn for each."""

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from activetouch.errors import ImpossibleRecipe
+from activetouch.errors import ImpossibleRecipe, UnknownLikelihood
 from activetouch.perception.recipe import RECIPES
 from activetouch.rendering import Quantisation
 from belief.errors import CannotWrite, CorruptFile, UnknownName
 from belief.files import sealed_json
-from experiments.bayes_error.image_bank import SensorNoise, UnknownLikelihood
+from experiments.bayes_error.image_bank import SensorNoise
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
 from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses

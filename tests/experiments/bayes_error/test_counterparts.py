@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from activetouch.distributions import Constant, LogUniform, Normal, Uniform
+from activetouch.errors import UnknownLikelihood
 from activetouch.placement import Placement
 from activetouch.poses import multiply, turn
 from activetouch.pressing.pad import Pad
@@ -23,9 +24,7 @@ from experiments.bayes_error.counterparts import (
     nearest_starts,
     refine,
     sketched,
-    support,
 )
-from experiments.bayes_error.image_bank import UnknownLikelihood
 
 SCENE = Scene(shapes=EXTENDED_SHAPES, pad=Pad(num_taxels=64))
 LABELS = SCENE.shape_labels
@@ -159,7 +158,7 @@ def test_without_noise_there_is_no_distance(faults):
 
 @pytest.mark.parametrize("distribution", [Constant(1.5), Uniform(1.0, 2.0), LogUniform(0.5, 2.0), Normal(1.0, 0.1)])
 def test_draws_stay_within_the_support(distribution, rng):
-    low, high = support(distribution)
+    low, high = distribution.support
     assert all(low <= distribution.sample(rng) <= high for _ in range(200))
 
 

@@ -3,7 +3,8 @@ import pytest
 
 from activetouch.named_scenes import SCENES
 from activetouch.rendering import DeadTaxels, Gain, Noise
-from experiments.bayes_error.held_out import Stream, held_out_touch, split_at_noise
+from activetouch.rendering.faults import split_at_noise
+from experiments.bayes_error.held_out import Stream, held_out_touch
 
 pytestmark = pytest.mark.mujoco
 

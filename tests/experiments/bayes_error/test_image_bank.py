@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, Gain, Noise, Quantisation, read_out
 from activetouch.scene import Symmetry
 from experiments.bayes_error.image_bank import (
     SensorNoise,
-    UnknownLikelihood,
     ideal_symmetry,
     log_evidence_of_slice,
     log_posterior,

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
 from belief.errors import UnknownName
 from experiments.bayes_error.ambiguity import NEAR, AmbiguitySearch, tally
 from experiments.bayes_error.estimator import Grid, chunks, paired_difference, share
-from experiments.bayes_error.image_bank import UnknownLikelihood
 from experiments.bayes_error.limit import Limit
 from experiments.bayes_error.simulation import SimulatedBayes, by_shape, nll, summary
 from experiments.command_line.arguments import BadArgument
