@@ -1,4 +1,4 @@
-"""How objects are presented to the pad: which orientation they have when nobody has turned them yet.
+"""Presentations: distributions of the orientation in which objects meet the pad before a pose turns them.
 
 A presentation says two things: the orientation an object is given when it is put on its guide, and the one it shows
 when a pose is asked for. ``Tumbled`` is the default; ``Resampled`` is how the paper collected its data (paper §5.3).
@@ -15,7 +15,7 @@ from activetouch.poses import Quaternion, multiply, random_orientation, turn
 
 
 class Presentation(Protocol):
-    """Where orientations come from.
+    """The distribution of orientations.
 
     Attributes:
         isotropic: whether every rotation of a shown object about the approach axis is as likely.
@@ -27,7 +27,7 @@ class Presentation(Protocol):
         """Orientation of an object that is put on its guide, unit quaternion ``wxyz``."""
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
-        """Orientation in which the pad meets it in a pose."""
+        """Orientation of an object in a pose, as the pad meets it."""
 
 
 @dataclass(frozen=True)

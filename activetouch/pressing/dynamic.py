@@ -31,7 +31,7 @@ def require_steps(timestep: float, speed: float, pause: float) -> None:
 
 
 def require_force(target_force: float) -> None:
-    """Refuse to press with a force that is none."""
+    """Refuse a force that is negative or not finite."""
     if not 0.0 <= target_force < float("inf"):
         raise ValueError(f"target_force must be finite and ≥ 0 N, got {target_force}")
 

@@ -1,6 +1,6 @@
 """The MuJoCo model of a press: a soft pad, an object on a linear guide, and what else the setup asks for.
 
-On the default setup that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
+By default that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
 pressed object are a contact pair, so what cannot touch is never tested for contact. Parked objects are fixed to the
 world: there is one model for each object that can be active, and to park it is to go on with another's model. A model
 is compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:

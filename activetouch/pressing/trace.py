@@ -1,4 +1,4 @@
-"""The time series of a press: where the object was, what the pad felt, and which phase the motion was in (paper §5.4).
+"""The time series of a press: position of the object, force on it, and which phase the motion was in (paper §5.4).
 
 contact = Dynamic(traced=True).press(setup, placement, target_force=2.0)
 write_csv(Path("cone.csv"), [contact.trace])           # pandas.read_csv reads it back

@@ -1,4 +1,4 @@
-"""What a real sensor adds to the ideal image, as small parts that are applied one after the other.
+"""Imperfections of a real sensor, applied to the ideal image one after the other.
 
     scene = Scene(faults=(Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(bits=4)))
 
@@ -98,7 +98,7 @@ class DeadTaxels:
 
 @dataclass(frozen=True)
 class Quantisation:
-    """A converter with ``bits`` bits; the final 8 of every image are added without asking."""
+    """A converter with ``bits`` bits; every image is converted to 8 bits afterwards in any case."""
 
     isotropic: ClassVar[bool] = True
 
