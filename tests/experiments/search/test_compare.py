@@ -253,7 +253,7 @@ def test_a_file_that_records_no_comparison_is_no_configuration(tmp_path):
     for text in (None, "{}", "[]", "nonsense", sealed_json({"arguments": {"episodes": 3}})):
         if text is not None:
             (tmp_path / "run.json").write_text(text)
-        with pytest.raises(BadArgument, match="--config .* is not the run.json of a comparison"):
+        with pytest.raises(BadArgument, match=r"--config .* is not the run\.json of"):
             Compare.from_config(tmp_path / "run.json")
 
 
