@@ -6,8 +6,8 @@ The default is the leanest world in which the search makes sense: a pad and one 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> scene = Scene(press_model=Quasistatic())
-    >>> thing = scene.sample_object(shape_index=3, rng=rng)        # a cone, unknown size and orientation
-    >>> pressed = scene.press(thing, pose=0, rng=rng)
+    >>> thing = scene.sample_object("cone", rng)        # a cone, unknown size and orientation
+    >>> pressed = scene.press(thing, "front", rng)
     >>> pressed.image.shape, pressed.image.dtype, round(pressed.contact.force, 1)
     ((128, 128), dtype('uint8'), 2.6)
 """
@@ -37,7 +37,8 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Mesh, Shape
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
+from belief.naming import Name, few, index_of, one_line
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -159,6 +160,13 @@ class Scene:
                 )
         object.__setattr__(self, "shapes", solids)
         require_renderer(self.renderer)
+        for name, kind in (("pad", Pad), ("variation", Variation)):
+            if not isinstance(getattr(self, name), kind):
+                raise InvalidArgument(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
+        for name, method, works in (("press_model", "press", "Dynamic()"), ("presentation", "shown", "Tumbled()")):
+            given = getattr(self, name)
+            if isinstance(given, type) or not callable(getattr(given, method, None)):
+                raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
         if isinstance(self.robot, str):
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))
@@ -207,18 +215,29 @@ class Scene:
             return Symmetry.ROTATIONS
         return Symmetry.ROTATIONS_AND_MIRROR
 
-    def sample_object(self, shape_index: int, rng: np.random.Generator) -> WorldObject:
-        """An object of the given shape with random size, surface and orientation."""
-        if not 0 <= shape_index < len(self.shapes):
-            raise ValueError(f"shape_index must be in [0, {len(self.shapes)}), got {shape_index}")
+    def __repr__(self) -> str:
+        parts = (self.press_model, self.renderer, self.presentation)
+        names = (getattr(part, "__name__", type(part).__name__) for part in parts)
+        return one_line(Scene, few(self.shape_labels), f"{len(self.poses)} poses", *names)
+
+    def sample_object(self, shape: Name, rng: np.random.Generator) -> WorldObject:
+        """An object with random size, surface and orientation.
+
+        Args:
+            shape: its label or index.
+            rng: of its size, surface and orientation.
+
+        Raises:
+            UnknownName: the scene has no shape of that name.
+        """
+        shape_index = index_of("shape", self.shape_labels, shape)
         vary = self.variation
         scale, friction, stiffness = vary.size.sample(rng), vary.friction.sample(rng), vary.stiffness.sample(rng)
         return WorldObject(shape_index, scale, self.presentation.rest(rng), friction, stiffness)
 
-    def place(self, thing: WorldObject, pose: int, rng: np.random.Generator) -> Placement:
-        """Put an object in front of the pad, in a pose."""
-        if not 0 <= pose < len(self.poses):
-            raise ValueError(f"pose must be in [0, {len(self.poses)}), got {pose}")
+    def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
+        """Put an object in front of the pad, in a pose, by its label or index."""
+        pose = index_of("pose", self.pose_labels, pose)
         offset = self.variation.sample_offset(rng)
         shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
         shape = self.shapes[self.shape_labels[thing.shape_index]]
@@ -235,7 +254,7 @@ class Scene:
     def press(
         self,
         thing: WorldObject,
-        pose: int,
+        pose: Name,
         rng: np.random.Generator,
         force_rng: np.random.Generator | None = None,
         attempts: int = MOST_ATTEMPTS,
@@ -246,7 +265,7 @@ class Scene:
 
         Args:
             thing: the object.
-            pose: index of the pose.
+            pose: label or index of the pose.
             rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
             force_rng: of the force.
             attempts: presses at most.

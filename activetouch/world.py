@@ -1,8 +1,8 @@
 """The world a search touches: real presses, read by the trained classifier.
 
     sensor = TactileSensor.shipped("gel")                       # scene, classifier and observation model
-    world = TouchWorld.sample(sensor, arrangement=(2, 0, 3, 1), rng=np.random.default_rng(0))
-    touch = world.touch(pose=0, rng=np.random.default_rng(1))
+    world = TouchWorld.sample(sensor, arrangement=("cone", "cube"), rng=np.random.default_rng(0))
+    touch = world.touch("front", rng=np.random.default_rng(1))
 
 Many worlds are touched at once with :func:`touch_many`: presses one after the other, then one pass of the network over
 all images.
@@ -28,6 +28,7 @@ from activetouch.scene_description import in_words, require_scene, scene_fields
 from belief import Touch
 from belief.errors import CorruptFile, UnknownName
 from belief.files import write_text
+from belief.naming import Name, few, index_of, one_line
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
 
 if TYPE_CHECKING:
@@ -215,10 +216,15 @@ class TactileSensor:
             raise UnknownName("sensor", name, known)
         return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene, anyway)
 
-    def read(self, images: NDArray[np.uint8], poses: Sequence[int]) -> list[Touch]:
+    def __repr__(self) -> str:
+        name = self.classifier.card.backbone
+        return one_line(TactileSensor, few(self.scene.shape_labels), f"network {name}", type(self.model).__name__)
+
+    def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""
         logits, features = self.classifier.read(images)
-        return [Touch(int(pose), row, feature) for pose, row, feature in zip(poses, logits, features, strict=True)]
+        indices = [index_of("pose", self.scene.pose_labels, pose) for pose in poses]
+        return [Touch(pose, row, feature) for pose, row, feature in zip(indices, logits, features, strict=True)]
 
 
 class TouchWorld:
@@ -235,9 +241,14 @@ class TouchWorld:
         self._current = 0
 
     @classmethod
-    def sample(cls, sensor: TactileSensor, arrangement: Sequence[int], rng: np.random.Generator) -> TouchWorld:
-        """Objects of the given shapes, with random sizes and orientations."""
+    def sample(cls, sensor: TactileSensor, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
+        """Objects of the given shapes, by label or index, with random sizes and orientations."""
         return cls(sensor, [sensor.scene.sample_object(shape, rng) for shape in arrangement])
+
+    def __repr__(self) -> str:
+        labels = self._sensor.scene.shape_labels
+        objects = few([labels[thing.shape_index] for thing in self._objects], most=8)
+        return one_line(TouchWorld, objects, f"object {self._current} in front of the pad")
 
     @property
     def arrangement(self) -> tuple[int, ...]:
@@ -249,11 +260,11 @@ class TouchWorld:
         """The object in front of the pad."""
         return self._objects[self._current]
 
-    def press(self, pose: int, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
+    def press(self, pose: Name, rng: np.random.Generator) -> tuple[NDArray[np.uint8], TouchTime]:
         """The image of the current object pressed in a pose, and the time that took.
 
         Args:
-            pose: index of the pose.
+            pose: label or index of the pose.
             rng: of offset, force and the sensor's faults.
 
         Raises:
@@ -263,7 +274,7 @@ class TouchWorld:
         pressed = self._sensor.scene.press(self.current, pose, rng)
         return pressed.image, TouchTime(time.perf_counter() - started, 0.0, pressed.num_unsettled)
 
-    def touch(self, pose: int, rng: np.random.Generator) -> Touch:
+    def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
         """Press the current object and read the image. See :meth:`press`."""
         return self._sensor.read(self.press(pose, rng)[0][None], [pose])[0]
 

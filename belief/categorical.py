@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from belief import bayes
 from belief.errors import UnknownName
 from belief.frozen import FrozenArrays
+from belief.naming import one_line
 from belief.problem import Floats
 from belief.validation import as_real, normalise_log_probs, normalise_probs
 
@@ -106,6 +107,11 @@ class Belief(FrozenArrays):
         if log_posterior.ndim != 1:
             raise ValueError(f"one belief needs a log-likelihood ({len(self.labels)},), got {np.shape(log_likelihood)}")
         return Belief.of_normalised(self.labels, log_posterior)
+
+    def __repr__(self) -> str:
+        likely = np.argsort(-self.log_probs, kind="stable")
+        shown = [f"{self.labels[k]} {np.exp(self.log_probs[k]):.3f}" for k in likely[:4]]
+        return one_line(Belief, *shown, *([f"{len(likely) - 4} others"] if len(likely) > 4 else []))
 
     def __str__(self) -> str:
         pairs = zip(self.labels, self.probs, strict=True)

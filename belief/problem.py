@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
+from belief.naming import one_line
 from belief.validation import as_real
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -51,10 +52,15 @@ class Touch(FrozenArrays):
             raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
         self.freeze()
 
+    def __repr__(self) -> str:
+        features = "no features" if self.features is None else f"{self.features.size} features"
+        logits = np.array2string(self.logits[:6], precision=2, separator=", ", max_line_width=1000)
+        return one_line(Touch, f"pose {self.pose}", f"{self.logits.size} logits {logits}", features)
+
 
 @dataclass(frozen=True)
 class Probe:
-    """Touch the current object in this pose."""
+    """Touch the current object in this pose, an index; the search loop also takes the pose's label from a decider."""
 
     pose: int
 

@@ -13,6 +13,7 @@ from belief.bayes import update
 from belief.categorical import Belief
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
+from belief.naming import Name
 from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import start
 from belief.problem import Floats, SearchProblem, Touch
@@ -31,7 +32,7 @@ class SceneBelief(ReadableScene):
         problem: the search.
         model: likelihood of touches.
         prior: belief about one object of an ``independent`` scene; uniform by default.
-        target: index of the shape sought, if any; only to warn where it has no chance.
+        target: label or index of the shape sought, if any; only to warn where it has no chance.
 
     Raises:
         ValueError: problem, model and prior are about different shapes; a prior where the composition fixes one; more
@@ -60,7 +61,7 @@ class SceneBelief(ReadableScene):
         model: ObservationModel,
         prior: Belief | None = None,
         *,
-        target: int | None = None,
+        target: Name | None = None,
     ) -> None:
         self.labels = tuple(problem.shape_labels)
         if self.labels != tuple(model.shape_labels):
@@ -85,7 +86,7 @@ class SceneBelief(ReadableScene):
             source = "the prior" if self._counts is None else "the bag"
             warnings.warn(
                 ZeroPriorTarget(
-                    f"the target {self.labels[target]} has probability zero in {source}; no touch can find it"
+                    f"the target {self.labels[self._shape(target)]} has probability zero in {source}; no touch can find it"
                 ),
                 stacklevel=2,
             )
@@ -123,7 +124,7 @@ class SceneBelief(ReadableScene):
         self._touches[object_index] = all_touches
         return self.belief(object_index)
 
-    def known(self, object_index: int, shape: int) -> None:
+    def known(self, object_index: int, shape: Name) -> None:
         """Take in that an object certainly has a shape, because somebody looked.
 
         The others' beliefs are conditioned on it, so a bag then holds one object of the shape less for them. The object
@@ -135,7 +136,8 @@ class SceneBelief(ReadableScene):
                 this one out. The scene's belief is unchanged then.
         """
         before = self._known[self._object(object_index)]
-        if before not in (UNKNOWN, self._shape(shape)):
+        shape = self._shape(shape)
+        if before not in (UNKNOWN, shape):
             raise ImpossibleObservation(
                 f"object {object_index} cannot be a {self.labels[shape]}: it is known to be a {self.labels[before]}"
             )
@@ -149,7 +151,7 @@ class SceneBelief(ReadableScene):
             ) from error
         self._known = known
 
-    def remove(self, object_index: int, shape: int | None = None) -> None:
+    def remove(self, object_index: int, shape: Name | None = None) -> None:
         """Take an object off the table, with its shape if that is known now, as of one that was found.
 
         It can no longer be touched and no longer counts as present, but what was learned about it still tells about the

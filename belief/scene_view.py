@@ -10,6 +10,7 @@ import numpy as np
 from belief.arrangement import blank_objects, num_states, prob_shape_absent
 from belief.categorical import Belief
 from belief.history import TouchHistory
+from belief.naming import Name, index_of
 from belief.problem import Floats
 
 UNKNOWN = -1
@@ -75,7 +76,7 @@ class ReadableScene:
         """Posterior of one object, given all touches of all objects."""
         return Belief.of_normalised(self.labels, self._log_marginals[self._object(object_index)].copy())
 
-    def prob_present(self, target: int) -> float:
+    def prob_present(self, target: Name) -> float:
         """Probability that an object still on the table has the target shape, given touches and revealed shapes.
 
         Raises:
@@ -127,10 +128,8 @@ class ReadableScene:
             raise ValueError(f"object_index must be in [0, {len(self._touches)}), got {object_index}")
         return object_index
 
-    def _shape(self, shape: int) -> int:
-        if not 0 <= shape < len(self.labels):
-            raise ValueError(f"shape must be in [0, {len(self.labels)}), got {shape}")
-        return shape
+    def _shape(self, shape: Name) -> int:
+        return index_of("shape", self.labels, shape)
 
 
 class SceneView:
@@ -190,7 +189,7 @@ class SceneView:
         """See :meth:`ReadableScene.belief`."""
         return self.__scene.belief(object_index)
 
-    def prob_present(self, target: int) -> float:
+    def prob_present(self, target: Name) -> float:
         """See :meth:`ReadableScene.prob_present`."""
         return self.__scene.prob_present(target)
 

@@ -9,6 +9,7 @@ from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument
+from belief.naming import Name, index_of
 from belief.observation_model import ConfusionModel, ObservationModel
 from belief.problem import SearchProblem, Touch
 
@@ -56,7 +57,7 @@ class SyntheticWorld:
 
     Args:
         model: what touches are drawn from.
-        arrangement: true shape of every object, in order of visit.
+        arrangement: true shape of every object, by label or index, in order of visit.
 
     >>> world = SyntheticWorld(random_model(np.random.default_rng(0), sharpness=9.0), arrangement=[2, 0])
     >>> rng = np.random.default_rng(1)
@@ -66,9 +67,9 @@ class SyntheticWorld:
     (2, 0)
     """
 
-    def __init__(self, model: ObservationModel, arrangement: Sequence[int]) -> None:
+    def __init__(self, model: ObservationModel, arrangement: Sequence[Name]) -> None:
         self._model = model
-        self.arrangement = tuple(arrangement)
+        self.arrangement = tuple(index_of("shape", model.shape_labels, shape) for shape in arrangement)
         self._current = 0
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:

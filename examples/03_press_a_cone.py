@@ -9,9 +9,9 @@ from activetouch import Scene
 
 scene = Scene()
 rng = np.random.default_rng(3)
-cone = scene.sample_object(scene.shape_labels.index("cone"), rng)
-for pose, label in enumerate(scene.pose_labels):
-    contact, image, *_ = scene.press(cone, pose, rng)
+cone = scene.sample_object("cone", rng)
+for label in scene.pose_labels:
+    contact, image, *_ = scene.press(cone, label, rng)
     touched = (contact.pressure > 0).mean()
     print(
         f"{label:<7} force {contact.force:.2f} N, depth {1e3 * contact.depth:.2f} mm, {touched:5.1%} of taxels, ",

@@ -10,7 +10,8 @@ from numbers import Real
 from typing import Any
 
 from belief import Confirm, Probe, Reject, SearchProblem
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
+from belief.naming import index_of
 from planners.decider import Decision
 
 _WORKS = "a decider answers Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"
@@ -54,14 +55,20 @@ Decision(Confirm()) or Decision(Reject())
 
 def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
     try:
-        index = None if isinstance(pose, bool) else operator.index(pose)
-    except TypeError:
-        index = None
-    if index is None or not 0 <= index < problem.num_poses:
+        return index_of("pose", problem.pose_labels, operator.index(pose) if _is_index(pose) else pose)
+    except (InvalidArgument, UnknownName) as error:
         raise BadDecision(
-            f"{who} Probe({pose!r}); a pose is an integer in [0, {problem.num_poses}), for {list(problem.pose_labels)}"
-        )
-    return index
+            f"{who} Probe({pose!r}); a pose is an integer in [0, {problem.num_poses}), or one of "
+            f"{list(problem.pose_labels)}"
+        ) from error
+
+
+def _is_index(pose: Any) -> bool:
+    """Whether it is a whole number, of whatever type."""
+    try:
+        return not isinstance(pose, bool) and operator.index(pose) is not None
+    except TypeError:
+        return False
 
 
 def _with_plain_scores(decision: Decision, who: str) -> Decision:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+from belief.naming import one_line
 from belief.problem import Action
 from planners.decider import Decision
 
@@ -60,6 +61,10 @@ class Episode:
     arrangement: tuple[int, ...]
     steps: tuple[Step, ...]
     outcome: Outcome
+
+    def __repr__(self) -> str:
+        told = f"target {self.target}", f"arrangement {self.arrangement}", f"{self.num_touches} touches"
+        return one_line(Episode, f"seed {self.seed}", self.outcome.value, *told)
 
     @property
     def num_touches(self) -> int:

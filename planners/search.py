@@ -16,6 +16,7 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.naming import Name, index_of, seed_words
 from belief.observation_model import ObservationModel
 from belief.seeding import deciding_rng, touch_rng
 from planners.answers import checked_decision
@@ -59,9 +60,9 @@ def search(
     world: World,
     decider: Decider,
     problem: SearchProblem,
-    target: int,
+    target: Name,
     model: ObservationModel,
-    seed: Sequence[int],
+    seed: int | Sequence[int],
 ) -> Episode:
     """Search until something is confirmed, nothing is left, or the touch limit is reached.
 
@@ -69,11 +70,12 @@ def search(
         world: the objects; visited in their order.
         decider: who chooses.
         problem: the rules.
-        target: index of the shape sought.
+        target: label or index of the shape sought.
         model: turns touches into evidence.
-        seed: of the episode; the same seed gives the same episode.
+        seed: of the episode, a number or several; the same seed gives the same episode.
 
     Raises:
+        UnknownName: no shape has the target's name.
         BadDecision: the decider answers something that is no decision.
         ImpossibleObservation: a touch contradicts everything still believed in.
     """
@@ -84,9 +86,9 @@ def search_lockstep(
     worlds: Sequence[WorldT],
     decider: Decider,
     problem: SearchProblem,
-    targets: Sequence[int],
+    targets: Sequence[Name],
     model: ObservationModel,
-    seeds: Sequence[Sequence[int]],
+    seeds: Sequence[int | Sequence[int]],
     touch_many: TouchMany[WorldT] | None = None,
 ) -> list[Episode]:
     """:func:`search` for many episodes at once, their touches served together.
@@ -95,7 +97,7 @@ def search_lockstep(
         worlds: one an episode.
         decider: who chooses, in all episodes.
         problem: the rules.
-        targets: shape sought in each episode.
+        targets: label or index of the shape sought in each episode.
         model: turns touches into evidence.
         seeds: one an episode.
         touch_many: serves the touches that all unfinished episodes wait for; one by one without.
@@ -104,7 +106,7 @@ def search_lockstep(
         The episodes, in the order of ``worlds``.
     """
     loops = [
-        _loop(world, decider, problem, target, model, tuple(seed))
+        _loop(world, decider, problem, index_of("target", problem.shape_labels, target), model, seed_words(seed))
         for world, target, seed in zip(worlds, targets, seeds, strict=True)
     ]
     finished: dict[int, Episode] = {}
@@ -134,8 +136,6 @@ def _loop(
     seed: tuple[int, ...],
 ) -> Generator[TouchRequest[WorldT], Touch | None, Episode]:
     """One episode as a coroutine: yields the touches it wants, is sent them, returns the episode."""
-    if not 0 <= target < problem.num_shapes:
-        raise ValueError(f"target must be in [0, {problem.num_shapes}), got {target}")
     arrangement = tuple(int(shape) for shape in world.arrangement)
     if len(arrangement) != problem.num_objects:
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")

@@ -7,10 +7,11 @@ copies among the images of its own press, and how a data set is split decides wh
 from __future__ import annotations
 
 import hashlib
+import json
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from activetouch.data.dataset import TouchSet
 from activetouch.orientations import Resampled
 from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
+from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
 from belief.files import atomic_path
 from belief.seeding import keyed_rng
@@ -66,7 +68,7 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
 
 def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
     """:func:`record_windows`, from a file of the folder if it is there; recorded and kept there if not."""
-    key = hashlib.sha256(repr((scene, plan)).encode()).hexdigest()[:16]
+    key = hashlib.sha256(json.dumps([scene_fields(scene), asdict(plan)]).encode()).hexdigest()[:16]
     path = folder / f"windows-{stream}-{key}.npz"
     if not path.exists():
         touches = record_windows(scene, plan, stream, jobs)

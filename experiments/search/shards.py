@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import socket
 import threading
 from collections.abc import Mapping
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from activetouch.scene_description import scene_fields
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief.errors import ActiveTouchError
 from experiments.search.bound import best_expected_return
@@ -46,7 +46,7 @@ def _identity(setting: Setting, seed: int, when: Stamps) -> Mapping[str, Any]:
     return {
         "seed": seed,
         "problem": repr(setting.problem),
-        "scene": re.sub(r" at 0x[0-9a-f]+", "", repr(setting.scene)),
+        "scene": scene_fields(setting.scene),
         "scene_code_sha256": fingerprint(setting.scene),
         "sensor_sha256": files_digest([folder / CLASSIFIER_FILE, folder / OBSERVATION_FILE]),
         "observation_model_code_sha256": fingerprint(known_model(setting)[0]),

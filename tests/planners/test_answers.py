@@ -41,7 +41,7 @@ NO_DECISIONS = {
     "a decision on a word": Decision("confirm"),
     "a decision on a number": Decision(3),
     "the class of an action": Decision(Confirm),
-    "a pose by name": Decision(Probe("p0")),
+    "a pose of no such name": Decision(Probe("nowhere")),
     "half a pose": Decision(Probe(0.5)),
     "a pose as a float": Decision(Probe(1.0)),
     "a pose that is NaN": Decision(Probe(float("nan"))),

@@ -1,0 +1,76 @@
+"""Names and seeds as people type them: shapes and poses by label or index, a seed as one number or several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from numbers import Integral
+from typing import TypeAlias
+
+from belief.errors import InvalidArgument, UnknownName
+
+Name: TypeAlias = int | str
+"""A shape or a pose: its index, or its label."""
+_WIDTH = 118
+
+
+def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
+    """The index of a label; an index is checked and returned.
+
+    Args:
+        kind: what it names, for messages: "shape", "pose" or "target".
+        labels: all labels, in index order.
+        name: a label, or an index.
+
+    Raises:
+        UnknownName: there is no such label; the message suggests the nearest.
+        InvalidArgument: the index is out of range, or it is neither a label nor an index.
+
+    >>> index_of("shape", ("sphere", "cone"), "cone"), index_of("shape", ("sphere", "cone"), 0)
+    (1, 0)
+    """
+    if isinstance(name, str):
+        if name not in labels:
+            raise UnknownName(kind, name, list(labels))
+        return list(labels).index(name)
+    if not isinstance(name, Integral) or isinstance(name, bool):
+        raise InvalidArgument(f"{kind} must be one of {', '.join(labels)}, or its index; got {name!r}")
+    if not 0 <= name < len(labels):
+        raise InvalidArgument(f"{kind} must be in [0, {len(labels)}), got {name}")
+    return int(name)
+
+
+def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
+    """A seed as a tuple of whole numbers, each at least 0; a single number becomes a tuple of one.
+
+    Raises:
+        InvalidArgument: it is neither.
+
+    >>> seed_words(7), seed_words((7, 1, 2))
+    ((7,), (7, 1, 2))
+    """
+    words = (seed,) if isinstance(seed, Integral) else seed
+    if not isinstance(words, Sequence) or isinstance(words, str) or not words:
+        raise InvalidArgument(f"a seed is a whole number from 0, or a sequence of such; got {seed!r}")
+    if any(not isinstance(word, Integral) or isinstance(word, bool) or word < 0 for word in words):
+        raise InvalidArgument(f"a seed is a whole number from 0, or a sequence of such; got {seed!r}")
+    return tuple(int(word) for word in words)
+
+
+def one_line(cls: type, *parts: str) -> str:
+    """A short representation of an object.
+
+    >>> one_line(int, "cone", "front")
+    'int(cone, front)'
+    """
+    text = f"{cls.__name__}({', '.join(parts)})"
+    return text if len(text) <= _WIDTH else f"{text[: _WIDTH - 2]}…)"
+
+
+def few(labels: Sequence[str], most: int = 4) -> str:
+    """The first labels, and how many there are beyond these.
+
+    >>> few(["cube", "cone", "torus"], most=2)
+    'cube, cone and 1 more'
+    """
+    shown = ", ".join(labels[:most])
+    return shown if len(labels) <= most else f"{shown} and {len(labels) - most} more"
