@@ -83,11 +83,10 @@ class SceneBelief(ReadableScene):
         self._on_table = np.ones(problem.num_objects, np.bool_)
         self._log_marginals = self._compute(self._log_likelihoods, self._known)
         if target is not None and np.isneginf(self._log_marginals[:, self._shape(target)]).all():
+            label = self.labels[self._shape(target)]
             source = "the prior" if self._counts is None else "the bag"
             warnings.warn(
-                ZeroPriorTarget(
-                    f"the target {self.labels[self._shape(target)]} has probability zero in {source}; no touch can find it"
-                ),
+                ZeroPriorTarget(f"the target {label} has probability zero in {source}; no touch can find it"),
                 stacklevel=2,
             )
 
