@@ -26,8 +26,8 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
-from planners.solve import SearchPolicy, SearchTouchProblem, solve
-from planners.target_abstraction import StagedProblem, belief_by_target, stages_by_target
+from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem, solve
+from planners.target_abstraction import belief_by_target, stages_by_target
 
 MAX_STATES = 200
 """Largest number of hidden states for which the exact hidden state is used; four distinct objects have 32."""

@@ -27,6 +27,7 @@ from planners.solve.policy_files import load_policy, save_policy
 __all__ = [
     "SearchPolicy",
     "SearchTouchProblem",
+    "StagedProblem",
     "TouchPolicy",
     "TouchProblem",
     "finite_horizon_value",
