@@ -40,10 +40,11 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Trace
 from activetouch.rendering import ForcePatchRenderer
 from activetouch.scene import Scene
-from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, chunks, paired_difference, share, words
+from experiments.bayes_error.estimator import Findings, LimitStudy, chunks, paired_difference, share, words
 from experiments.bayes_error.held_out import Stream, held_out_touch
 from experiments.bayes_error.learned import cover_hart_accuracy
 from experiments.parallel import default_jobs, progress_bar, run_tasks
+from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, require_collection
 
@@ -258,7 +259,7 @@ class NearestNeighbours:
             "median": dict(zip(NUMBERS, np.median(test.values, axis=0).tolist(), strict=True)),
         }
         title = "Bayes-optimal accuracy of one touch, from the numbers behind the images"
-        return Findings(title, _number_sentences(study, numbers), _number_grids(numbers), numbers)
+        return Findings(title, _number_sentences(study, numbers), _number_tables(numbers), numbers)
 
 
 def _collect(study: LimitStudy, stream: Stream, count: int) -> tuple[PressNumbers, NDArray[np.uint8]]:
@@ -293,7 +294,7 @@ def _number_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     ]
 
 
-def _number_grids(numbers: dict[str, Any]) -> list[Grid]:
+def _number_tables(numbers: dict[str, Any]) -> list[Table]:
     rows = [
         (
             name,
@@ -306,7 +307,7 @@ def _number_grids(numbers: dict[str, Any]) -> list[Grid]:
     ]
     rows.append(("the classifier, from the image", words(numbers["classifier"]), "", "", ""))
     headings = ("given", "neighbours", "at most", "votes", curve_heading(numbers["sizes"]))
-    return [Grid("What a touch's numbers tell", headings, rows)]
+    return [Table("What a touch's numbers tell", headings, rows)]
 
 
 REACH = 18
@@ -505,7 +506,7 @@ class PixelReader:
             "limit": {"at_least": views[WHOLE_SPOT]["value"]},
             "classifier": share(classifier),
         }
-        return Findings("What every pixel tells", _pixel_sentences(study, numbers), _pixel_grids(numbers), numbers)
+        return Findings("What every pixel tells", _pixel_sentences(study, numbers), _pixel_tables(numbers), numbers)
 
 
 def _pixel_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
@@ -521,14 +522,14 @@ def _pixel_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     ]
 
 
-def _pixel_grids(numbers: dict[str, Any]) -> list[Grid]:
+def _pixel_tables(numbers: dict[str, Any]) -> list[Table]:
     rows = [
         (name, words(view), f"{view['learned_from']:.3f}", curve_cell(view["curve"]))
         for name, view in numbers["views"].items()
     ]
     rows.append(("the classifier", words(numbers["classifier"]), "", ""))
     headings = ("a reader that sees", "right", "of what it learned from", curve_heading(numbers["sizes"]))
-    return [Grid("What a touch's pixels tell", headings, rows)]
+    return [Table("What a touch's pixels tell", headings, rows)]
 
 
 def curve_heading(sizes: Sequence[int]) -> str:

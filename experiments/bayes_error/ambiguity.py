@@ -24,11 +24,12 @@ from experiments.bayes_error.counterparts import (
     find_counterpart,
     nearest_starts,
 )
-from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, share, words
+from experiments.bayes_error.estimator import Findings, LimitStudy, share, words
 from experiments.bayes_error.held_out import Stream, held_out_touch
 from experiments.bayes_error.image_bank import ideal_symmetry
 from experiments.command_line.arguments import Count
 from experiments.parallel import run_tasks
+from experiments.reporting.tables import Table
 
 Floats = NDArray[np.float64]
 _PRESSES_PER_SLICE = 1000
@@ -113,7 +114,7 @@ class AmbiguitySearch:
         if shown:
             pictures = [(labels[search.shape], labels[search.rival], found[search]) for search in shown]
             draw_counterparts(study.folder / "counterparts.png", pictures, Sensing.of(scene).std)
-        return Findings("Ambiguous touches", _say(study, numbers), _grids(numbers), numbers)
+        return Findings("Ambiguous touches", _say(study, numbers), _tables(numbers), numbers)
 
     def _choose(self, study: LimitStudy, right: NDArray[np.bool_], ranked: NDArray[np.int64]) -> list[Wanted]:
         """Random misread touches, correctly read ones, and the control; independent of the number of workers."""
@@ -188,13 +189,13 @@ def _say(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _grids(numbers: dict[str, Any]) -> list[Grid]:
+def _tables(numbers: dict[str, Any]) -> list[Table]:
     headings = ("", "touches", *(f"d < {limit:g}" for limit in NEAR), "median d")
     groups = [_row(GROUPS[group], entry) for group, entry in numbers["groups"].items() if entry["touches"]]
     pairs = [_row(pair, entry) for pair, entry in numbers["pairs"].items()]
     return [
-        Grid("Share of touches with a counterpart within a distance d", headings, groups),
-        Grid("Misread touches, by pair of shapes", headings, pairs),
+        Table("Share of touches with a counterpart within a distance d", headings, groups),
+        Table("Misread touches, by pair of shapes", headings, pairs),
     ]
 
 

@@ -11,8 +11,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from activetouch.scene import Scene
 from activetouch.world import TactileSensor
@@ -22,6 +20,7 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
 from experiments.bayes_error.held_out import Stream, held_out_readings
 from experiments.parallel import run_tasks
+from experiments.reporting.tables import Table
 from experiments.sensor.scores import read_logits
 
 Floats = NDArray[np.float64]
@@ -72,56 +71,25 @@ class LimitStudy:
 
 
 @dataclass(frozen=True)
-class Grid:
-    """A table: columns of words to the left, of numbers to the right."""
-
-    title: str
-    headings: tuple[str, ...]
-    rows: Sequence[tuple[str, ...]]
-
-    @property
-    def is_word(self) -> list[bool]:
-        """By column: the first, and those in which most cells begin with a letter."""
-        columns = zip(*self.rows, strict=True)
-        letters = [2 * sum(cell[:1].isalpha() for cell in column) > len(self.rows) for column in columns]
-        return [True, *letters[1:]] if letters else [not n for n in range(len(self.headings))]
-
-    def rich(self) -> Table:
-        """For a terminal."""
-        table = Table(title=self.title, box=box.SIMPLE_HEAD, title_justify="left")
-        for heading, is_word in zip(self.headings, self.is_word, strict=True):
-            table.add_column(heading, justify="left" if is_word else "right")
-        for row in self.rows:
-            table.add_row(*row)
-        return table
-
-    def markdown(self) -> str:
-        """For a file."""
-        rule = tuple("---" if is_word else "---:" for is_word in self.is_word)
-        lines = [f"| {' | '.join(row)} |" for row in (self.headings, rule, *self.rows)]
-        return "\n".join([f"**{self.title}**", "", *lines])
-
-
-@dataclass(frozen=True)
 class Findings:
     """Results of an estimator.
 
     Attributes:
         title: one line.
         sentences: method, reason for it, and interpretation.
-        grids: tables.
+        tables: tables.
         numbers: all results, for programs.
     """
 
     title: str
     sentences: Sequence[str]
-    grids: Sequence[Grid]
+    tables: Sequence[Table]
     numbers: dict[str, Any]
 
     def write(self, folder: Path, identity: dict[str, Any]) -> None:
         """Write ``limit.json`` and ``limit.md``."""
         write_text(folder / "limit.json", json.dumps({**identity, **self.numbers}, indent=1) + "\n")
-        text = "\n\n".join([f"# {self.title}", *self.sentences, *(grid.markdown() for grid in self.grids)])
+        text = "\n\n".join([f"# {self.title}", *self.sentences, *(table.markdown() for table in self.tables)])
         write_text(folder / "limit.md", text + "\n")
 
 

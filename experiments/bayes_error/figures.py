@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
-from belief.files import atomic_path
 from experiments.bayes_error.counterparts import Counterpart
-
-_STYLE = {"font.size": 9.0, "font.family": "sans-serif"}
+from experiments.reporting.style import figure
 
 
 def draw_counterparts(path: Path, pairs: Sequence[tuple[str, str, Counterpart]], noise: float) -> None:
@@ -23,9 +19,8 @@ def draw_counterparts(path: Path, pairs: Sequence[tuple[str, str, Counterpart]],
         pairs: shape of the touch, shape of the counterpart, and the counterpart.
         noise: standard deviation, relative to full scale.
     """
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(1.9 * len(pairs) + 1.1, 5.8), layout="constrained")
-        grid = figure.subplots(3, len(pairs), squeeze=False)
+    with figure((1.9 * len(pairs) + 1.1, 5.8), path) as drawn:
+        grid = drawn.subplots(3, len(pairs), squeeze=False)
         for (shape, other, found), (touch, image, difference) in zip(pairs, grid.T, strict=True):
             brightest = max(float(found.touch.max()), 1e-3)
             for axes, picture in ((touch, found.touch), (image, found.image)):
@@ -45,8 +40,6 @@ def draw_counterparts(path: Path, pairs: Sequence[tuple[str, str, Counterpart]],
         for axes in grid.flat:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set(visible=True, color="0.8")
-        figure.colorbar(
+        drawn.colorbar(
             shown, ax=grid.ravel().tolist(), label="noise of a taxel", shrink=0.3, anchor=(0.0, 0.0), pad=0.01
         )
-        with atomic_path(path) as temporary:
-            figure.savefig(temporary, dpi=130)

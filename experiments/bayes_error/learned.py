@@ -21,9 +21,10 @@ from scipy.special import log_softmax
 from activetouch.data.dataset import read_manifest, read_split
 from activetouch.scene import Symmetry
 from belief.statistics import cluster_bootstrap
-from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, paired_difference, share, words
+from experiments.bayes_error.estimator import Findings, LimitStudy, paired_difference, share, words
 from experiments.bayes_error.image_bank import symmetric_views
 from experiments.parallel import progress_bar
+from experiments.reporting.tables import Table
 from experiments.sensor_choice import require_collection
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class LearnedBounds:
             "sizes": sizes,
             "neighbours": neighbours,
         }
-        return Findings("Bounds from the trained network", _say(study, numbers), _grids(numbers), numbers)
+        return Findings("Bounds from the trained network", _say(study, numbers), _tables(numbers), numbers)
 
 
 def read_views(classifier: TouchClassifier, images: NDArray[np.uint8], symmetry: Symmetry, what: str) -> Reading:
@@ -161,10 +162,10 @@ def _say(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     ]
 
 
-def _grids(numbers: dict[str, Any]) -> list[Grid]:
+def _tables(numbers: dict[str, Any]) -> list[Table]:
     rows = [
         (seen, measure, *(f"{value:.3f}" for value in numbers["neighbours"][seen][name]))
         for seen in SEEN
         for name, measure in (("nearest", "nearest neighbour"), ("upper", "upper bound for any reader"))
     ]
-    return [Grid("Accuracy by number of known touches", ("output", "reader", *map(str, numbers["sizes"])), rows)]
+    return [Table("Accuracy by number of known touches", ("output", "reader", *map(str, numbers["sizes"])), rows)]

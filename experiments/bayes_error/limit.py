@@ -75,8 +75,8 @@ class Limit:
         console = plain_console()
         for sentence in findings.sentences:
             console.print(sentence)
-        for grid in findings.grids:
-            console.print(grid.rich())
+        for table in findings.tables:
+            console.print(table.rich())
         findings.write(folder, {"scene": self.choice.scene, "seed": self.seed, "num_touches": self.touches})
         print(f"wrote {folder}")
 

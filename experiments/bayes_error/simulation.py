@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.pressing.press import Press, Quasistatic
-from experiments.bayes_error.estimator import Findings, Grid, LimitStudy, paired_difference, share, words
+from experiments.bayes_error.estimator import Findings, LimitStudy, paired_difference, share, words
 from experiments.bayes_error.image_bank import (
     IMAGES_PER_SLICE,
     SensorNoise,
@@ -22,6 +22,7 @@ from experiments.bayes_error.image_bank import (
 )
 from experiments.command_line.arguments import Count, CountOrNone
 from experiments.parallel import run_tasks
+from experiments.reporting.tables import Table
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +67,7 @@ class SimulatedBayes:
             numbers["pressed_as_the_scene_does"] = {"images_per_shape": self.checked, **share(first)}
             numbers["pressed_against_quasistatic"] = paired_difference(first, second, study.seed)
         title = "Bayes-optimal accuracy of one touch, by simulation"
-        return Findings(title, self._say(study, numbers), _grids(numbers), numbers)
+        return Findings(title, self._say(study, numbers), _tables(numbers), numbers)
 
     def _evidence(
         self, study: LimitStudy, noise: SensorNoise, readings: NDArray[np.uint8], press: Press, images: int
@@ -143,7 +144,7 @@ def by_shape(right: NDArray[np.bool_], shapes: NDArray[np.int64], labels: tuple[
     return {label: float(right[shapes == k].mean()) for k, label in enumerate(labels)}
 
 
-def _grids(numbers: dict[str, Any]) -> list[Grid]:
+def _tables(numbers: dict[str, Any]) -> list[Table]:
     known = numbers["classifier"]
     rows = [
         (
@@ -160,6 +161,6 @@ def _grids(numbers: dict[str, Any]) -> list[Grid]:
         for label, limit in numbers["limit_by_shape"].items()
     ]
     return [
-        Grid("Accuracy by size of the bank", ("reader", "accuracy", "expected", "NLL"), rows),
-        Grid("Accuracy by shape", ("shape", "limit", "classifier"), shapes),
+        Table("Accuracy by size of the bank", ("reader", "accuracy", "expected", "NLL"), rows),
+        Table("Accuracy by shape", ("shape", "limit", "classifier"), shapes),
     ]

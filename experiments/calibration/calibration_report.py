@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
@@ -31,7 +30,7 @@ from experiments.sensor.scores import read_logits
 from experiments.sensor_choice import open_collection, require_collection
 
 if TYPE_CHECKING:
-    from experiments.calibration.sections import Section
+    from experiments.reporting.page import Section
 
 
 class NoRepeats(ActiveTouchError, ValueError):
@@ -95,8 +94,8 @@ class CalibrationReport:
             console.rule(section.title)
             for sentence in section.sentences:
                 console.print(sentence)
-            for grid in section.grids[: None if section is report[0] else 0]:
-                console.print(grid.rich())
+            for table in section.tables if section is report[0] else ():
+                console.print(table.rich())
         print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
 
     def _read(self, data: Path, manifest: Manifest) -> list[Rounds]:
@@ -171,16 +170,12 @@ class CalibrationReport:
 
 def write(folder: Path, found: Measurements, report: list[Section]) -> None:
     """Write ``report.html``, ``numbers.json``, ``tables.md`` and the figures into a folder."""
-    from experiments.search.figures import INK
+    from experiments.reporting.page import write_page  # loads jinja2
 
-    environment = Environment(
-        loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
-    )
-    html = environment.get_template("calibration.html").render(scene=found.scene, sections=report, ink=INK)
-    grids = [grid.markdown() for section in report for grid in (*section.grids, *section.more)]
-    write_text(folder / "report.html", html)
+    write_page(folder / "report.html", f"Calibration in the scene “{found.scene}”", report)
     write_text(folder / "numbers.json", json.dumps(asdict(found), indent=1, default=np.ndarray.tolist) + "\n")
-    write_text(folder / "tables.md", "\n\n".join(grids) + "\n")
+    tables = [table.markdown() for section in report for table in section.tables]
+    write_text(folder / "tables.md", "\n\n".join(tables) + "\n")
     for section in report:
         for picture in section.pictures:
             picture.write(folder)

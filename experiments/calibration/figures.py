@@ -3,66 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from belief.files import atomic_path
 from belief.metrics import ReliabilityCurve
 from belief.observation_model.repeat_discount import effective_touches
 from experiments.calibration.models import INDEPENDENT, ModelScores, Weight
 from experiments.calibration.targets import FUSED
-from experiments.search.figures import INK, PALETTE, STYLE, svg
+from experiments.reporting.style import INK, PALETTE, Picture
 
 _CHANCE = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
 _ENOUGH = 20  # stops, for a share of them to be shown
-
-
-@dataclass(frozen=True)
-class Picture:
-    """Panels with one legend.
-
-    Attributes:
-        name: of its files.
-        caption: what is to be seen.
-        panels: draw on axes of their own.
-        legend: colour by name.
-    """
-
-    name: str
-    caption: str
-    panels: Sequence[Callable[[Axes], None]]
-    legend: Mapping[str, str] = field(default_factory=dict)
-
-    def inline(self) -> list[str]:
-        """Every panel as SVG for a page, which has the legend."""
-        found = []
-        with matplotlib.rc_context(STYLE):
-            for draw in self.panels:
-                figure = Figure(figsize=(4.0, 3.2), layout="constrained")
-                draw(figure.subplots())
-                found.append(svg(figure))
-        return found
-
-    def write(self, folder: Path) -> None:
-        """Write NAME.svg and NAME.png, all panels side by side."""
-        with matplotlib.rc_context(STYLE):
-            columns = 4 * len(self.panels) - 1 if len(self.panels) > 1 else 2
-            height = 3.2 + 0.3 * np.ceil(len(self.legend) / columns)
-            figure = Figure(figsize=(max(3.7 * len(self.panels), 5.2), height), layout="constrained")
-            for draw, axes in zip(self.panels, figure.subplots(1, len(self.panels), squeeze=False)[0], strict=True):
-                draw(axes)
-            lines = [Line2D([], [], color=colour, linewidth=3) for colour in self.legend.values()]
-            if lines:
-                figure.legend(lines, list(self.legend), loc="outside upper center", ncols=columns, frameon=False)
-            for suffix in ("svg", "png"):
-                with atomic_path(folder / f"{self.name}.{suffix}") as temporary:
-                    figure.savefig(temporary, dpi=130, metadata={"Date": None} if suffix == "svg" else None)
 
 
 def model_colours(names: Sequence[str]) -> dict[str, str]:

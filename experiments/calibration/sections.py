@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 
 from belief.metrics import CalibrationError
-from experiments.bayes_error.estimator import Grid
-from experiments.calibration.figures import Picture, claims, discount, fused_error, fused_nll, reliability
+from experiments.calibration.figures import claims, discount, fused_error, fused_nll, reliability
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, Fused
 from experiments.calibration.targets import decimals, judge_model, judge_touches, verdict
 from experiments.calibration.touches import Part, TouchScores
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of a report; ``more`` are tables for those who want to know exactly."""
-
-    title: str
-    sentences: Sequence[str]
-    grids: Sequence[Grid] = ()
-    pictures: Sequence[Picture] = ()
-    more: Sequence[Grid] = field(default_factory=tuple)
+from experiments.reporting.page import Section
+from experiments.reporting.tables import Table
 
 
 def sections(found: Measurements) -> list[Section]:
@@ -37,7 +26,7 @@ def _verdict(found: Measurements) -> Section:
     targets = checks[found.model.name][kinds[0]]
     legend = "; ".join(f"{check.name.split()[0]}: {check.target}" for check in targets)
     grids = [
-        Grid(
+        Table(
             f"Targets, {kind}",
             ("model", *(check.name for check in targets)),
             [(_named(found, name), *(check.outcome for check in by_kind[kind])) for name, by_kind in checks.items()],
@@ -92,7 +81,7 @@ def _what_was_measured(found: Measurements) -> str:
 
 def _touches(found: Measurements) -> Section:
     raw, calibrated = found.raw, found.calibration
-    grid = Grid(
+    grid = Table(
         f"Single touches of the test split, {raw.report.num_rows} (in brackets: chance, or the 95 % interval)",
         (
             *("calibration", "NLL, cross-validated", "NLL", "Brier", "accuracy"),
@@ -101,7 +90,7 @@ def _touches(found: Measurements) -> Section:
         [_touch_row(found, scores) for scores in found.touches],
     )
 
-    def parts(title: str, parts_of: Callable[[TouchScores], Mapping[str, Part]], error: str) -> Grid:
+    def parts(title: str, parts_of: Callable[[TouchScores], Mapping[str, Part]], error: str) -> Table:
         headings = (title, "accuracy", "NLL, raw", "NLL, calibrated", f"{error}, raw", f"{error}, calibrated")
         before, after = parts_of(raw), parts_of(calibrated)
         rows = [
@@ -115,7 +104,7 @@ def _touches(found: Measurements) -> Section:
             )
             for label, part in before.items()
         ]
-        return Grid(f"By {title}: {raw.name} and {calibrated.name}", headings, rows)
+        return Table(f"By {title}: {raw.name} and {calibrated.name}", headings, rows, is_long=True)
 
     sentence = (
         f"Calibrated by {calibrated.name}, which has the least cross-validated NLL, a touch has an NLL of "
@@ -128,7 +117,7 @@ def _touches(found: Measurements) -> Section:
         parts("pose", lambda scores: scores.poses, "ECE"),
         parts("shape", lambda scores: scores.shapes, "error of its probability"),
     ]
-    return Section("A single touch", [sentence], [grid], [reliability(curves)], more)
+    return Section("A single touch", [sentence], [grid, *more], [reliability(curves)])
 
 
 def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
@@ -170,8 +159,8 @@ def _models(found: Measurements) -> Section:
         + ".",
     ]
     grids = [
-        Grid("Sequence NLL out of fold [nats]", ("model", "loss"), rows),
-        Grid(
+        Table("Sequence NLL out of fold [nats]", ("model", "loss"), rows),
+        Table(
             "What n touches in one pose are worth, in touches",
             ("n", "n / (1 + (n - 1) ρ)", *(f"best on the {split} split" for split in splits)),
             laws,
@@ -183,10 +172,10 @@ def _models(found: Measurements) -> Section:
 def _fusion(found: Measurements) -> Section:
     kinds = list(found.model.fused)
 
-    def by_number(kind: str, title: str, words: Callable[[Fused], str]) -> Grid:
+    def by_number(kind: str, title: str, words: Callable[[Fused], str], *, is_long: bool) -> Table:
         numbers = [str(some.num_touches) for some in found.model.fused[kind]]
         rows = [(_named(found, scores.name), *map(words, scores.fused[kind])) for scores in found.models]
-        return Grid(f"{title}, {kind}", ("model, after touches", *numbers), rows)
+        return Table(f"{title}, {kind}", ("model, after touches", *numbers), rows, is_long=is_long)
 
     last = [(kind, found.model.fused[kind][-1]) for kind in kinds]
     sentence = "; ".join(
@@ -196,17 +185,17 @@ def _fusion(found: Measurements) -> Section:
     return Section(
         "Touches fused",
         [f"{found.model.name} after {last[0][1].num_touches} touches: {sentence}."],
-        [by_number(kind, "Calibration error (chance)", lambda some: _error(some.ece)) for kind in kinds],
-        [fused_error(found.models, found.model.name), fused_nll(found.models, found.model.name)],
         [
-            by_number(kind, title, words)
-            for title, words in (
-                ("NLL [nats]", lambda some: f"{some.nll:.4f}"),
-                ("Accuracy", lambda some: decimals(some.accuracy)),
-                ("Classwise error (chance)", lambda some: _error(some.classwise)),
+            by_number(kind, title, words, is_long=is_long)
+            for title, words, is_long in (
+                ("Calibration error (chance)", lambda some: _error(some.ece), False),
+                ("NLL [nats]", lambda some: f"{some.nll:.4f}", True),
+                ("Accuracy", lambda some: decimals(some.accuracy), True),
+                ("Classwise error (chance)", lambda some: _error(some.classwise), True),
             )
             for kind in kinds
         ],
+        [fused_error(found.models, found.model.name), fused_nll(found.models, found.model.name)],
     )
 
 
@@ -246,16 +235,19 @@ def _stops(found: Measurements) -> Section:
                 for score in stopped.claims.by_num_touches
             ]
         headings = ("model", "stops", "touches", "claim", "right", "Clopper-Pearson ≥", "objects resampled")
-        overall.append(Grid(f"Stops at {found.confidence:g}, {kind}", headings, rows))
+        overall.append(Table(f"Stops at {found.confidence:g}, {kind}", headings, rows))
         headings = ("model", "touches", "stops", "claim", "right [Clopper-Pearson]")
-        by_touches.append(Grid(f"By touches at the stop, {kind}", headings, numbered))
+        by_touches.append(Table(f"By touches at the stop, {kind}", headings, numbered, is_long=True))
     sentences = [
         f"A search that touches until a shape has {found.confidence:g} of the posterior stops where luck, and a "
         "model's faith in it, are greatest. What it then claims must be true after few touches and after many, not "
         "just on average."
     ]
     return Section(
-        "Where a search stops", sentences, overall, [claims(found.models, shown, found.confidence)], by_touches
+        "Where a search stops",
+        sentences,
+        [*overall, *by_touches],
+        [claims(found.models, shown, found.confidence)],
     )
 
 
@@ -265,10 +257,10 @@ def _tables(found: Measurements) -> Section:
     rows.append(("the touch itself", f"{kept.touch:.4f}", ""))
     sentence = (
         f"Planners see a touch as one of M outcomes. Of what it tells about the shape by {found.model.name}, mean over "
-        "poses, a table keeps this much; the touch's own is a mean over sampled touches, good to about .01 nats."
+        "poses, a table keeps this much; the touch's own is a mean over sampled touches, accurate to about 0.01 nats."
     )
     return Section(
-        "What a table of outcomes keeps", [sentence], [Grid("Information", ("M", "nats", "of the touch's"), rows)]
+        "What a table of outcomes keeps", [sentence], [Table("Information", ("M", "nats", "of the touch's"), rows)]
     )
 
 

@@ -103,14 +103,14 @@ def _silently() -> Iterator[None]:
 
 def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
     """Write ``report.html`` and ``findings.csv``, and print the counts."""
-    from experiments.bayes_error.estimator import Grid
-    from experiments.reporting.page import Part, write_csv, write_page
+    from experiments.reporting.page import Section, write_page
+    from experiments.reporting.tables import Table
 
     rows = [(area, *_row(finding)) for area, some in findings.items() for finding in some]
     headings = ("area", "function", "given", "expected", "happened", "verdict", "ms")
     counts = {area: Counter(finding.verdict for finding in some) for area, some in findings.items()}
     total = sum(counts.values(), Counter())
-    summary = Grid(
+    summary = Table(
         "Cases by area",
         ("area", "what", *(verdict.value for verdict in Verdict)),
         [(area, AREAS[area], *(str(count[verdict]) for verdict in Verdict)) for area, count in counts.items()],
@@ -123,12 +123,12 @@ def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
         "A right answer is one that was known beforehand: by hand, from a law, or by brute force. An error must be of "
         "the stated type, and its message must match the stated pattern. Warnings count as failures."
     )
-    parts = [Part("Verdict", [verdict, rules], [summary])]
+    sections = [Section("Verdict", [verdict, rules], [summary])]
     for area in findings:
         table = [row[1:] for row in rows if row[0] == area]
-        parts.append(Part(area.capitalize(), [f"{AREAS[area].capitalize()}."], [Grid("", headings[1:], table)]))
-    write_page(folder / "report.html", "Stress: what happens at the extremes", parts)
-    write_csv(folder / "findings.csv", Grid("", headings, rows))
+        sections.append(Section(area.capitalize(), [f"{AREAS[area].capitalize()}."], [Table("", headings[1:], table)]))
+    write_page(folder / "report.html", "Stress: what happens at the extremes", sections)
+    Table("", headings, rows).write_csv(folder / "findings.csv")
     plain_console().print(summary.rich())
     print(verdict)
 

@@ -5,25 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
 from activetouch.data.dataset import TouchSet
 from belief.statistics import wilson_interval
 from experiments.paper import table1
+from experiments.paper.table1 import Result
 from experiments.paper.table2 import PAPER, Column
-from experiments.search.figures import INK, PALETTE, STYLE
-from experiments.tradeoff.figures import write_figure
+from experiments.reporting.style import INK, PALETTE, figure
 
 _IMAGES = 5  # of each shape
 
 
 def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
     """Images of every shape, each of another press: the paper's Figure 2 shows one of each."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(1.5 * _IMAGES, 1.6 * len(labels)), layout="constrained")
-        grid = figure.subplots(len(labels), _IMAGES, squeeze=False)
+    with figure((1.5 * _IMAGES, 1.6 * len(labels)), path) as drawn:
+        grid = drawn.subplots(len(labels), _IMAGES, squeeze=False)
         for shape, label in enumerate(labels):
             rows = np.flatnonzero(images.shapes == shape)
             chosen = rows[np.linspace(0, len(rows) - 1, _IMAGES).round().astype(int)]
@@ -31,7 +28,34 @@ def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
                 axes.imshow(images.images[row], origin="lower")
                 axes.set(xticks=[], yticks=[])
             grid[shape][0].set_ylabel(label)
-        write_figure(figure, path)
+
+
+def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ...], path: Path) -> None:
+    """Draw a confusion matrix for every split (row) and set of images (column), as in the paper's Figure 3a.
+
+    Args:
+        results: those of :func:`experiments.paper.table1.both_splits`.
+        labels: of the shapes.
+        path: file to write; the ending decides the format.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
+    rows, columns = list(results), list(next(iter(results.values())))
+    with figure((3.6 * len(columns), 3.5 * len(rows)), path) as drawn:
+        grid = drawn.subplots(len(rows), len(columns), squeeze=False)
+        for name, line in zip(rows, grid, strict=True):
+            for what, axes in zip(columns, line, strict=True):
+                result = results[name][what]
+                counts = np.array(result.confusion)
+                axes.imshow(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1)
+                for (true, read), count in np.ndenumerate(counts):
+                    dark = count > 0.5 * counts[true].sum()
+                    axes.text(read, true, str(count), ha="center", va="center", color="white" if dark else "black")
+                axes.set(title=f"split {name}, {what}: {result.accuracy:.3f}", xlabel="read as")
+                axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+                axes.set_yticks(range(len(labels)), labels)
+            line[0].set_ylabel("true shape")
 
 
 def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
@@ -45,18 +69,16 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
     played = [column for column in columns if not column.missing]
     scenes = list(dict.fromkeys(column.scene for column in played))
     widths = [1.0] * (confusion is not None) + [1.5] * len(scenes)
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(3.2 * sum(widths), 4.2), layout="constrained")
-        drawn = list(figure.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
+    with figure((3.2 * sum(widths), 4.2), path) as drawn:
+        panels = list(drawn.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
         if confusion is not None:
-            _confusion(drawn.pop(0), confusion)
-        for axes, scene in zip(drawn, scenes, strict=True):
+            _confusion(panels.pop(0), confusion)
+        for axes, scene in zip(panels, scenes, strict=True):
             _success(axes, [column for column in played if column.scene == scene])
             axes.set_title(f"(b) searches, scene {scene}")
-        drawn[0].set_ylabel("success")
-        handles, labels = drawn[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
-        write_figure(figure, path)
+        panels[0].set_ylabel("success")
+        handles, labels = panels[0].get_legend_handles_labels()
+        drawn.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
 
 
 def _confusion(axes, confusion: Sequence[Sequence[int]]) -> None:

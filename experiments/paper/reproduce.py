@@ -1,4 +1,4 @@
-"""``activetouch reproduce``: what the paper printed, beside what its system does here."""
+"""``activetouch reproduce``: the paper's tables and figures and our results."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 Part = Literal["table1", "table2", "figure2", "figure3"]
 
 DEVIATIONS = (
-    "The paper gives no numbers for its force patches, its windows, its batch size or its rotations; ours are in "
+    "The paper gives no numbers for its force patches, windows, batch size or rotations. Ours are in "
     "activetouch/rendering/force_patch.py, experiments/paper/sliding_windows.py and activetouch/perception/recipe.py.",
-    "The paper starts from ImageNet weights. Without --weights we start from random ones.",
-    "Objects differ in size by ±10 %, so that there are objects to split by; each press has a new orientation.",
-    "The searches of Table 2 are read by the scene's own classifier, trained on six poses of tumbled objects and "
-    "split by object, not by that of Table 1.",
-    "The thresholds of the manual rule, and what it does at the maximum of contacts, are ours (decision 0005); so are "
-    "PPO's settings, and the meaning of its β (decision 0031).",
-    "Targets are all four shapes; the paper names three in one place and four in another.",
+    "The paper starts from ImageNet weights. Without --weights we start from random weights.",
+    "Objects differ in size by ±10 %, so that a split by object is possible. Each press has a new orientation.",
+    "Table 2 does not use the classifier of Table 1 but the scene's own, trained on six poses of tumbled objects and "
+    "split by object.",
+    "We chose the thresholds of the manual rule and its action at the maximum of contacts (decision 0005), and PPO's "
+    "settings and the meaning of its β (decision 0031).",
+    "All four shapes are targets. The paper names three in one place and four in another.",
     "Figure 2 shows our renderer; Figure 3(a) is the classifier of Table 1 that was split by image.",
 )
 
@@ -47,15 +47,15 @@ _FEWEST_OBJECTS = 3  # of a shape; of two, both might be held out
 
 @dataclass(frozen=True)
 class Reproduce:
-    """Make the paper's tables and figures beside ours; started again, it goes on after the last finished piece.
+    """Reproduce the paper's tables and figures; after an interruption, the same command continues.
 
-    Table 1 is made twice, with the same images and the paper's recipe: once split by image, once by object. Table 2
-    plays the manual rule and PPO on images like the paper's (scene paper) and on ours (scene gel). Sensors and policies
-    are those that come with the scenes, or are made from nothing.
+    Table 1 is made twice with the same images and the paper's recipe: split by image and split by object. Table 2 plays
+    the manual rule and PPO on images like the paper's (scene paper) and on ours (scene gel). It uses the shipped
+    sensors and policies; --from-nothing trains new ones.
 
     For example:
 
-        activetouch reproduce                         all of it; hours, most of them Table 1
+        activetouch reproduce                         everything; takes hours, mostly for Table 1
         activetouch reproduce --table 1
         activetouch reproduce --parts table2 figure3
         activetouch reproduce --from-nothing
@@ -64,21 +64,21 @@ class Reproduce:
     """
 
     parts: Annotated[tuple[Part, ...], NotEmpty()] = ("table1", "table2", "figure2", "figure3")
-    """Which of the tables and figures."""
+    """Tables and figures to make."""
     table: Literal[1, 2] | None = None
-    """Only this table."""
+    """Make only this table."""
     backbone: BackboneName = "tiny"
-    """Of Table 1: the network; the paper's is tiny."""
+    """Table 1: backbone of the network; the paper uses tiny."""
     input_size: Pixels = 128
-    """Of Table 1: edge the images are averaged down to before the network [pixels]; the paper's is 128."""
+    """Table 1: edge of the network's input [pixels]; the paper uses 128."""
     weights: str | None = None
-    """Of Table 1: where the backbone starts from, as in ``activetouch train``; random weights without."""
+    """Table 1: initial weights of the backbone, as in ``activetouch train``; random weights by default."""
     images: WindowPlan = field(default_factory=WindowPlan)
-    """Of Table 1 and Figure 2: how many images."""
+    """Table 1 and Figure 2: number of images."""
     change: Changes = field(default_factory=Changes)
-    """Of Table 1: what to change about the paper's recipe."""
+    """Table 1: changes to the paper's recipe."""
     scenes: Annotated[tuple[str, ...], NotEmpty()] = ("paper", "gel")
-    """Of Table 2: where to search."""
+    """Table 2: scenes to search in."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = (
         "threshold",
         "ppo",
@@ -86,24 +86,30 @@ class Reproduce:
         "ppo_posterior",
         "point_based",
     )
-    """Of Table 2: who searches. The paper's are threshold, its manual rule, ppo, and ppo_confident, its advice."""
+    """Table 2: deciders. The paper's are threshold (its manual rule), ppo, and ppo_confident (its recommendation)."""
     episodes: Count = 100
-    """Of Table 2: searches per target; the paper's 100."""
+    """Table 2: searches per target; the paper uses 100."""
     from_nothing: bool = False
-    """Of Table 2: make sensors and policies from nothing, in place of those that come with the scenes."""
+    """Table 2: train new sensors and policies instead of using the shipped ones."""
     effort: Effort = field(default_factory=Effort)
-    """How much goes into those."""
+    """Size of their data sets and length of their training."""
     seed: Seed = 0
-    """Of splits, intervals and searches."""
+    """Seed of splits, intervals and searches."""
     out: Path = Path("runs/reproduce")
-    """Folder for all that is made on the way, tables, figures, numbers, and reproduce.md with all of them."""
+    """Folder for intermediate files, tables, figures, numbers, and reproduce.md with all tables and figures."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes that press and search, threads that train."""
+    """Number of processes for presses and searches, and of threads for training."""
 
     def run(self) -> None:
-        """Make what is missing, write and print."""
+        """Make what is missing, write and print it.
+
+        Raises:
+            BadArgument: a number is out of its range.
+            UnknownName: there is no such scene or decider.
+            CannotWrite: there is no room, or no permission.
+        """
         from experiments.paper.figures import draw_figure2, draw_figure3
-        from experiments.paper.table2 import search_columns, to_markdown, to_numbers
+        from experiments.paper.table2 import search_columns, table
 
         require_writable(self.out)
         parts = self.parts if self.table is None else (f"table{self.table}",)
@@ -114,8 +120,11 @@ class Reproduce:
         if {"table2", "figure3"} & {*parts}:
             sensors = {scene: self._sensor(scene) for scene in self.scenes}
             columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
-            write_text(self.out / "table2.md", to_markdown(columns))
-            write_text(self.out / "table2.json", json.dumps(to_numbers(columns), indent=1) + "\n")
+            write_text(self.out / "table2.md", table(columns).markdown() + "\n")
+            write_text(
+                self.out / "table2.json",
+                json.dumps([asdict(column) for column in columns], indent=1, default=dict) + "\n",
+            )
         if "table1" in parts:
             self._table1()
         if "figure3" in parts and columns is not None:
@@ -123,7 +132,7 @@ class Reproduce:
         self._write()
 
     def _check(self, parts: Sequence[str]) -> None:
-        """Check all arguments before anything is pressed."""
+        """Check all arguments before any work."""
         check_arguments(self)
         for scene in self.scenes:
             named_scene(scene)
@@ -140,7 +149,7 @@ class Reproduce:
                 )
 
     def _windows(self, stream: int) -> TouchSet:
-        """Images of a stream, pressed once and kept."""
+        """Images of a stream; pressed once and kept."""
         return kept_windows(SCENES["paper"].scene, self.images, stream, self.jobs, self.out / "table1")
 
     def _sensor(self, scene: str) -> Path | None:
@@ -151,14 +160,14 @@ class Reproduce:
     def _table1(self) -> None:
         import torch
 
-        from experiments.paper.table1 import PAPER, Training, both_splits, to_markdown
-        from experiments.sensor.figures import draw_confusions
+        from experiments.paper.figures import draw_confusions
+        from experiments.paper.table1 import PAPER, Training, both_splits, table
 
         torch.set_num_threads(self.jobs)
         scene, recipe = SCENES["paper"].scene, self.change.of(RECIPES["paper"])
-        images, fresh = self._windows(0), self._windows(1)
+        images, others = self._windows(0), self._windows(1)
         training = Training(scene, self.backbone, self.input_size, recipe, self.weights, self.out / "table1")
-        results = both_splits(training, images, fresh, self.seed)
+        results = both_splits(training, images, others, self.seed)
         labels = scene.shape_labels
         arguments = json.loads(json.dumps(asdict(self), default=str))
         numbers = {
@@ -169,12 +178,12 @@ class Reproduce:
             "splits": {n: {what: r.to_dict(labels) for what, r in row.items()} for n, row in results.items()},
             "deviations": DEVIATIONS,
         }
-        write_text(self.out / "table1.md", to_markdown(results, labels))
+        write_text(self.out / "table1.md", table(results, labels).markdown() + "\n")
         draw_confusions(results, labels, self.out / "table1.svg")
         write_text(self.out / "table1.json", sealed_json(numbers) + "\n")
 
     def _confusion(self) -> list[list[int]] | None:
-        """Of the classifier that was split by image, on what it held out; None as long as Table 1 is not made."""
+        """Confusion counts of the classifier split by image on its held-out images; None without Table 1."""
         file = self.out / "table1.json"
         if not file.exists():
             return None
@@ -190,9 +199,9 @@ class Reproduce:
         return confusion
 
     def _write(self) -> None:
-        """Write reproduce.md of all that the folder holds, and print its tables."""
-        made = f"were made from nothing, in {self.out / 'from-nothing'}"
-        shipped = "are those that come with the scenes; --from-nothing makes them anew"
+        """Write reproduce.md with all tables and figures in the folder, and print the tables."""
+        made = f"were trained from nothing in {self.out / 'from-nothing'}"
+        shipped = "are the shipped ones; --from-nothing trains new ones"
         origin = f"Sensors and policies of the searches {made if self.from_nothing else shipped}."
         titles = {
             "table1": "Table 1: the classifier, split by image and by object",
@@ -200,10 +209,13 @@ class Reproduce:
         }
         tables = {name: self.out / f"{name}.md" for name in titles}
         pieces = [f"**{titles[name]}**\n\n{file.read_text()}" for name, file in tables.items() if file.exists()]
-        captions = {"figure2": "Figure 2: images of every shape", "figure3": "Figure 3: confusions, success by shape"}
+        captions = {
+            "figure2": "Figure 2: images of every shape",
+            "figure3": "Figure 3: confusion matrix, and success by shape",
+        }
         drawn = [name for name in captions if (self.out / f"{name}.svg").exists()]
         figures = [f"**{captions[name]}**\n\n![{captions[name]}]({name}.svg)" for name in drawn]
-        deviations = "**Where we deviate**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
+        deviations = "**Deviations from the paper**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
         text = "\n\n".join([origin, *pieces, *figures, deviations]) + "\n"
         write_text(self.out / "reproduce.md", text)
         plain_console().print(Markdown("\n\n".join([origin, *pieces])))

@@ -1,13 +1,13 @@
-"""The paper's Table 1, twice: the same images and training, split by image and split by object (paper §5.6, §6.2).
+"""The paper's Table 1 for two splits of the same images: by image and by object (paper §5.6, §6.2).
 
-The paper does not say how it split its 80/20. If by image, near copies of a test image, windows of the same press, were
-learned from. Both classifiers are also shown images of objects that neither has seen, which says what each knows; and
-the label of the nearest training image, pixel by pixel, says how much there is to be had from near copies alone.
+The paper does not say how it made its 80/20 split. In a split by image, the training set contains near copies of test
+images: windows of the same press. Both classifiers also read images of held-out objects, which neither was trained on.
+A nearest-neighbour classifier on pixels shows what near copies alone are sufficient for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -23,6 +23,7 @@ from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
 from belief.statistics import cluster_bootstrap
 from experiments.paper.sliding_windows import split_by_image, split_by_object
+from experiments.reporting.tables import Table, interval
 from experiments.sensor.baseline import nearest_image_guesses
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
 
@@ -38,19 +39,19 @@ PAPER = MappingProxyType(
         "sphere": ShapeScore(1.00, 1.00, 1.00, 131),
     }
 )
-"""Table 1 as printed; overall accuracy .81."""
+"""Table 1 as printed; overall accuracy 0.81."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What one classifier read of one set of images.
+    """Scores of one classifier on one set of images.
 
     Attributes:
-        accuracy: share of images read correctly.
-        interval: of the accuracy, 95 %, resampling objects.
-        confusion: counts of (true shape, predicted shape).
-        nearest: share of images whose nearest training image has their shape.
-        nearest_interval: of that.
+        accuracy: fraction of images classified correctly.
+        interval: 95 % bootstrap interval of the accuracy over objects.
+        confusion: counts by (true shape, predicted shape).
+        nearest: fraction of images whose nearest training image has the same shape.
+        nearest_interval: 95 % bootstrap interval of ``nearest`` over objects.
     """
 
     accuracy: float
@@ -60,22 +61,22 @@ class Result:
     nearest_interval: tuple[float, float]
 
     def to_dict(self, labels: tuple[str, ...]) -> dict[str, Any]:
-        """Plain values, with the scores of every shape."""
+        """The result as plain values, with the scores of every shape."""
         scores = zip(labels, shape_scores(self.confusion), strict=True)
         return {**asdict(self), "shapes": {label: asdict(score) for label, score in scores}}
 
 
 @dataclass(frozen=True)
 class Training:
-    """How both classifiers are made.
+    """Settings of the training of both classifiers.
 
     Attributes:
-        scene: whose images.
+        scene: scene of the images.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
-        input_size: edge the network sees [pixels].
+        input_size: edge of the network's input [pixels].
         recipe: optimiser settings.
-        weights: where the backbone starts from; random without.
-        folder: for the states of both trainings.
+        weights: initial weights of the backbone; None for random weights.
+        folder: where the states of both trainings are kept.
     """
 
     scene: Scene
@@ -86,7 +87,13 @@ class Training:
     folder: Path
 
     def classifier(self, name: str, train: TouchSet, held_out: TouchSet) -> TouchClassifier:
-        """The classifier of a split, trained to the end from where its state file stands."""
+        """Train the classifier of a split; a training with a state file is continued.
+
+        Args:
+            name: of the split.
+            train: images to learn from.
+            held_out: images to validate on.
+        """
         card = card_for(train, self.backbone, self.input_size, self.scene.shape_labels, self.scene.pose_labels)
         state = self.folder / name.replace(" ", "-") / STATE_FILE
         trainer = Trainer(
@@ -101,17 +108,17 @@ class Training:
         return trainer.finish()
 
 
-def both_splits(training: Training, images: TouchSet, fresh: TouchSet, seed: int) -> dict[str, dict[str, Result]]:
-    """Train on each split, and read its own held-out images and the fresh ones.
+def both_splits(training: Training, images: TouchSet, others: TouchSet, seed: int) -> dict[str, dict[str, Result]]:
+    """Train a classifier on each split and test it on the images held out by the split and on held-out objects.
 
     Args:
-        training: how.
-        images: to be split 80/20.
-        fresh: images of other objects.
-        seed: of the splits and of the intervals.
+        training: settings of the training.
+        images: images to split 80/20.
+        others: images of held-out objects.
+        seed: seed of the splits and of the intervals.
 
     Returns:
-        Result by split, and by "held out" and "fresh objects".
+        Results by split, and by "held out" and "held-out objects".
     """
     results = {}
     for name, split in SPLITS.items():
@@ -119,7 +126,7 @@ def both_splits(training: Training, images: TouchSet, fresh: TouchSet, seed: int
         classifier = training.classifier(name, train, held_out)
         results[name] = {
             what: _read(classifier, train, touches, np.random.default_rng(seed))
-            for what, touches in (("held out", held_out), ("fresh objects", fresh))
+            for what, touches in (("held out", held_out), ("held-out objects", others))
         }
     return results
 
@@ -135,19 +142,20 @@ def _read(classifier: TouchClassifier, train: TouchSet, touches: TouchSet, rng: 
     return Result(accuracy, (low, high), confusion.tolist(), nearest, (interval[0], interval[1]))
 
 
-def to_markdown(results: dict[str, dict[str, Result]], labels: tuple[str, ...]) -> str:
-    """The paper's table with ours beside it: precision / recall / F1 (support) of every shape."""
+def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) -> Table:
+    """The paper's table and ours: precision / recall / F1 (support) of every shape, then accuracies.
+
+    Args:
+        results: those of :func:`both_splits`.
+        labels: of the shapes.
+    """
     columns = {f"{name}, {what}": result for name, row in results.items() for what, result in row.items()}
-    lines = ["| | paper | " + " | ".join(columns) + " |", "|---" * (len(columns) + 2) + "|"]
-    scores = {name: dict(zip(labels, shape_scores(r.confusion), strict=True)) for name, r in columns.items()}
-    for label, printed in PAPER.items():
-        cells = [printed, *(scores[name][label] for name in columns)]
-        lines.append(f"| {label} | " + " | ".join(map(_cell, cells)) + " |")
-    ours = [f"**{r.accuracy:.3f}** [{r.interval[0]:.3f}, {r.interval[1]:.3f}]" for r in columns.values()]
-    lines.append("| accuracy | **.81** | " + " | ".join(ours) + " |")
-    nearest = [f"{r.nearest:.3f} [{r.nearest_interval[0]:.3f}, {r.nearest_interval[1]:.3f}]" for r in columns.values()]
-    lines.append("| of the nearest training image | | " + " | ".join(nearest) + " |")
-    return "\n".join(lines) + "\n"
+    scores = [dict(zip(labels, shape_scores(result.confusion), strict=True)) for result in columns.values()]
+    rows = [(label, _cell(printed), *(_cell(one[label]) for one in scores)) for label, printed in PAPER.items()]
+    rows.append(("accuracy", "0.81", *(interval(one.accuracy, *one.interval) for one in columns.values())))
+    nearest = (interval(one.nearest, *one.nearest_interval) for one in columns.values())
+    rows.append(("accuracy of the nearest training image", "", *nearest))
+    return Table("", ["", "paper", *columns], rows)
 
 
 def _cell(score: ShapeScore) -> str:

@@ -1,19 +1,21 @@
-"""The paper's Table 2, how often its rule and its PPO policies find each shape, beside the same deciders here."""
+"""The paper's Table 2: success by target of its manual rule and PPO, and of the same deciders here."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 from types import MappingProxyType
-from typing import Any
 
 from activetouch.world import POLICIES
 from belief.errors import ActiveTouchError
 from belief.statistics import wilson_interval
+from experiments.reporting.tables import Table, Value, interval
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
+from experiments.search.summary import ALL
 from experiments.sensor_choice import policy_commands
 from planners.ppo import load_ppo_policy
 from planners.registry import TRAINED
@@ -31,16 +33,17 @@ _STATES = {"ppo": "paper", "ppo_confident": "paper", "ppo_posterior": "posterior
 
 @dataclass(frozen=True)
 class Column:
-    """One decider in one scene.
+    """Results of one decider in one scene.
 
     Attributes:
-        scene, decider: which.
-        successes: by target.
-        trials: of each target.
-        touches: of a search, on average over the targets.
-        floor: best success without a touch, on average over the targets.
-        ceiling: searches that full information solves, and on how many that was tried.
-        missing: why there is nothing; empty where there is.
+        scene: name of the scene.
+        decider: name of the decider.
+        successes: number of successful searches by target.
+        trials: searches per target.
+        touches: mean number of touches per search.
+        no_touch_baseline: highest success rate without a touch, mean over the targets.
+        oracle: number of searches in which the full-information oracle succeeds, and on which it was run.
+        missing: reason why there are no results; empty if there are.
     """
 
     scene: str
@@ -48,38 +51,32 @@ class Column:
     successes: Mapping[str, int]
     trials: int
     touches: float = 0.0
-    floor: float = 0.0
-    ceiling: tuple[int, int] = (0, 0)
+    no_touch_baseline: float = 0.0
+    oracle: tuple[int, int] = (0, 0)
     missing: str = ""
 
     @property
     def name(self) -> str:
-        """Who searched where."""
+        """Decider and scene."""
         return f"{self.decider}, {self.scene}"
-
-    @property
-    def cells(self) -> list[str]:
-        """Success by target and over all, touches, floor and ceiling."""
-        if self.missing:
-            return ["–"] * (len(PAPER["PPO"]) + 4)
-        by_target = [_success(self.successes[target], self.trials) for target in PAPER["PPO"]]
-        over_all = _success(sum(self.successes.values()), len(self.successes) * self.trials, digits=3)
-        solved, tried = self.ceiling
-        return [*by_target, f"**{over_all}**", f"{self.touches:.1f}", f"{self.floor:.2f}", f"{solved}/{tried}"]
 
 
 def search_columns(
     scenes: Mapping[str, Path | None], deciders: Sequence[str], episodes: int, seed: int, folder: Path, jobs: int
 ) -> list[Column]:
-    """Play live searches with every decider in every scene; what was played before is kept.
+    """Play live searches with every decider in every scene; finished searches are kept.
 
     Args:
-        scenes: folder of the sensor by scene; the shipped one where there is none.
-        deciders: whom; those without the policies they need are said to be missing.
-        episodes: searches for each target.
-        seed: of the episodes.
-        folder: of the runs, one a scene.
-        jobs: processes.
+        scenes: folder of the sensor by scene; None for the shipped sensor.
+        deciders: names of the deciders; one without the policies that it needs is reported as missing.
+        episodes: searches per target.
+        seed: seed of the episodes.
+        folder: where the runs are kept, one subfolder per scene.
+        jobs: number of processes.
+
+    Raises:
+        UnknownName: there is no such scene or decider.
+        CannotWrite: there is no room, or no permission.
     """
     columns = []
     for scene, sensor in scenes.items():
@@ -97,13 +94,15 @@ def search_columns(
                 columns.append(Column(scene, name, {}, 0, missing=missing[name]))
             else:
                 successes = {target: cells[name, target].successes for target in targets}
-                touches = cells[name, "all"].touches
-                columns.append(Column(scene, name, successes, episodes, touches, comparison.floor, comparison.ceiling))
+                touches = cells[name, ALL].touches
+                columns.append(
+                    Column(scene, name, successes, episodes, touches, comparison.no_touch_baseline, comparison.oracle)
+                )
     return columns
 
 
 def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
-    """Why a decider cannot search, in words; empty if it can."""
+    """Reason why a decider cannot search; empty if it can."""
     if decider not in TRAINED:
         return ""
     try:
@@ -115,35 +114,31 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
     return ""
 
 
-def to_markdown(columns: Sequence[Column]) -> str:
-    """The paper's table with ours below it, turned on its side, and below it what could not be played."""
-    lines = [["decider, scene", *PAPER["PPO"], "all", "touches a search", "floor", "ceiling"]]
-    lines.append(["---"] * len(lines[0]))
-    for name, printed in PAPER.items():
-        mean = sum(printed.values()) / len(printed)
-        lines.append([f"paper: {name}", *(f"{value:.2f}" for value in printed.values()), f"**{mean:.3f}**", "", "", ""])
-    lines += [[column.name, *column.cells] for column in columns]
-    notes = [f"{column.name} is not available: {column.missing}." for column in columns if column.missing]
-    return "\n".join([*("| " + " | ".join(line) + " |" for line in lines), *("\n" + note for note in notes)]) + "\n"
-
-
-def _success(successes: int, trials: int, digits: int = 2) -> str:
-    low, high = wilson_interval(successes, trials)
-    return f"{successes / trials:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
-
-
-def to_numbers(columns: Sequence[Column]) -> list[dict[str, Any]]:
-    """The same for machines."""
-    return [
-        {
-            "scene": column.scene,
-            "decider": column.decider,
-            "trials": column.trials,
-            "successes": dict(column.successes),
-            "touches": column.touches,
-            "floor": column.floor,
-            "ceiling": column.ceiling,
-            "missing": column.missing,
-        }
-        for column in columns
+def table(columns: Sequence[Column]) -> Table:
+    """The paper's Table 2 transposed, ours below it, and in the note what could not be played."""
+    rows: list[Sequence[Value]] = [
+        (
+            f"paper: {name}",
+            *(f"{value:.2f}" for value in printed.values()),
+            f"{fmean(printed.values()):.3f}",
+            "",
+            "",
+            "",
+        )
+        for name, printed in PAPER.items()
     ]
+    for column in columns:
+        if column.missing:
+            rows.append((column.name, *["–"] * (len(PAPER["PPO"]) + 4)))
+            continue
+        by_target = [_success(column.successes[target], column.trials) for target in PAPER["PPO"]]
+        over_all = _success(sum(column.successes.values()), len(column.successes) * column.trials, ".3f")
+        rest = (f"{column.touches:.1f}", f"{column.no_touch_baseline:.2f}", f"{column.oracle[0]}/{column.oracle[1]}")
+        rows.append((column.name, *by_target, over_all, *rest))
+    note = "\n\n".join(f"{column.name} is not available: {column.missing}." for column in columns if column.missing)
+    headings = ["decider, scene", *PAPER["PPO"], "all", "touches per search", "no-touch baseline", "oracle"]
+    return Table("", headings, rows, note)
+
+
+def _success(successes: int, trials: int, spec: str = ".2f") -> str:
+    return interval(successes / trials, *wilson_interval(successes, trials), spec)

@@ -11,9 +11,7 @@ from itertools import combinations
 from typing import Annotated
 
 import tyro
-from rich import box
 from rich.progress import track
-from rich.table import Table
 
 from activetouch.errors import MissingRobot
 from activetouch.named_scenes import NamedScene
@@ -24,6 +22,7 @@ from experiments.command_line.arguments import Count, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.press.inventory import Entry, inventory, leaner, richer
 from experiments.press.step_counter import Cost, measure
+from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from planners.bounds.touch_count import touch_count_bounds
 
@@ -49,11 +48,11 @@ class Explain:
         """Print three tables; that of limits where the scene comes with a sensor."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
-        console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]))
+        console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
         sensor = MODELS / self.choice.scene
         if sensor.exists():
             model = load_observation_model(sensor)
-            console.print(limits_table(model.outcome_table(), model.shape_labels))
+            console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
         variants = [("", "this scene", named.scene)]
         for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):
             if found is not None:
@@ -64,7 +63,7 @@ class Explain:
                 rows.append((relation, change, measure(scene, self.presses)))
             except MissingRobot:
                 console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
-        console.print(_cost_table(rows))
+        console.print(_cost_table(rows).rich())
 
 
 def hidden_variables(named: NamedScene) -> list[Entry]:
@@ -89,47 +88,46 @@ def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float 
     """The pairs of shapes that are hardest to tell apart, and how many touches that takes at least."""
     limits = touch_count_bounds(table, error)
     pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
-    shown = Table(title=f"touches it takes at least to tell two shapes apart, {error:.0%} error", box=box.SIMPLE_HEAD)
-    for heading in ("if it is", "and not", "touches", "the other way round", "Chernoff, nats"):
-        shown.add_column(heading, justify="left" if heading in ("if it is", "and not") else "right")
-    for one, other in pairs:
-        shown.add_row(
-            shape_labels[one],
-            shape_labels[other],
-            *(f"{limits.least_touches[pair]:.1f}" for pair in ((one, other), (other, one))),
-            f"{limits.chernoff[one, other]:.2f}",
+    rows = [
+        (
+            *(shape_labels[one], shape_labels[other]),
+            *(limits.least_touches[pair] for pair in ((one, other), (other, one))),
+            limits.chernoff[one, other],
         )
+        for one, other in pairs
+    ]
     alike = [f"{shape_labels[one]} and {shape_labels[other]}" for one, other in limits.indistinguishable]
-    shown.caption = (
-        "on average, whoever decides: Wald's bound for independent touches in the best pose; "
-        f"pairs that no pose tells apart: {', '.join(alike) or 'none'}"
+    return Table(
+        f"fewest touches that tell two shapes apart with {error:.0%} error",
+        [
+            "true shape",
+            ("other shape", ""),
+            ("touches", ".1f"),
+            ("with shapes exchanged", ".1f"),
+            ("Chernoff, nats", ".2f"),
+        ],
+        rows,
+        "Mean over searches, for any decider: Wald's bound for independent touches in the best pose. Pairs that no "
+        f"pose tells apart: {', '.join(alike) or 'none'}.",
     )
-    return shown
 
 
 def _what_table(name: str, entries: list[Entry]) -> Table:
-    table = Table(title=f"what the scene '{name}' models", box=box.SIMPLE_HEAD)
-    for heading, justify in (("number", "right"), ("part", "left"), ("why", "left")):
-        table.add_column(heading, justify=justify)
-    for entry in entries:
-        table.add_row(str(entry.number), entry.part, entry.why)
-    return table
+    rows = [(entry.number, entry.part, entry.why) for entry in entries]
+    return Table(f"what the scene '{name}' models", [("number", "d"), ("part", ""), ("why", "")], rows)
 
 
 def _cost_table(rows: list[tuple[str, str, Cost]]) -> Table:
-    table = Table(title="what a press costs, on one core", box=box.SIMPLE_HEAD)
-    for heading in ("scene", "µs/step", "steps", "ms/press", "ms/image", "MB"):
-        table.add_column(heading, justify="left" if heading == "scene" else "right")
-    for relation, change, cost in rows:
-        table.add_row(
-            f"{relation}: {change}" if relation else change,
-            f"{1e6 * cost.step:.1f}" if cost.num_steps else "–",
-            f"{cost.num_steps:.0f}",
-            f"{1e3 * cost.press:.2f}",
-            f"{1e3 * cost.image:.2f}",
-            f"{cost.memory:.0f}",
-            style="bold" if not relation else "",
-        )
     loaded = [f"{relation or 'this'}: {', '.join(cost.imports) or 'none'}" for relation, _, cost in rows]
-    table.caption = "heavy imports; " + "; ".join(loaded)
-    return table
+    return Table(
+        "what a press costs on one core",
+        ["scene", ("µs/step", ".1f"), ("steps", ".0f"), ("ms/press", ".2f"), ("ms/image", ".2f"), ("MB", ".0f")],
+        [
+            (
+                *(f"{relation}: {change}" if relation else change, 1e6 * cost.step if cost.num_steps else None),
+                *(cost.num_steps, 1e3 * cost.press, 1e3 * cost.image, cost.memory),
+            )
+            for relation, change, cost in rows
+        ],
+        f"Heavy imports: {'; '.join(loaded)}.",
+    )

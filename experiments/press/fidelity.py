@@ -17,8 +17,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
@@ -35,6 +33,7 @@ from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, JSONFile, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
+from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.baseline import neighbour_accuracy
 
@@ -131,11 +130,11 @@ class Fidelity:
         }
         curves = self._curves() if self.soft_presses else {}
         for name, rows in agreement.items():
-            console.print(_table(f"{name} against quasistatic", rows))
+            console.print(_table(f"{name} against quasistatic", rows).rich())
         for name, accuracy in leaks.items():
             console.print(f"shape from force and depth alone, {name}: {accuracy:.3f}")
         for name, depths in curves.items():
-            console.print(_curve_table(name, depths))
+            console.print(_curve_table(name, depths).rich())
         numbers = {
             "seed": self.seed,
             "agreement": {n: {k: asdict(row) for k, row in rows.items()} for n, rows in agreement.items()},
@@ -239,28 +238,22 @@ def leak(pressed: dict[str, Pressed], depth: str) -> float:
 
 
 def _table(title: str, rows: dict[str, Agreement]) -> Table:
-    table = Table(title=title, box=box.SIMPLE_HEAD)
-    for heading in ("shape", "presses", "unstable", "correlation", "5 %", "force error", "95 %", "bottomed out"):
-        table.add_column(heading, justify="left" if heading == "shape" else "right")
-    for label, row in rows.items():
-        table.add_row(
-            label,
-            str(row.num_presses),
-            str(row.unstable),
-            f"{row.correlation:.4f}",
-            f"{row.correlation_low:.4f}",
-            f"{row.force_error:.1%}",
-            f"{row.force_error_high:.1%}",
-            f"{row.bottomed_out:.0%}",
-        )
-    return table
+    return Table(
+        title,
+        [
+            *("shape", ("presses", "d"), ("unstable", "d"), ("correlation", ".4f"), ("5 %", ".4f")),
+            *(("force error", ".1%"), ("95 %", ".1%"), ("bottomed out", ".0%")),
+        ],
+        [
+            (
+                *(label, row.num_presses, row.unstable, row.correlation, row.correlation_low),
+                *(row.force_error, row.force_error_high, row.bottomed_out),
+            )
+            for label, row in rows.items()
+        ],
+    )
 
 
 def _curve_table(name: str, depths: dict[str, list[float]]) -> Table:
-    table = Table(title=f"depth of a {name} [mm]", box=box.SIMPLE_HEAD)
-    table.add_column("force [N]")
-    for force in FORCES:
-        table.add_column(f"{force:g}", justify="right")
-    for kind, row in depths.items():
-        table.add_row(kind, *(f"{1e3 * depth:.2f}" for depth in row))
-    return table
+    columns = ["force [N]", *((f"{force:g}", ".2f") for force in FORCES)]
+    return Table(f"depth of a {name} [mm]", columns, [(kind, *(1e3 * d for d in row)) for kind, row in depths.items()])

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.rendering import RENDERERS
+from experiments.reporting.style import PALETTE, figure
 
-_STYLE = {"font.size": 9.0, "font.family": "sans-serif", "axes.spines.top": False, "axes.spines.right": False}
 _PHASE_COLOURS = {
     Phase.APPROACH: "#dfe7ef",
     Phase.CONTACT: "#f6c99a",
@@ -28,12 +26,11 @@ _PHASE_COLOURS = {
 
 def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path) -> None:
     """Write a picture of one press: the scene, force over time, height map, and every renderer's image."""
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(10, 6.4), layout="constrained")
-        top, bottom = figure.subfigures(2, 1, height_ratios=(1.15, 1))
+    with figure((10, 6.4), path) as drawn:
+        top, bottom = drawn.subfigures(2, 1, height_ratios=(1.15, 1))
         scene, trace = top.subplots(1, 2)
         height_map, *rendered = bottom.subplots(1, 1 + len(RENDERERS))
-        figure.suptitle(title)
+        drawn.suptitle(title)
         scene.imshow(view)
         scene.set_axis_off()
         _draw_trace(trace, contact.trace)
@@ -46,7 +43,6 @@ def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path
         for axes, (name, renderer) in zip(rendered, RENDERERS.items(), strict=True):
             _show(axes, renderer(contact))
             axes.set_title(name)
-        figure.savefig(path, dpi=130)
 
 
 def _draw_trace(axes: Axes, trace: Trace | None) -> None:
@@ -59,7 +55,7 @@ def _draw_trace(axes: Axes, trace: Trace | None) -> None:
     for start, end in zip(starts, [*starts[1:], len(phases) - 1], strict=True):
         phase = trace.phase[start]
         axes.axvspan(trace.time[start], trace.time[end], color=_PHASE_COLOURS[phase], linewidth=0)
-    for component, colour, name in zip(trace.force.T, ("#0072B2", "#D55E00", "#009E73"), "xyz", strict=True):
+    for component, colour, name in zip(trace.force.T, PALETTE[:3], "xyz", strict=True):
         axes.plot(trace.time, component, color=colour, linewidth=1.2, label=f"along {name}")
     phases_seen = dict.fromkeys(trace.phase)
     patches = [Patch(facecolor=_PHASE_COLOURS[phase], edgecolor="0.6", label=phase) for phase in phases_seen]
@@ -71,16 +67,14 @@ def _draw_trace(axes: Axes, trace: Trace | None) -> None:
 def draw_gallery(images: Mapping[tuple[str, str, str], NDArray[np.float64]], poses: Sequence[str], path: Path) -> None:
     """Write a table of images: a row for every (shape, renderer), a column for every pose."""
     rows = list(dict.fromkeys((shape, renderer) for shape, renderer, _ in images))
-    with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(1.25 * len(poses) + 1.4, 1.2 * len(rows)), layout="constrained")
-        grid = figure.subplots(len(rows), len(poses), squeeze=False)
+    with figure((1.25 * len(poses) + 1.4, 1.2 * len(rows)), path, dpi=110) as drawn:
+        grid = drawn.subplots(len(rows), len(poses), squeeze=False)
         for (shape, renderer), line in zip(rows, grid, strict=True):
             for pose, axes in zip(poses, line, strict=True):
                 _show(axes, images[shape, renderer, pose])
             line[0].set_ylabel(f"{shape}\n{renderer}", rotation=0, ha="right", va="center")
         for pose, axes in zip(poses, grid[0], strict=True):
             axes.set_title(pose)
-        figure.savefig(path, dpi=110)
 
 
 def _show(axes: Axes, image: NDArray[np.float64]) -> None:

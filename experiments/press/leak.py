@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import WrongPress
@@ -33,12 +31,13 @@ from activetouch.pressing.contact import Contact, with_numbers_of
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import CLASSIFIER_FILE, MODELS
-from belief.files import atomic_path, require_writable, write_text
+from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
 from belief.statistics import cluster_bootstrap, paired_bootstrap
 from experiments.command_line.arguments import CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
+from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
 from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
@@ -279,20 +278,26 @@ def _pairs(shares: Shares) -> dict[str, tuple[Floats, Floats]]:
 
 def _write(result: dict[str, Any], out: Path) -> None:
     """Show the result, and write it into a folder for programs and for readers."""
-    measured = Table("who", "is shown", "right", "95 % interval", box=box.MARKDOWN)
-    for who, rights in result["accuracy"].items():
-        for shown, (mean, low, high) in rights.items():
-            measured.add_row(who, shown, f"{mean:.3f}", f"[{low:.3f}, {high:.3f}]")
-    compared = Table("difference", "", "95 % interval", box=box.MARKDOWN)
-    for name, (mean, low, high) in result["differences"].items():
-        compared.add_row(name, f"{mean:+.3f}", f"[{low:+.3f}, {high:+.3f}]")
+    measured = Table(
+        "Fraction of right answers",
+        ("reader", "images", "right [95 %]"),
+        [
+            (who, shown, interval(*right))
+            for who, rights in result["accuracy"].items()
+            for shown, right in rights.items()
+        ],
+    )
+    compared = Table(
+        "Differences",
+        ("difference", "right [95 %]"),
+        [(name, interval(*difference, "+.3f")) for name, difference in result["differences"].items()],
+    )
     heading = (
         f"{result['scene']['scene']}, {result['renderer']}, seed {result['seed']}: share of right answers, of "
         f"{result['num_touches']} touches of {result['num_objects']} objects; intervals resample objects. Chance is "
         f"{result['chance']:.3f}. Shown the geometry of another touch, the shape whose force and depth it has is right."
     )
     write_text(out / "leak.json", json.dumps(result, indent=1) + "\n")
-    with atomic_path(out / "leak.md") as temporary, temporary.open("w", encoding="utf-8") as file:
-        for console in (plain_console(), plain_console(file=file, width=200)):
-            console.print(heading, measured, compared, soft_wrap=True)
+    write_text(out / "leak.md", "\n\n".join([heading, measured.markdown(), compared.markdown()]) + "\n")
+    plain_console().print(heading, measured.rich(), compared.rich())
     print(f"wrote leak.json and leak.md into {out}")

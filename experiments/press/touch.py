@@ -24,7 +24,7 @@ from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.errors import UnknownName
-from belief.files import atomic_path, require_writable, require_writable_file
+from belief.files import require_writable, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
 from experiments.press.cycles import record_cycles
@@ -81,8 +81,7 @@ class Touch:
         title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
             " (bottomed out)" if contact.is_bottomed_out else ""
         )
-        with atomic_path(self.out) as temporary:
-            draw_touch(title, view, contact, temporary)
+        draw_touch(title, view, contact, self.out)
         print(f"wrote {self.out}")
 
 
@@ -127,8 +126,7 @@ class Gallery:
                 )
                 for name, renderer in RENDERERS.items():
                     images[shape, name, pose] = renderer(contact)
-        with atomic_path(self.out) as temporary:
-            draw_gallery(images, scene.pose_labels, temporary)
+        draw_gallery(images, scene.pose_labels, self.out)
         print(f"wrote {self.out}")
 
 

@@ -6,18 +6,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.figure import Figure
 
+from experiments.reporting.style import PALETTE, figure
+from experiments.reporting.tables import Table, interval
 from experiments.robustness.shifted_touches import AS_TRAINED
-from experiments.search.figures import PALETTE
 
 _TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
-def tabulate(numbers: Mapping[str, Any]) -> dict[str, list[tuple[str, ...]]]:
-    """The tables of a report by title, each a row of headings and rows of text."""
+def tables(numbers: Mapping[str, Any]) -> list[Table]:
+    """Tables of a report."""
     name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects a shape, {numbers['num_poses']} touches each"
     rows = []
     for condition, row in numbers["conditions"].items():
@@ -25,59 +24,43 @@ def tabulate(numbers: Mapping[str, Any]) -> dict[str, list[tuple[str, ...]]]:
         rows.append(
             (
                 f"{condition} ({row['num_objects']} objects)" if fewer else condition,
-                _ranged(row["accuracy"], *row["accuracy_interval"]) + (" (chance)" if row["is_chance"] else ""),
-                _ranged(row["difference"], *row["difference_interval"], sign="+") if condition != AS_TRAINED else "",
+                interval(row["accuracy"], *row["accuracy_interval"]) + (" (chance)" if row["is_chance"] else ""),
+                interval(row["difference"], *row["difference_interval"], "+.3f") if condition != AS_TRAINED else "",
                 f"{row['nll']:.3f}",
                 f"{row['ece']:.3f}",
-                _ranged(row["fused_accuracy"], *row["fused_interval"]),
+                interval(row["fused_accuracy"], *row["fused_interval"]),
             )
         )
     headings = ("condition", "accuracy, one touch", "difference", "NLL", "ECE", "all touches fused")
-    tables = {f"{name}: accuracy in other conditions than trained ({of})": [headings, *rows]}
+    found = [Table(f"{name}: accuracy in other conditions than trained ({of})", headings, rows)]
     if numbers["unseen"]:
         pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
         rows = [
             (
                 label,
-                *(_ranged(*row["auroc"][score][unit]) for score, unit in pairs),
+                *(interval(*row["auroc"][score][unit]) for score, unit in pairs),
                 f"{row['taken_for']} ({row['share']:.0%})",
                 f"{row['confidence']:.3f}",
             )
             for label, row in numbers["unseen"].items()
         ]
         headings = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
-        tables[f"{name}: AUROC of unseen against known shapes ({of})"] = [headings, *rows]
+        found.append(Table(f"{name}: AUROC of unseen against known shapes ({of})", headings, rows))
     if numbers["left_out"]:
-        tables["left out"] = [("condition", "because"), *numbers["left_out"].items()]
-    return tables
+        found.append(Table("left out", ("condition", ("because", "")), list(numbers["left_out"].items())))
+    return found
 
 
-def _ranged(value: float, low: float, high: float, sign: str = "") -> str:
-    """A number in [-1, 1] and its interval, without the zeros before the point."""
-    return f"{value:{sign}.3f} [{low:{sign}.3f}, {high:{sign}.3f}]".replace("0.", ".")
-
-
-def to_markdown(tables: Mapping[str, list[tuple[str, ...]]]) -> str:
-    """Tables of :func:`tabulate` as Markdown."""
-    lines = []
-    for title, (headings, *rows) in tables.items():
-        ruled = [headings, ("---",) * len(headings), *rows]
-        lines += [f"### {title}", "", *(f"| {' | '.join(row)} |" for row in ruled), ""]
-    return "\n".join(lines)
-
-
-def draw_conditions(numbers: Mapping[str, Any], path: Path) -> None:
-    """Draw the errors of one touch and of all touches fused in every condition; the ending decides the format.
+def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
+    """Draw the errors of one touch and of all touches fused in every condition; the endings decide the formats.
 
     The scale is logarithmic above one in a hundred, and linear below, where zero has its place.
     """
     rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
-    style = {"font.size": 9.0, "font.family": "sans-serif", "axes.spines.top": False, "axes.spines.right": False}
-    with matplotlib.rc_context(style | {"svg.fonttype": "none", "svg.hashsalt": "activetouch"}):
-        figure = Figure(figsize=(9, 1.3 + 0.24 * len(rows)), layout="constrained")
-        figure.suptitle(f"{numbers['scene']}: {trained['num_objects']} objects, intervals at 95 %")
+    with figure((9, 1.3 + 0.24 * len(rows)), *paths) as drawn:
+        drawn.suptitle(f"{numbers['scene']}: {trained['num_objects']} objects, intervals at 95 %")
         panels = (("accuracy", "accuracy_interval", "one touch"), ("fused_accuracy", "fused_interval", "all touches"))
-        for axes, (key, bounds, title) in zip(figure.subplots(1, 2, sharey=True), panels, strict=True):
+        for axes, (key, bounds, title) in zip(drawn.subplots(1, 2, sharey=True), panels, strict=True):
             values = 1.0 - np.array([row[key] for row in rows.values()])
             high, low = 1.0 - np.array([row[bounds] for row in rows.values()]).T
             axes.axvspan(*(1.0 - bound for bound in trained[bounds]), color="0.9", linewidth=0)
@@ -93,4 +76,3 @@ def draw_conditions(numbers: Mapping[str, Any], path: Path) -> None:
             axes.minorticks_off()
             axes.grid(axis="x", alpha=0.25)
         axes.invert_yaxis()
-        figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix == ".svg" else None)

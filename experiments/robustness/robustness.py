@@ -15,11 +15,9 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from activetouch.shapes import EXTENDED_SHAPES
-from belief.files import atomic_path, require_writable, write_text
+from belief.files import require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
@@ -68,7 +66,7 @@ class Robustness:
     def run(self) -> None:
         """Touch, measure, print and write."""
         check_arguments(self)
-        from experiments.robustness.report import draw_conditions, tabulate, to_markdown  # loads matplotlib
+        from experiments.robustness.report import draw_conditions, tables  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
         out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
@@ -94,17 +92,12 @@ class Robustness:
             "left_out": left_out,
             "shift": list(sensor.shift),
         }
-        tables = tabulate(numbers)
-        for title, (headings, *rows) in tables.items():
-            table = Table(*headings, title=title, box=box.SIMPLE_HEAD)
-            for row in rows:
-                table.add_row(*row)
-            plain_console().print(table)
+        found = tables(numbers)
+        for table in found:
+            plain_console().print(table.rich())
         write_text(out / "robustness.json", json.dumps(numbers, indent=1) + "\n")
-        write_text(out / "robustness.md", to_markdown(tables))
-        for ending in ("svg", "png"):
-            with atomic_path(out / f"robustness.{ending}") as temporary:
-                draw_conditions(numbers, temporary)
+        write_text(out / "robustness.md", "\n\n".join(table.markdown() for table in found) + "\n")
+        draw_conditions(numbers, out / "robustness.svg", out / "robustness.png")
         print(f"wrote {out}")
 
 

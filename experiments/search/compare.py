@@ -20,11 +20,11 @@ from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
-from experiments.search.run_folder import BOUND, CEILING, RunFolder
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder
 from experiments.search.setting import Setting
 from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
-from experiments.search.terminal import render_table
+from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict
 from experiments.sensor_choice import command, require_policies, tell_shift
 from planners import DECIDERS
@@ -164,7 +164,7 @@ class Compare:
             )
             return None
         comparison = self.play()
-        console.print(render_table(comparison, console.width))
+        console.print(terminal_table(comparison, console.width).rich())
         for sentence in verdict(comparison):
             console.print(textwrap.fill(sentence, 78))
         held, told = self.held()
@@ -233,7 +233,7 @@ class Compare:
 
     @property
     def _players(self) -> list[str]:
-        return [*dict.fromkeys(self.deciders), CEILING, *([BOUND] if self.bound else [])]
+        return [*dict.fromkeys(self.deciders), ORACLE, *([BOUND] if self.bound else [])]
 
     @property
     def _reference(self) -> str:

@@ -126,7 +126,7 @@ def regret(
     decider can expect to exceed, and none can quite reach.
 
     Args:
-        episodes: of one decider, by target, those the ceiling was measured on first.
+        episodes: of one decider, by target, those the oracle was measured on first.
         solved: whether full information solves each of the first episodes, by target.
         problem: the rules.
         rng: source of the bootstrap.

@@ -13,8 +13,8 @@ import numpy as np
 from belief import SearchProblem
 from experiments.search.run_folder import (
     BOUND,
-    CEILING,
     EPISODES_PER_SHARD,
+    ORACLE,
     MadeBy,
     RunFolder,
     Seconds,
@@ -24,7 +24,7 @@ from experiments.search.run_folder import (
 )
 from experiments.search.summary import Comparison, compare_episodes
 
-CEILING_EPISODES = 50
+ORACLE_EPISODES = 50
 """Most of a target that full information is tried on; each costs one touch for every object and pose."""
 
 Cell: TypeAlias = tuple[str, str]
@@ -60,7 +60,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class Holdings:
-    """All whole shards of those who play now, by decider (or ceiling, or bound) and target, each from the first on."""
+    """All whole shards of those who play now, by decider (or oracle, or bound) and target, each from the first on."""
 
     shards: Mapping[Cell, Sequence[Shard]]
 
@@ -83,7 +83,7 @@ class Holdings:
 
     def counts(self) -> dict[Cell, int]:
         """Searches by decider and target."""
-        return {cell: len(self.lines(cell)) for cell in self.shards if cell[0] not in (CEILING, BOUND)}
+        return {cell: len(self.lines(cell)) for cell in self.shards if cell[0] not in (ORACLE, BOUND)}
 
     def largest(self, asked: Selection) -> Selection:
         """The most searches that can be compared: all deciders of it have played the same ones.
@@ -91,7 +91,7 @@ class Holdings:
         Args:
             asked: preferred where another has no more.
         """
-        counts = {cell: num for cell, num in self.counts().items() if self._has_ceiling(cell[1], num)}
+        counts = {cell: num for cell, num in self.counts().items() if self._has_oracle(cell[1], num)}
         deciders, targets = (list(dict.fromkeys(cell[place] for cell in counts)) for place in (0, 1))
         best = asked
         for least in sorted(set(counts.values()), reverse=True):
@@ -128,15 +128,15 @@ class Holdings:
         shards = -(-num // EPISODES_PER_SHARD)
         seconds = {cell: sum((shard.seconds for shard in self.shards[cell][:shards]), Seconds()) for cell in cells}
         episodes = {cell: [read_episode(line, labels) for line in self.lines(cell)[:num]] for cell in cells}
-        tried = min(num, CEILING_EPISODES)
+        tried = min(num, ORACLE_EPISODES)
         solved = {
-            t: [json.loads(line)["solved"] for line in self.lines((CEILING, t))[:tried]] for t in selection.targets
+            t: [json.loads(line)["solved"] for line in self.lines((ORACLE, t))[:tried]] for t in selection.targets
         }
         bounds = {t: json.loads(line)["bound"] for t in selection.targets if bound for line in self.lines((BOUND, t))}
         return compare_episodes(problem, episodes, seconds, solved, reference, np.random.default_rng(seed), bounds)
 
-    def _has_ceiling(self, target: str, num: int) -> bool:
-        return len(self.lines((CEILING, target))) >= min(num, CEILING_EPISODES)
+    def _has_oracle(self, target: str, num: int) -> bool:
+        return len(self.lines((ORACLE, target))) >= min(num, ORACLE_EPISODES)
 
 
 def _in_turn(folder: RunFolder, decider: str, target: str, digest: str) -> Iterator[Shard]:

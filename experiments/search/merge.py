@@ -11,7 +11,7 @@ import tyro
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import BadArgument
-from experiments.search.run_folder import BOUND, CEILING, MadeBy, RunFolder, RunMismatch, ShardKey, united
+from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, united
 
 
 class Conflict(ActiveTouchError, ValueError):
@@ -121,6 +121,6 @@ def _require_same_players(path: Path, theirs: MadeBy, ours: MadeBy) -> None:
 
 def _arguments(arguments: Sequence[dict[str, Any]], players: MadeBy) -> dict[str, Any]:
     """Those of the first, and who searches for what in any."""
-    deciders = [name for name in players if name not in (CEILING, BOUND)]
+    deciders = [name for name in players if name not in (ORACLE, BOUND)]
     targets = dict.fromkeys(target for name in deciders for target in players[name])
     return {**arguments[0], "deciders": deciders, "targets": list(targets), "part": "1/1"}

@@ -1,4 +1,4 @@
-"""``activetouch overprobing``: does a decider go on probing once it could be sure (paper §7.2), and to what end?"""
+"""``activetouch overprobing``: probes made after the posterior was certain of an object (paper §7.2)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich import box
-from rich.table import Table
 
 from belief import Confirm, Reject
 from belief.errors import ActiveTouchError
@@ -18,25 +16,26 @@ from belief.files import write_text
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import Within, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.reporting.tables import Table, interval
 from experiments.search.run_folder import RunFolder, read_episode
 from planners import Episode, Step
 
 Share = tuple[float, float, float]
-"""A share and its 95 % Wilson interval."""
+"""A fraction and its 95 % Wilson interval."""
 
 
 @dataclass(frozen=True)
 class Overprobing:
-    """What a decider did after the posterior had been sure of an object, that it is the target or that it is not.
+    """Behaviour of a decider after the posterior was certain that an object is the target or that it is not.
 
     Attributes:
-        decider: who.
-        objects: of which it became sure at some touch.
-        late_touches: mean of the touches made after the first sure one.
-        went_on: share of these objects that were touched again.
-        doubted: share where a later touch took the certainty away.
-        first_wrong: share where the decision that was certain first would have been wrong.
-        wrong: share where the decision that was taken was wrong; no decision counts as wrong.
+        decider: name of the decider.
+        objects: number of objects for which the posterior became certain.
+        late_touches: mean number of touches after the first touch with a certain posterior.
+        went_on: fraction of these objects that were touched again.
+        doubted: fraction in which a later touch made the posterior uncertain again.
+        first_wrong: fraction in which the decision that was certain first would have been wrong.
+        wrong: fraction in which the final decision was wrong; no decision counts as wrong.
     """
 
     decider: str
@@ -49,12 +48,15 @@ class Overprobing:
 
 
 def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) -> Overprobing | None:
-    """Counts over all objects of all episodes; None where it never became sure.
+    """Count touches and errors after certainty, over all objects of all episodes.
 
     Args:
-        decider: whose episodes they are.
-        episodes: searches.
-        confidence: from which posterior on it is sure.
+        decider: name of the decider.
+        episodes: its searches.
+        confidence: smallest posterior that counts as certain.
+
+    Returns:
+        None if the posterior never became certain.
     """
     late, doubted, first_wrong, wrong = [], [], [], []
     for episode in episodes:
@@ -62,7 +64,7 @@ def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) ->
             is_target = shape == episode.target
             probs = np.array([step.belief.probs[episode.target] for step in steps])
             sure = np.maximum(probs, 1.0 - probs) >= confidence
-            sure[0] = False  # nothing was touched yet: what others told is not the question
+            sure[0] = False  # the object was not touched yet
             if not sure.any():
                 continue
             first, last = int(sure.argmax()), steps[-1].decision.action
@@ -83,7 +85,7 @@ def _share(hits: Sequence[bool]) -> Share:
 
 
 def _objects(episode: Episode) -> Iterator[tuple[int, list[Step]]]:
-    """True shape and steps of every object that was decided about."""
+    """True shape and steps of every object that was visited."""
     for index, shape in enumerate(episode.arrangement):
         steps = [step for step in episode.steps if step.object_index == index]
         if steps:
@@ -91,12 +93,12 @@ def _objects(episode: Episode) -> Iterator[tuple[int, list[Step]]]:
 
 
 class NothingToCount(ActiveTouchError, ValueError):
-    """No decider was ever sure of an object."""
+    """The posterior never became certain of an object."""
 
 
 @dataclass(frozen=True)
 class OverprobingCommand:
-    """Measure touches after certainty in a finished comparison: how many, how often they take it away, at what price.
+    """Measure the touches after certainty in a finished comparison: how many, and how often they change the decision.
 
     For example:
 
@@ -107,13 +109,13 @@ class OverprobingCommand:
     folder: Path = Path("runs/compare")
     """Folder of a finished comparison; overprobing.json is written there."""
     confidence: Annotated[float, Within(0.5, 1.0, open_low=True)] = 0.95
-    """Posterior from which on an object counts as known to be, or not to be, the target."""
+    """Smallest posterior with which an object counts as certainly the target, or certainly not."""
 
     def run(self) -> None:
-        """Read, count, print.
+        """Read the episodes, count and print.
 
         Raises:
-            NothingToCount: no decider was ever sure of an object.
+            NothingToCount: the posterior never became certain of an object.
         """
         check_arguments(self)
         run = RunFolder(self.folder)
@@ -125,19 +127,21 @@ class OverprobingCommand:
         if not found:
             num = sum(map(len, episodes.values()))
             raise NothingToCount(
-                f"no decider in {self.folder} was ever sure of an object at --confidence {self.confidence} in "
-                f"{num} episodes. Take a lower one, or play more with:\n{run.again(episodes=num + 1000)}"
+                f"no posterior in {self.folder} reached --confidence {self.confidence} in {num} episodes. Use a lower "
+                f"value, or play more with:\n{run.again(episodes=num + 1000)}"
             )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
-        table = Table(box=box.SIMPLE_HEAD, caption_justify="left")
-        table.caption = f"of objects that the posterior was sure of at {self.confidence} at some touch; 95 % Wilson"
-        for heading in ("decider", "objects", "touches after", "went on", "doubted", "first wrong", "wrong"):
-            table.add_column(heading, justify="left" if heading == "decider" else "right")
-        for one in found:
-            shares = (one.went_on, one.doubted, one.first_wrong, one.wrong)
-            cells = [f"{share:.3f} [{low:.3f}, {high:.3f}]" for share, low, high in shares]
-            table.add_row(one.decider, str(one.objects), f"{one.late_touches:.2f}", *cells)
-        plain_console(width=140).print(table)
+        shares = ("probed again", "revised", "first wrong", "wrong")
+        columns = ["decider", ("objects", "d"), ("touches after", ".2f"), *shares]
+        rows = [
+            (
+                *(one.decider, one.objects, one.late_touches),
+                *(interval(*share) for share in (one.went_on, one.doubted, one.first_wrong, one.wrong)),
+            )
+            for one in found
+        ]
+        note = f"Objects whose posterior reached {self.confidence} at some touch; 95 % Wilson intervals"
+        plain_console(width=140).print(Table("", columns, rows, note).rich())
 
 
 def _shape_labels(run: RunFolder) -> Iterable[str]:

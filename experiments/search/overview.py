@@ -1,51 +1,58 @@
-"""Comparisons in several worlds side by side: one table, one page."""
+"""Comparisons in several scenes side by side: one table and one page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from belief.files import write_text
-from experiments.search.report import csv_link, environment
-from experiments.search.summary import Comparison
-from experiments.search.tables import ALL, Sheet
+from experiments.reporting.page import Section, write_page
+from experiments.reporting.tables import Table
+from experiments.search.summary import ALL, Comparison
 from experiments.search.verdict import verdict
 
 
-def overview(comparisons: Mapping[str, Comparison]) -> Sheet:
-    """Every decider in every world, with the floor and the ceiling there."""
+def overview(comparisons: Mapping[str, Comparison]) -> Table:
+    """Every decider in every scene, with the no-touch baseline and the full-information oracle there."""
     rows = []
     for name, comparison in comparisons.items():
-        solved, tried = comparison.ceiling
+        solved, tried = comparison.oracle
         for decider in comparison.deciders:
             cell = comparison.cells[decider, ALL]
             rows.append(
                 (
                     *(name, decider, cell.num_episodes, cell.success, cell.success_interval, cell.touches, cell.reward),
-                    *(comparison.prob_best[decider], comparison.floor, solved / tried),
+                    *(comparison.prob_best[decider], comparison.no_touch_baseline, solved / tried),
                 )
             )
-    return Sheet(
-        "overview",
-        "All worlds",
+    return Table(
+        "All scenes",
         [
-            *(("world", ""), ("decider", ""), ("searches", "d"), ("success", ".3f"), ("95 %", ".3f")),
-            *(("touches", ".2f"), ("return", ".3f"), ("P(best)", ".3f"), ("floor", ".2f"), ("ceiling", ".3f")),
+            *("scene", ("decider", ""), ("searches", "d"), ("success", ".3f"), ("95 %", ".3f"), ("touches", ".2f")),
+            *(("return", ".3f"), ("P(best)", ".3f"), ("no-touch baseline", ".2f"), ("oracle", ".3f")),
         ],
         rows,
-        "Wilson intervals. P(best): share of bootstrap resamples of the episodes in which the mean return is highest.",
+        "Wilson intervals. P(best): fraction of bootstrap resamples of the episodes in which the mean return is the "
+        "highest. Oracle: success of the full-information oracle, which touches every object in every pose first.",
+        "overview",
     )
 
 
 def write_overview(folder: Path, comparisons: Mapping[str, Comparison]) -> Path:
-    """Write ``overview.html`` and ``overview.csv``; return the path of the page, which links to the others."""
-    sheet = overview(comparisons)
-    write_text(folder / "overview.csv", sheet.csv())
-    html = (
-        environment()
-        .get_template("overview.html")
-        .render(sheet=sheet, file=csv_link(sheet), verdicts={name: verdict(c)[0] for name, c in comparisons.items()})
-    )
-    path = folder / "overview.html"
-    write_text(path, html)
+    """Write ``overview.html`` and ``overview.csv``.
+
+    Args:
+        folder: that of the runs, with a subfolder for each.
+        comparisons: by the name of the subfolder.
+
+    Returns:
+        Path of the page, which links to the reports of the runs.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
+    table, path = overview(comparisons), folder / "overview.html"
+    table.write_csv(folder / "overview.csv")
+    verdicts = {name: verdict(comparison)[0] for name, comparison in comparisons.items()}
+    section = Section("All scenes", tables=[table])
+    write_page(path, "Searching by touch in several scenes", [section], "overview.html", verdicts=verdicts)
     return path

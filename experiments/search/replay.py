@@ -1,78 +1,28 @@
-"""See a recorded search again: its touches are pressed anew from the episode's seed, and come out the same."""
+"""``activetouch replay``: a recorded search as a picture or an animation."""
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
-from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
-from belief.problem import Action
-from belief.seeding import touch_rng
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
+from experiments.search.frames import replay
 from experiments.search.run_folder import RunFolder, read_episode
-from experiments.search.setting import Setting, load_sensor, make_world
-from planners import Episode, Step
+from experiments.search.setting import Setting
 
 _ANIMATED = (".gif", ".webp")
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One decision of a replayed search.
-
-    Attributes:
-        step: what was decided, on which belief.
-        shape: true shape of the object.
-        image: what the probe felt, uint8; None where nothing was touched.
-        posterior: belief about the object after the step, ``(K,)``.
-    """
-
-    step: Step
-    shape: int
-    image: NDArray[np.uint8] | None
-    posterior: NDArray[np.float64]
-
-
-def action_words(action: Action, problem: SearchProblem) -> str:
-    """An action as a reader sees it: "touch corner", "confirm" or "reject"."""
-    if isinstance(action, Probe):
-        return f"touch {problem.pose_labels[action.pose]}"
-    return "confirm" if isinstance(action, Confirm) else "reject"
-
-
-def replay(setting: Setting, episode: Episode) -> list[Frame]:
-    """The frames of an episode, its touch images pressed again."""
-    world = make_world(setting, load_sensor(setting), episode.seed)
-    uses: Counter[tuple[int, int]] = Counter()
-    frames = []
-    for number, step in enumerate(episode.steps):
-        image, posterior = None, step.belief.probs
-        if isinstance(step.decision.action, Probe) and step.touch is not None:
-            pose = step.decision.action.pose
-            rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
-            image, _ = world.press(pose, rng)
-            uses[step.object_index, pose] += 1
-            posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
-        elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
-            world.advance()
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior))
-    return frames
-
-
 class NoSuchEpisode(ActiveTouchError, FileNotFoundError):
-    """A folder does not hold the search that was asked for."""
+    """The folder does not hold the requested search."""
 
 
 @dataclass(frozen=True)
 class Replay:
-    """Draw one recorded search: touch images, belief after each touch, decisions; as a picture or animated.
+    """Draw one recorded search as a picture or an animation: touch images, beliefs and decisions.
 
     For example:
 
@@ -83,16 +33,20 @@ class Replay:
     folder: Path = Path("runs/compare")
     """Folder of a finished comparison."""
     decider: str = "information_gain"
-    """Who searched."""
+    """Decider whose search to draw."""
     target: str = "cone"
-    """For what."""
+    """Shape that was searched for."""
     number: CountOrNone = 0
-    """Which of its episodes, from 0."""
+    """Number of the episode, from 0."""
     out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
-    """Picture to write; the ending decides the format: .png, .svg, .pdf, or .gif and .webp for an animation."""
+    """File to write. The ending decides the format: .png, .svg or .pdf; .gif or .webp for an animation."""
 
     def run(self) -> None:
-        """Press the touches again and draw."""
+        """Press the touches again and draw the search.
+
+        Raises:
+            NoSuchEpisode: the folder does not hold the requested search.
+        """
         check_arguments(self)
         from experiments.search.replay_figures import animate_search, draw_search
 
@@ -106,7 +60,7 @@ class Replay:
         print(f"wrote {self.out}")
 
     def _line(self, run: RunFolder) -> str:
-        """The search, as its folder has it."""
+        """Line of the search in its shard."""
         there: dict[tuple[str, str], list[int]] = {}
         for key in run.complete_keys():
             if key.is_played:

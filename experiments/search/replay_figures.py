@@ -1,30 +1,37 @@
-"""Pictures of one search: all touches side by side, or one after the other as an animation."""
+"""Figures of one search: all touches side by side, or an animation with one step at a time."""
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
 
-import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from PIL import Image
 
 from belief import SearchProblem
-from experiments.search.figures import PALETTE
-from experiments.search.replay import Frame, action_words
+from experiments.reporting.style import PALETTE, figure
+from experiments.search.frames import Frame, action_words
 from planners import Episode
 
 _MILLISECONDS, _LAST_MILLISECONDS = 1200, 3500
 
 
 def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
-    """Write a picture of one search: every touch image, and the belief it left."""
+    """Write a picture of one search: every touch image and the belief after it.
+
+    Args:
+        episode: search to draw.
+        frames: its frames.
+        problem: rules of the search.
+        path: file to write; the ending decides the format.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
-    with matplotlib.rc_context({"font.size": 9.0, "font.family": "sans-serif"}):
-        figure = Figure(figsize=(1.75 * max(len(touched), 3) + 0.9, 4.2), layout="constrained")
-        grid = figure.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
+    with figure((1.75 * max(len(touched), 3) + 0.9, 4.2), path) as drawn:
+        grid = drawn.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
         for column, number in enumerate(touched):
             frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
             pose = problem.pose_labels[frame.step.touch.pose]
@@ -36,45 +43,49 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
             if column:
                 bottom.set_yticks([])
             bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
-        figure.suptitle(_title(episode, problem))
-        figure.savefig(path, dpi=130)
+        drawn.suptitle(_title(episode, problem))
 
 
 def animate_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
-    """Write a search as an animated GIF or WebP: one step a picture, the last one longer."""
-    pictures, felt = [], None
-    with matplotlib.rc_context({"font.size": 10.0, "font.family": "sans-serif"}):
-        for number, frame in enumerate(frames):
-            if frame.image is not None:
-                felt = frame
-            elif felt is not None and felt.step.object_index != frame.step.object_index:
-                felt = None
-            figure = Figure(figsize=(6.4, 3.4), layout="constrained")
-            left, right = figure.subplots(1, 2, width_ratios=(1, 1.1))
-            if felt is None:
+    """Write a search as an animated GIF or WebP, one picture per step.
+
+    Args:
+        episode: search to draw.
+        frames: its frames.
+        problem: rules of the search.
+        path: file to write; the ending decides the format.
+    """
+    pictures, touched = [], None
+    for number, frame in enumerate(frames):
+        if frame.image is not None:
+            touched = frame
+        elif touched is not None and touched.step.object_index != frame.step.object_index:
+            touched = None
+        with figure((6.4, 3.4)) as drawn:
+            left, right = drawn.subplots(1, 2, width_ratios=(1, 1.1))
+            if touched is None:
                 left.text(0.5, 0.5, "not touched yet", ha="center", va="center", transform=left.transAxes)
             else:
-                left.imshow(felt.image, cmap="magma", vmin=0, vmax=255, origin="lower")
+                left.imshow(touched.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             left.set(xticks=[], yticks=[])
             left.set_title(f"object {frame.step.object_index + 1} of {problem.num_objects}")
             _bars(right, frame, episode, problem)
             right.set_title(action_words(frame.step.decision.action, problem), fontweight="bold")
-            figure.suptitle(_title(episode, problem) if number == len(frames) - 1 else _sought(episode, problem))
+            drawn.suptitle(_title(episode, problem) if number == len(frames) - 1 else _sought(episode, problem))
             buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", dpi=100)
-            pictures.append(Image.open(buffer).convert("RGB"))
+            drawn.savefig(buffer, format="png", dpi=100)
+        pictures.append(Image.open(buffer).convert("RGB"))
     times = [_MILLISECONDS] * (len(pictures) - 1) + [_LAST_MILLISECONDS]
     pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
 
 
 def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) -> None:
-    """The belief after a step; the target in another colour."""
+    """Draw the belief after a step; the target has another colour."""
     labels = problem.shape_labels
     colours = [PALETTE[1] if k == episode.target else "#9aa5b1" for k in range(len(labels))]
     axes.barh(labels, frame.posterior, color=colours)
     axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     axes.invert_yaxis()
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _sought(episode: Episode, problem: SearchProblem) -> str:

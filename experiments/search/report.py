@@ -1,27 +1,25 @@
-"""One self-contained HTML page for a comparison: verdict, tables, figures, and a few searches to step through."""
+"""Report of a comparison: one HTML page with the verdict, tables, figures and a few searches to step through."""
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
 from belief import SearchProblem
-from belief.files import write_text
-from experiments.search.figures import Picture, pictures
-from experiments.search.replay import Frame, action_words, replay
+from experiments.reporting.page import Section, data_uri, write_page
+from experiments.search.figures import pictures
+from experiments.search.frames import Frame, action_words, replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 from experiments.search.summary import Comparison
-from experiments.search.tables import Sheet, sheets
+from experiments.search.tables import tables
 from experiments.search.verdict import verdict
 from experiments.sensor_choice import shift_sentences
 from planners import Episode, Outcome
@@ -29,88 +27,67 @@ from planners import Episode, Outcome
 _MOST_BYTES = 3_500_000  # of all searches shown, so that the page stays below 5 MB
 _SECTIONS = {
     "Success": (("success", "frontier"), ("results", "differences", "returns")),
-    "Where the target lay": (("positions",), ("positions",)),
+    "Place of the target": (("positions",), ("positions",)),
     "Touches": (("touches",), ("touches",)),
-    "Promised and kept": (("promises",), ("promises", "claims")),
+    "Calibration at stopping": (("stated_confidence",), ("stated_confidence", "calibration_at_stopping")),
     "Time": (("times",), ("times",)),
 }
 _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
-    Outcome.EXHAUSTED: "rejected everything",
-    Outcome.TRUNCATED: "ran out of touches",
+    Outcome.EXHAUSTED: "rejected every object",
+    Outcome.TRUNCATED: "reached the touch limit",
 }
 
 
-def environment() -> Environment:
-    """Where templates are."""
-    return Environment(
-        loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
-    )
-
-
 def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int, told: Sequence[str] = ()) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder; return the path of the page.
+    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder.
 
     Args:
-        folder: of the run.
-        comparison: what to tell.
-        setting: of the run.
-        seed: of the run.
+        folder: that of the run.
+        comparison: what to report.
+        setting: that of the run.
+        seed: that of the run.
         told: sentences about what else the folder holds.
+
+    Returns:
+        Path of the page.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
     """
     drawn = {picture.name: picture for picture in pictures(comparison)}
-    tables = {sheet.name: sheet for sheet in sheets(comparison)}
+    shown = {table.name: table for table in tables(comparison)}
     for picture in drawn.values():
         picture.write(folder / "figures")
-    for sheet in tables.values():
-        write_text(folder / "tables" / f"{sheet.name}.csv", sheet.csv())
+    for table in shown.values():
+        table.write_csv(folder / "tables" / f"{table.name}.csv")
+    sections = [
+        Section(title, (), [shown[name] for name in names if shown[name].rows], [drawn[name] for name in figures])
+        for title, (figures, names) in _SECTIONS.items()
+    ]
     stories, left_out = _stories(setting, comparison)
-    html = (
-        environment()
-        .get_template("report.html")
-        .render(
-            comparison=comparison,
-            composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-            verdict=[*shift_sentences(setting.shift), *verdict(comparison)],
-            sections=[_section(title, *names, drawn, tables) for title, names in _SECTIONS.items()],
-            stories=stories,
-            left_out=left_out,
-            run=RunFolder(folder).read_run(),
-            seed=seed,
-            told=told,
-            scene=setting.choice.scene,
-            longest_label=max(map(len, comparison.problem.shape_labels)),
-        )
-    )
     path = folder / "report.html"
-    write_text(path, html)
+    write_page(
+        path,
+        f"Searching by touch in the scene “{setting.choice.scene}”",
+        sections,
+        "report.html",
+        comparison=comparison,
+        composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
+        verdict=[*shift_sentences(setting.shift), *verdict(comparison)],
+        stories=stories,
+        left_out=left_out,
+        run=RunFolder(folder).read_run(),
+        seed=seed,
+        told=told,
+        longest_label=max(map(len, comparison.problem.shape_labels)),
+    )
     return path
 
 
 @dataclass(frozen=True)
-class Section:
-    """A part of the page: figures, and tables each with its CSV."""
-
-    title: str
-    pictures: Sequence[Picture]
-    sheets: Sequence[tuple[Sheet, str]]
-
-
-def _section(
-    title: str, figures: Sequence[str], names: Sequence[str], drawn: dict[str, Picture], tables: dict[str, Sheet]
-) -> Section:
-    found = [tables[name] for name in names if tables[name].rows]
-    return Section(title, [drawn[name] for name in figures], [(sheet, csv_link(sheet)) for sheet in found])
-
-
-def csv_link(sheet: Sheet) -> str:
-    """A table as the address of a download that needs no network."""
-    return _data_uri("text/csv", sheet.csv().encode())
-
-
-@dataclass(frozen=True)
 class Panel:
-    """One decision as the page shows it."""
+    """One decision on the page."""
 
     heading: str
     action: str
@@ -121,7 +98,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Story:
-    """One search as the page shows it."""
+    """One search on the page."""
 
     title: str
     success: bool
@@ -129,12 +106,12 @@ class Story:
 
     @property
     def num_bytes(self) -> int:
-        """What its images add to the page, about."""
+        """Approximate size on the page."""
         return sum(len(panel.picture or "") + 600 for panel in self.panels)
 
 
 def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], list[str]]:
-    """The searches to show, and the titles of those that the page has no room for."""
+    """Searches to show, and titles of those that would make the page too large."""
     stories, left_out, total = [], [], 0
     for decider, episode in choose(comparison):
         story = _story(setting, decider, episode)
@@ -161,11 +138,9 @@ def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
 def _story(setting: Setting, decider: str, episode: Episode) -> Story:
     problem = setting.problem
     labels = problem.shape_labels
-    verdict = "right" if episode.success else _FAILURES[episode.outcome]
-    number = episode.seed[-1]
-    title = (
-        f"{decider} looks for a {labels[episode.target]}: {verdict}, {episode.num_touches} touches (episode {number})"
-    )
+    verdict = "success" if episode.success else _FAILURES[episode.outcome]
+    searches = f"{decider} searches for a {labels[episode.target]}"
+    title = f"{searches}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
     panels = [_panel(problem, episode, frame) for frame in replay(setting, episode)]
     return Story(title, episode.success, panels)
 
@@ -186,8 +161,4 @@ def _picture(image: NDArray[np.uint8]) -> str:
     colours = image if image.ndim == 3 else (colormaps["magma"](image)[:, :, :3] * 255).astype(np.uint8)
     buffer = io.BytesIO()
     Image.fromarray(colours[::-1]).quantize(64).save(buffer, format="PNG", optimize=True)
-    return _data_uri("image/png", buffer.getvalue())
-
-
-def _data_uri(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+    return data_uri(buffer.getvalue(), "image/png")

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from experiments.parallel import run_lazily
-from experiments.search.holdings import CEILING_EPISODES
-from experiments.search.run_folder import BOUND, CEILING, EPISODES_PER_SHARD, MadeBy, RunFolder, ShardKey
+from experiments.search.holdings import ORACLE_EPISODES
+from experiments.search.run_folder import BOUND, EPISODES_PER_SHARD, ORACLE, MadeBy, RunFolder, ShardKey
 from experiments.search.setting import Setting
 from experiments.search.shards import ShardTask, identity, portrait
 
@@ -28,7 +28,7 @@ def shard_sizes(players: Sequence[str], targets: Sequence[str], episodes: int) -
     """
     sizes = {}
     for player in players:
-        num = {CEILING: min(episodes, CEILING_EPISODES), BOUND: 1}.get(player, episodes)
+        num = {ORACLE: min(episodes, ORACLE_EPISODES), BOUND: 1}.get(player, episodes)
         for target in targets:
             for number in range(-(-num // EPISODES_PER_SHARD)):
                 left = num - number * EPISODES_PER_SHARD

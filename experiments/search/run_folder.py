@@ -4,7 +4,7 @@ run.json            what decides an episode (seed, setting, sensor, versions), t
 shards/*.jsonl      one line an episode, 25 of them or as many as were asked for, written whole or not at all
 shards/*.seal.json  what played the shard, a digest of its lines, and seconds by part (episodes are reproducible,
                     seconds are not)
-shards/ceiling-*    whether full information solves the episodes; shards like all others
+shards/oracle-*    whether full information solves the episodes; shards like all others
 shards/bound-*      the upper bound on the return for the discretised sensor model, a single line
 episodes.jsonl      all episodes there are of those who play now, in a fixed order
 
@@ -46,13 +46,13 @@ class RunMismatch(ActiveTouchError, ValueError):
 EPISODES_PER_SHARD = 25
 """Fixed, because the network's last bits depend on what is read together."""
 
-CEILING, BOUND = "ceiling", "bound"
+ORACLE, BOUND = "oracle", "bound"
 """Stand for deciders in the keys of shards that say what full information solves, and what planners can expect."""
 
 
 @dataclass(frozen=True)
 class ShardKey:
-    """Which episodes a shard holds: the ``number``-th lot of one decider (or the ceiling, or the bound) and target."""
+    """Which episodes a shard holds: the ``number``-th lot of one decider (or the oracle, or the bound) and target."""
 
     decider: str
     target: str
@@ -72,7 +72,7 @@ class ShardKey:
     @property
     def is_played(self) -> bool:
         """Whether it holds searches of a decider."""
-        return self.decider not in (CEILING, BOUND)
+        return self.decider not in (ORACLE, BOUND)
 
     @property
     def most(self) -> int:
@@ -127,7 +127,7 @@ class Shard:
 
 
 MadeBy: TypeAlias = Mapping[str, Mapping[str, str]]
-"""Digest of who plays now, by decider (or ceiling, or bound) and target."""
+"""Digest of who plays now, by decider (or oracle, or bound) and target."""
 
 
 class RunFolder:

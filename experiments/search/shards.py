@@ -18,7 +18,7 @@ from experiments.search.fingerprint import files_digest, fingerprint
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.run_folder import (
     BOUND,
-    CEILING,
+    ORACLE,
     Seconds,
     Shard,
     ShardKey,
@@ -58,15 +58,15 @@ def made_by(setting: Setting, decider: str, target: str) -> str:
 
     Args:
         setting: of the run.
-        decider: its name; or that of the ceiling, or the bound.
+        decider: its name; or that of the oracle, or the bound.
         target: label of the shape sought.
 
     Raises:
         UnknownName: there is no such decider.
         MissingPolicy: it follows trained policies, and there are none for this target.
     """
-    if decider in (CEILING, BOUND):
-        return fingerprint(solved_by_full_information if decider == CEILING else best_expected_return)
+    if decider in (ORACLE, BOUND):
+        return fingerprint(solved_by_full_information if decider == ORACLE else best_expected_return)
     model, table = known_model(setting)
     chosen = build_decider(setting, decider)
     return fingerprint(chosen, target, {"the sensor's outcome table": table, "the sensor's observation model": model})
@@ -110,8 +110,8 @@ class ShardTask:
                 lines = [json.dumps({"bound": best_expected_return(self.setting, target)}) + "\n"]
                 return self.key, Shard(lines, Seconds(), player)
             numbers = self.key.episodes(self.size)
-            if self.key.decider == CEILING:
-                return self.key, Shard(self._ceiling_lines(target, numbers), Seconds(), player)
+            if self.key.decider == ORACLE:
+                return self.key, Shard(self._oracle_lines(target, numbers), Seconds(), player)
             try:
                 episodes, seconds = play(self.setting, self.key.decider, target, self.seed, numbers)
             except ActiveTouchError as error:
@@ -122,7 +122,7 @@ class ShardTask:
                 raise
             return self.key, Shard(episode_lines(self.key.decider, episodes), seconds, player)
 
-    def _ceiling_lines(self, target: int, numbers: range) -> list[str]:
+    def _oracle_lines(self, target: int, numbers: range) -> list[str]:
         solved = solved_by_full_information(self.setting, target, self.seed, numbers)
         return [
             json.dumps({"seed": episode_seed(self.seed, target, number), "solved": bool(right)}) + "\n"

@@ -16,20 +16,23 @@ from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.run_folder import Seconds
 from planners import Episode, Outcome
 
+ALL = "all"
+"""Stands for all targets together in the keys of :attr:`Comparison.cells`."""
+
 
 @dataclass(frozen=True)
 class Cell:
-    """One decider on one target, or on all of them.
+    """Results of one decider for one target, or for all targets.
 
     Attributes:
-        num_episodes: searches.
-        successes: that ended with the right object.
-        success_interval: Wilson, 95 %.
-        wrong: confirmed something else.
-        none: rejected everything.
-        truncated: ran into the touch limit.
-        touches: mean per search.
-        touch_quantiles: touches that half and nine tenths of the searches do not exceed, and the most.
+        num_episodes: number of searches.
+        successes: searches that succeeded.
+        success_interval: 95 % Wilson interval of the success rate.
+        wrong: failed searches that confirmed an object of another shape.
+        none: failed searches that rejected every object.
+        truncated: failed searches that reached the touch limit.
+        touches: mean number of touches per search.
+        touch_quantiles: median, 90 % quantile and maximum of the touches per search.
         reward: mean return.
         seconds: time spent.
     """
@@ -47,12 +50,18 @@ class Cell:
 
     @property
     def success(self) -> float:
-        """Share of searches that succeeded."""
+        """Fraction of searches that succeeded."""
         return self.successes / self.num_episodes
 
 
 def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProblem) -> Cell:
-    """The numbers of one set of episodes."""
+    """Compute the numbers of one set of episodes.
+
+    Args:
+        episodes: at least one.
+        seconds: time they took.
+        problem: rules of the search.
+    """
     successes = sum(episode.success for episode in episodes)
     failures = [episode for episode in episodes if not episode.success]
     count = {outcome: sum(episode.outcome is outcome for episode in failures) for outcome in Outcome}
@@ -74,20 +83,22 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
 
 @dataclass(frozen=True)
 class Comparison:
-    """A finished run, read back: episodes and numbers by (decider, target).
+    """Episodes of a finished run and the numbers computed from them.
 
     Attributes:
-        problem: the search.
-        episodes: by (decider, target label).
-        cells: by (decider, target label), and by (decider, "all").
-        differences: to ``reference``, over all targets.
-        positions: success by where the target lay, by decider.
-        claims: at the stop, by decider; None for one that never confirmed.
-        regret: to the best reader of all touches, by decider: mean and 95 % interval.
-        gap: of the mean return to the discretised model's upper bound, by decider, likewise; None where not known.
-        prob_best: probability of the highest mean return, by decider.
-        solved: whether full information solves the first episodes, by target (:mod:`experiments.search.oracle`).
-        reference: the decider the others are compared with.
+        problem: rules of the search.
+        episodes: searches by (decider, target label).
+        cells: results by (decider, target label) and by (decider, :data:`ALL`).
+        differences: each other decider minus ``reference``, over all targets.
+        positions: success by the place of the target, by decider.
+        claims: calibration at stopping, by decider; None for a decider that never confirmed.
+        regret: return of the full-information oracle minus that of the decider: mean and 95 % interval.
+        gap: upper bound on the expected return of the discretised sensor model minus the mean return: mean and 95 %
+            interval; None where the bound is not known.
+        prob_best: probability that the decider has the highest mean return, by decider.
+        solved: whether the full-information oracle succeeds in each of the first episodes, by target
+            (:mod:`experiments.search.oracle`).
+        reference: decider that the others are compared with.
     """
 
     problem: SearchProblem
@@ -104,33 +115,33 @@ class Comparison:
 
     @property
     def deciders(self) -> list[str]:
-        """Names, in the order they were asked for."""
+        """Names of the deciders, in the order of the request."""
         return list(dict.fromkeys(decider for decider, _ in self.episodes))
 
     @property
     def targets(self) -> list[str]:
-        """Labels, in the order they were asked for."""
+        """Labels of the targets, in the order of the request."""
         return list(dict.fromkeys(target for _, target in self.episodes))
 
     @property
     def pressed_again(self) -> int:
-        """Presses, in all episodes, that did not settle and were made again."""
-        return sum(self.cells[decider, "all"].seconds.pressed_again for decider in self.deciders)
+        """Number of presses that did not settle and were repeated, over all episodes."""
+        return sum(self.cells[decider, ALL].seconds.pressed_again for decider in self.deciders)
 
     @property
-    def ceiling(self) -> tuple[int, int]:
-        """Episodes that full information solves, and how many it was tried on."""
+    def oracle(self) -> tuple[int, int]:
+        """Number of episodes in which the full-information oracle succeeds, and on which it was run."""
         return sum(sum(some) for some in self.solved.values()), sum(len(some) for some in self.solved.values())
 
     @property
-    def floor(self) -> float:
-        """Best success without touching, mean over targets: confirm any object, or none if that is likelier right."""
+    def no_touch_baseline(self) -> float:
+        """Highest success rate without a touch, mean over targets: confirm any object or reject all of them."""
         problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
 
     def of(self, decider: str) -> list[Episode]:
-        """All episodes of a decider, target by target: the same ones in the same order for every decider."""
+        """All episodes of a decider, target by target; every decider has the same ones in the same order."""
         return [episode for target in self.targets for episode in self.episodes[decider, target]]
 
 
@@ -143,15 +154,15 @@ def compare_episodes(
     rng: np.random.Generator,
     bounds: Mapping[str, float | None] = MappingProxyType({}),
 ) -> Comparison:
-    """All numbers of a comparison.
+    """Compute all numbers of a comparison.
 
     Args:
-        problem: the search.
-        episodes: by (decider, target label), the same ones in the same order for every decider.
-        seconds: time they took.
-        solved: whether full information solves the first episodes, by target.
-        reference: the decider the others are compared with.
-        rng: source of the bootstraps.
+        problem: rules of the search.
+        episodes: searches by (decider, target label); every decider has the same ones in the same order.
+        seconds: time they took, by the same keys.
+        solved: whether the full-information oracle succeeds in each of the first episodes, by target.
+        reference: decider that the others are compared with.
+        rng: random generator of the bootstraps.
         bounds: upper bounds on the expected return for the discretised sensor model, by target, where known.
     """
     cells = {key: summarise(episodes[key], seconds[key], problem) for key in episodes}
@@ -161,7 +172,7 @@ def compare_episodes(
     together = {name: [e for some in by_target.values() for e in some] for name, by_target in by_decider.items()}
     for decider, some in together.items():
         spent = sum((seconds[key] for key in episodes if key[0] == decider), Seconds())
-        cells[decider, "all"] = summarise(some, spent, problem)
+        cells[decider, ALL] = summarise(some, spent, problem)
     return Comparison(
         problem=problem,
         episodes=episodes,

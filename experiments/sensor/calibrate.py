@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import CollectionPlan, Manifest
@@ -24,6 +23,7 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import Seed, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import read_logits
@@ -177,12 +177,11 @@ def _show(evaluation: dict, choice: ModelChoice) -> None:
         f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "
         f"[{fused_low:.4f}, {fused_high:.4f}], NLL {e['fused_nll']:.4f}, ECE {e['fused_ece']:.4f}"
     )
-    table = Table(title="single touches by shape; all confusions are in evaluation.json")
-    for heading in ("shape", "precision", "recall", "F1", "most often taken for"):
-        table.add_column(heading, justify="right" if heading in ("precision", "recall", "F1") else "left")
+    rows = []
     for k, (label, row) in enumerate(zip(labels, e["confusion"], strict=True)):
         score = e["shapes"][label]
-        ratios = (f"{score[name]:.3f}" for name in ("precision", "recall", "f1"))
+        ratios = (score[name] for name in ("precision", "recall", "f1"))
         others = sorted((j for j in range(len(row)) if j != k and row[j]), key=lambda j: -row[j])[:2]
-        table.add_row(label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others))
-    console.print(table)
+        rows.append((label, *ratios, ", ".join(f"{labels[j]} {row[j] / sum(row):.1%}" for j in others)))
+    headings = ["shape", ("precision", ".3f"), ("recall", ".3f"), ("F1", ".3f"), ("most often read as", "")]
+    console.print(Table("single touches by shape; all confusions are in evaluation.json", headings, rows).rich())

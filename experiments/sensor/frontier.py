@@ -9,21 +9,20 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from activetouch.data.dataset import read_split
 from belief.files import require_writable, write_text
 from experiments.command_line.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
+from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder
 from experiments.sensor.scores import Scores, scores
 from experiments.sensor_choice import open_collection, require_collection
@@ -91,7 +90,6 @@ class Frontier:
         import torch
 
         from activetouch.perception.classifier import TouchClassifier, TouchNetwork
-        from experiments.sensor.figures import draw_frontier
 
         require_writable(self.out)
         torch.set_num_threads(self.threads)
@@ -133,13 +131,14 @@ class Frontier:
             "seed": self.seed,
             "entries": [asdict(entry) for entry in entries],
         }
+        shown = table(entries, len(test.images))
         for name, text in (
             ("frontier.json", json.dumps(numbers, indent=1) + "\n"),
-            ("frontier.md", _markdown(entries)),
+            ("frontier.md", shown.markdown() + "\n"),
         ):
             write_text(self.out / name, text)
         draw_frontier(entries, self.scene, self.out / "frontier.svg")
-        plain_console().print(_table(entries, len(test.images)))
+        plain_console().print(shown.rich())
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
     def _time(self, classifiers: list[TouchClassifier], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
@@ -160,7 +159,7 @@ class Frontier:
 def _to_int8(classifier: TouchClassifier) -> TouchClassifier:
     """The same classifier with linear layers in 8-bit integers, scaled as they run.
 
-    Only measured, not offered: the library has announced that this part of it will go.
+    Only measured, not offered: the library has deprecated this function.
     """
     import torch
 
@@ -172,35 +171,57 @@ def _to_int8(classifier: TouchClassifier) -> TouchClassifier:
     return TouchClassifier(classifier.card, network)
 
 
-def _rows(entries: list[Entry]) -> tuple[list[str], list[list[str]]]:
+def table(entries: Sequence[Entry], num_touches: int) -> Table:
+    """Scores, times and sizes of classifiers.
+
+    Args:
+        entries: rows of the table; all were timed in the same batches.
+        num_touches: touches that they read.
+    """
     batches = list(entries[0].milliseconds)
-    times = [f"ms a touch, {batch} at once (ratio)" for batch in batches]
-    headings = ["classifier", "accuracy [95 %]", "NLL", *times, "MB", "parameters"]
+    times = [f"ms per touch, {batch} at once (ratio)" for batch in batches]
     rows = [
-        [
-            f"{e.network}, {e.precision}",
-            str(e.scores),
-            f"{e.scores.nll:.4f}",
+        (
+            *(f"{e.network}, {e.precision}", str(e.scores), f"{e.scores.nll:.4f}"),
             *(f"{e.milliseconds[b]:.2f} ({e.ratio[b]:.2f})" for b in batches),
-            f"{e.megabytes:.1f}",
-            f"{e.parameters / 1e6:.2f} M",
-        ]
+            *(f"{e.megabytes:.1f}", f"{e.parameters / 1e6:.2f} M"),
+        )
         for e in entries
     ]
-    return headings, rows
+    headings = ["classifier", "accuracy [95 %]", "NLL", *times, "MB", "parameters"]
+    return Table(f"{num_touches} touches of unseen objects", headings, rows)
 
 
-def _markdown(entries: list[Entry]) -> str:
-    headings, rows = _rows(entries)
-    lines = [headings, ["---"] * len(headings), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
+    """Draw the error with its interval against the time of a single touch, one colour per precision.
 
+    Args:
+        entries: classifiers.
+        scene: name of the scene, for the title.
+        path: file to write; the ending decides the format.
 
-def _table(entries: list[Entry], num_touches: int) -> Table:
-    headings, rows = _rows(entries)
-    table = Table(title=f"{num_touches} touches of unseen objects", box=box.SIMPLE_HEAD)
-    for number, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if number else "left")
-    for row in rows:
-        table.add_row(*row)
-    return table
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
+    from matplotlib.ticker import LogLocator, StrMethodFormatter
+
+    from experiments.reporting.style import PALETTE, figure
+    from experiments.sensor.figures import draw_errors
+
+    with figure((7.0, 4.2), path) as drawn:
+        batch = min(entries[0].milliseconds)
+        axes = drawn.subplots()
+        for precision, colour in zip(dict.fromkeys(entry.precision for entry in entries), PALETTE, strict=False):
+            some = [entry for entry in entries if entry.precision == precision]
+            time = np.array([entry.milliseconds[batch] for entry in some])
+            draw_errors(axes, time, [entry.scores for entry in some], colour, precision)
+        for network in dict.fromkeys(entry.network for entry in entries):
+            some = [entry for entry in entries if entry.network == network]
+            left = min(entry.milliseconds[batch] for entry in some)
+            top = max(1.0 - entry.scores.interval[0] for entry in some)
+            axes.annotate(network, (left, top), xytext=(0, 5), textcoords="offset points")
+        axes.set(xlabel=f"milliseconds per touch, {batch} at once", title=f"scene {scene}")
+        axes.legend(frameon=False)
+        axes.margins(x=0.15, y=0.12)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

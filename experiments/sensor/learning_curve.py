@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich import box
-from rich.table import Table
 
 from activetouch.data.dataset import SPLITS, TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -18,6 +17,7 @@ from belief.files import require_writable, write_text
 from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
+from experiments.reporting.tables import Table
 from experiments.scene_choice import collection_folder, named_scene
 from experiments.sensor.scores import Scores, scores
 from experiments.sensor.train import (
@@ -82,8 +82,6 @@ class LearningCurve:
         check_arguments(self)
         import torch
 
-        from experiments.sensor.figures import draw_learning_curve
-
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
         require_writable(out)
         data = self.data if self.data is not None else collection_folder(self.scene)
@@ -96,12 +94,9 @@ class LearningCurve:
         numbers = {"arguments": arguments, "points": [asdict(point) for point in points]}
         write_text(out / "learning_curve.json", json.dumps(numbers, indent=1) + "\n")
         draw_learning_curve(points, f"scene {self.scene}, {self.backbone}", out / "learning_curve.svg")
-        table = Table(title=f"{self.scene}, {self.backbone}", box=box.SIMPLE_HEAD)
-        for heading in ("images a shape", "epochs", "accuracy [95 %]", "NLL"):
-            table.add_column(heading, justify="right")
-        for p in points:
-            table.add_row(str(p.images), str(p.epochs), str(p.scores), f"{p.scores.nll:.4f}")
-        plain_console().print(table)
+        rows = [(p.images, p.epochs, str(p.scores), p.scores.nll) for p in points]
+        headings = [("images per shape", "d"), ("epochs", "d"), "accuracy [95 %]", ("NLL", ".4f")]
+        plain_console().print(Table(f"{self.scene}, {self.backbone}", headings, rows).rich())
         print(f"wrote {out}/learning_curve.json and .svg")
 
     @property
@@ -126,3 +121,29 @@ class LearningCurve:
         result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
         per_shape = len(part.images) // len(manifest.shape_labels)
         return Point(per_shape, trainer.epochs_done, result)
+
+
+def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None:
+    """Draw the error with its interval against the number of images per shape.
+
+    Args:
+        points: trainings.
+        title: above the figure.
+        path: file to write; the ending decides the format.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
+    from matplotlib.ticker import NullFormatter
+
+    from experiments.reporting.style import PALETTE, figure
+    from experiments.sensor.figures import draw_errors
+
+    with figure((5.5, 3.6), path) as drawn:
+        images = np.array([point.images for point in points])
+        axes = drawn.subplots()
+        error = draw_errors(axes, images, [point.scores for point in points], PALETTE[0])
+        axes.plot(images, error, color=PALETTE[0], linewidth=1)
+        axes.set(xlabel="images per shape", title=title)
+        axes.set_xticks(images, [f"{number}" for number in images])
+        axes.xaxis.set_minor_formatter(NullFormatter())

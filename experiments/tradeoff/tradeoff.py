@@ -1,4 +1,4 @@
-"""``activetouch tradeoff``: what speed costs in accuracy, over sensors, networks, observation models and deciders."""
+"""``activetouch tradeoff``: speed against accuracy of sensors, networks, observation models and deciders."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """Measure what speed costs in accuracy, draw the front, and name the configurations to take.
+    """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
-    One thing at a time is other than in a scene's default: the decider, the touch cost, the network, its precision, the
-    observation model, the fidelity. All configurations of a scene play the same live searches. Observation models of
-    other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6 --out
-    data/SCENE-repeats); without these they are left out. Results are kept by configuration: interrupt it whenever you
-    like, the same command goes on from there.
+    Every configuration differs from its scene's default in one thing: the decider, the touch cost, the network, its
+    precision, the observation model or the fidelity. All configurations of a scene play the same live searches.
+    Observation models of other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6
+    --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by configuration: after an
+    interruption, the same command continues.
 
     For example:
 
@@ -47,26 +47,26 @@ class Tradeoff:
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SCENES)
-    """Which scenes."""
+    """Scenes to measure."""
     checkpoints: tuple[str, ...] = ()
-    """Further classifiers, of other backbones or resolutions, each as SCENE=FILE."""
+    """Classifiers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
     episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
     success: Share = 0.98
-    """Success that is good enough."""
+    """Lowest acceptable success."""
     milliseconds: Positive = 50.0
-    """Time of a touch that is fast enough."""
+    """Longest acceptable time per touch [ms]."""
     seed: Seed = 0
-    """Of the episodes and intervals."""
+    """Seed of the episodes and intervals."""
     out: Path = Path("runs/tradeoff")
-    """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and figure."""
+    """Folder for results, report.html, tradeoff.json, tradeoff.md, tradeoff.csv and the figure."""
     finished: bool = False
-    """Search no more: report on all results that the folder holds by now, whatever sweeps they are of."""
+    """Do not run searches; report on all results found in the folder."""
     jobs: Jobs = 1
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
 
     def run(self) -> None:
-        """Measure what is missing, then pick, write and print.
+        """Measure what is missing, then write and print the report.
 
         Raises:
             BadArgument: there is nothing to do, or a checkpoint is not named as SCENE=FILE.
@@ -74,7 +74,7 @@ class Tradeoff:
         """
         from experiments.tradeoff.measure import finished
         from experiments.tradeoff.picks import Point, fronts, picks
-        from experiments.tradeoff.report import sentences, terminal_grid, write_report
+        from experiments.tradeoff.report import sentences, terminal_table, write_report
 
         check_arguments(self)
         for scene in self.scenes:
@@ -88,10 +88,10 @@ class Tradeoff:
         write_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
         console = plain_console()
         for front in found:
-            console.print(terminal_grid(front).rich())
+            console.print(terminal_table(front).rich())
         for line in sentences(answers, self.out):
             console.print(line, soft_wrap=True)
-        print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv and .svg")
+        print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv, .svg and .png")
 
     def measure(self) -> list[tuple[Result, TouchCost]]:
         """All configurations with their results and costs."""

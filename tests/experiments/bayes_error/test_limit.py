@@ -9,7 +9,7 @@ from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
 from belief.errors import UnknownName
 from experiments.bayes_error.ambiguity import NEAR, AmbiguitySearch, tally
-from experiments.bayes_error.estimator import Grid, chunks, paired_difference, share
+from experiments.bayes_error.estimator import chunks, paired_difference, share
 from experiments.bayes_error.limit import Limit
 from experiments.bayes_error.simulation import SimulatedBayes, by_shape, nll, summary
 from experiments.command_line.arguments import BadArgument
@@ -90,10 +90,6 @@ def test_counterparts_are_counted_by_distance():
     assert [found["near"][f"{limit:g}"]["value"] for limit in NEAR] == [0.25, 0.5, 0.75]
     assert (found["touches"], found["median"]) == (4, 2.0)
     assert tally([]) == {"touches": 0, "near": {}, "median": None}
-
-
-def test_a_grid_is_a_markdown_table():
-    assert Grid("Title", ("a", "b"), [("x", "1")]).markdown() == "**Title**\n\n| a | b |\n| --- | ---: |\n| x | 1 |"
 
 
 def test_chunks_hold_every_number_once():

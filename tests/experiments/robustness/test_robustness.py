@@ -16,7 +16,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
 from experiments.robustness import shifted_touches as felt_module
 from experiments.robustness.conditions import CONDITIONS
-from experiments.robustness.report import tabulate, to_markdown
+from experiments.robustness.report import tables
 from experiments.robustness.robustness import Robustness, measure, tell_apart
 from experiments.robustness.shifted_touches import AS_TRAINED, Felt, Part, Series, choose, feel, part_rng
 from experiments.scene_choice import SceneChoice
@@ -116,7 +116,7 @@ def test_a_sensor_without_information_is_reported_at_chance(sensor):
     assert blank["difference"] == pytest.approx(0.25 - trained["accuracy"])
     assert blank["difference_interval"][0] <= blank["difference"] <= blank["difference_interval"][1]
     report = {"scene": "coarse", "objects_per_shape": 10, "num_poses": 6, "unseen": {}, "left_out": {}}
-    text = to_markdown(tabulate(report | {"conditions": numbers}))
+    text = "\n".join(table.markdown() for table in tables(report | {"conditions": numbers}))
     assert [line.split(" | ")[0] for line in text.splitlines() if "(chance)" in line] == ["| all taxels dead"]
 
 

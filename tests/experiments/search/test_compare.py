@@ -17,12 +17,12 @@ from belief.files import sealed_json
 from experiments.cli import main
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
+from experiments.search.frames import replay
 from experiments.search.merge import merge
-from experiments.search.replay import replay
 from experiments.search.report import write_report
 from experiments.search.run_folder import RunFolder, RunMismatch, Seconds
 from experiments.search.setting import Setting
-from experiments.search.terminal import render_table
+from experiments.search.terminal import terminal_table
 from experiments.sensor_choice import NoSensor
 from planners import DECIDERS
 
@@ -95,7 +95,7 @@ def test_live_searches_beat_the_floor(finished):
     for decider in ("information_gain", "threshold"):
         assert comparison.cells[decider, "all"].successes >= 45
     assert comparison.cells["random_confirm", "all"].successes <= 30
-    assert comparison.ceiling[0] >= 45
+    assert comparison.oracle[0] >= 45
 
 
 def test_a_replayed_touch_is_the_touch_that_was_recorded(finished):
@@ -152,7 +152,7 @@ def test_run_json_says_what_was_run(finished):
 
 def rendered(comparison):
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(render_table(comparison))
+    console.print(terminal_table(comparison).rich())
     return console.export_text()
 
 
@@ -191,7 +191,7 @@ def test_names_of_deciders_are_never_cut(finished, width):
     }
     everybody = {(name, target): comparison.episodes["threshold", target] for name, target in cells if target != "all"}
     console = Console(width=width, record=True, file=io.StringIO())
-    console.print(render_table(replace(comparison, cells=cells, episodes=everybody), width))
+    console.print(terminal_table(replace(comparison, cells=cells, episodes=everybody), width).rich())
     lines = console.export_text().splitlines()
     assert max(map(len, lines)) <= width
     assert {line.strip() for line in lines} >= set(names)
@@ -277,10 +277,10 @@ def test_the_floor_is_the_best_guess_without_a_touch(tmp_path):
     comparison = Compare(
         deciders=("random_confirm",), setting=Setting(num_objects=2), episodes=250, out=tmp_path, jobs=1
     ).play()
-    assert comparison.floor == 0.5
+    assert comparison.no_touch_baseline == 0.5
     # 1 000 searches without a touch: 1/4 plus or minus .06 holds but with probability 1e-5.
     assert comparison.cells["random_confirm", "all"].success == pytest.approx(0.25, abs=0.06)
-    assert comparison.ceiling[0] >= 0.9 * comparison.ceiling[1]
+    assert comparison.oracle[0] >= 0.9 * comparison.oracle[1]
 
 
 @pytest.mark.parametrize(
@@ -348,6 +348,6 @@ def test_two_parts_merged_are_the_whole(finished, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "both" / "shards").iterdir()}
     Compare(**small, out=tmp_path / "both").play()
     assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing was left to play
-    assert len(keys) == 4  # two of episodes, two of the ceiling
+    assert len(keys) == 4  # two of episodes, two of the oracle
     for key in keys:
         assert RunFolder(tmp_path / "both").lines(key) == RunFolder(finished[0]).lines(key)

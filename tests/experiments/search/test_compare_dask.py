@@ -15,7 +15,7 @@ import pytest
 from experiments.parallel import NoCluster, run_tasks
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.run_folder import CEILING, RunFolder, ShardKey
+from experiments.search.run_folder import ORACLE, RunFolder, ShardKey
 from experiments.search.setting import Setting
 from experiments.search.shards import ShardTask, WorkerMismatch
 
@@ -96,7 +96,7 @@ def test_a_worker_of_another_version_plays_nothing():
         other()
 
 
-@pytest.mark.parametrize("decider", ["random_confirm", CEILING])
+@pytest.mark.parametrize("decider", ["random_confirm", ORACLE])
 def test_a_task_survives_the_journey_to_a_worker(decider):
     task = ShardTask.of(ShardKey(decider, "sphere", 0), COARSE, seed=0)
     assert pickle.loads(pickle.dumps(task)) == task

@@ -69,7 +69,7 @@ def test_a_run_killed_again_and_again_ends_like_one_that_was_not(whole, tmp_path
     lines = finish(tmp_path / "killed")
     after = shards(tmp_path / "killed")
     assert {name: after[name] for name in kept} == kept
-    assert len(after) == 8  # three shards of each decider, two of the ceiling
+    assert len(after) == 8  # three shards of each decider, two of the oracle
     assert lines.count(b"\n") == len(set(lines.splitlines())) == 2 * 60
     assert lines == finish(whole)
     assert after == shards(whole)

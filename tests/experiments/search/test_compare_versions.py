@@ -14,7 +14,7 @@ from experiments.parallel import NoCluster
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.holdings import Selection
-from experiments.search.run_folder import CEILING, RunFolder, ShardKey
+from experiments.search.run_folder import ORACLE, RunFolder, ShardKey
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -113,7 +113,7 @@ def test_what_an_earlier_version_played_is_in_no_report(tmp_path, table):
 def test_as_many_episodes_are_played_as_were_asked_for(tmp_path):
     compare(tmp_path, "random_confirm").play()
     folder = RunFolder(tmp_path)
-    assert {key.decider: len(folder.lines(key)) for key in folder.complete_keys()} == {"random_confirm": 4, CEILING: 4}
+    assert {key.decider: len(folder.lines(key)) for key in folder.complete_keys()} == {"random_confirm": 4, ORACLE: 4}
 
 
 def test_a_run_that_grew_ends_with_the_bytes_of_one_that_did_not(tmp_path):

@@ -4,7 +4,8 @@ import pytest
 from PIL import Image
 
 from experiments.scene_choice import SceneChoice
-from experiments.search.replay import NoSuchEpisode, Replay, replay
+from experiments.search.frames import replay
+from experiments.search.replay import NoSuchEpisode, Replay
 from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
 from experiments.search.setting import Setting, play
 

@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from experiments.search.resume import shard_sizes
-from experiments.search.run_folder import BOUND, CEILING, code_digests
+from experiments.search.run_folder import BOUND, ORACLE, code_digests
 
 
 @pytest.mark.parametrize("episodes", [1, 24, 25, 26, 50, 51, 130])
@@ -18,13 +18,13 @@ def test_shards_hold_every_episode_once(episodes):
 
 @pytest.mark.parametrize("episodes", [4, 26])
 def test_a_larger_comparison_keeps_the_full_shards_of_a_smaller_one(episodes):
-    smaller, larger = (shard_sizes(["threshold", CEILING], ["cone"], num) for num in (episodes, episodes + 100))
+    smaller, larger = (shard_sizes(["threshold", ORACLE], ["cone"], num) for num in (episodes, episodes + 100))
     assert all(larger[key] == size for key, size in smaller.items() if size == key.most)
 
 
 def test_the_oracle_plays_at_most_fifty_episodes_of_a_target_and_the_bound_is_one_line():
-    sizes = shard_sizes([CEILING, BOUND], ["cone"], 1000)
-    assert sum(size for key, size in sizes.items() if key.decider == CEILING) == 50
+    sizes = shard_sizes([ORACLE, BOUND], ["cone"], 1000)
+    assert sum(size for key, size in sizes.items() if key.decider == ORACLE) == 50
     assert [size for key, size in sizes.items() if key.decider == BOUND] == [1]
 
 

@@ -9,11 +9,12 @@ from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.statistics import clopper_pearson_interval, wilson_interval
+from experiments.reporting.tables import Table
 from experiments.search.episode_statistics import by_position, claims, gap, regret
 from experiments.search.paired import prob_best
 from experiments.search.run_folder import Seconds
 from experiments.search.summary import compare_episodes, summarise
-from experiments.search.tables import Sheet, sheets
+from experiments.search.tables import tables
 from experiments.search.verdict import verdict
 from planners import Decision, Episode, Outcome, Step
 
@@ -76,8 +77,8 @@ def test_differences_are_paired_episode_by_episode(rng):
     assert difference.p_value == pytest.approx(exact - stats.binom.pmf(0, 10, 0.5))
     assert difference.touches[0] == pytest.approx(-1 / 3)
     assert difference.reward[0] == pytest.approx((10 * (-1.0 - 0.9)) / 30)
-    assert comparison.floor == 0.5
-    assert comparison.ceiling == (1, 1)
+    assert comparison.no_touch_baseline == 0.5
+    assert comparison.oracle == (1, 1)
 
 
 def test_the_reference_can_be_any_decider(rng):
@@ -173,36 +174,34 @@ def test_the_verdict_names_the_bound_where_there_is_one(rng):
 
 def test_a_clear_result_is_called_settled(rng):
     told = " ".join(verdict(compared({"good": [search("tc", claim=0.99)] * 60, "bad": [search("rc")] * 60}, rng)))
-    assert "good does best: it succeeds in 1.000 [0.940, 1.000] of 60" in told
-    assert "as good as certain" in told
-    assert "bad succeeds less often than good: 0 of 60 go right with it alone, 60 with the other (p < .001)" in told
-    assert "which settles it" in told
-    assert "bad claims more than it keeps: 0.500 on average when confirming, and is right in 0.000" in told
-    assert "When confirming, good keeps its promise" in told
+    assert "it succeeds in 1.000 [0.940, 1.000] of 60" in told
+    assert "almost certainly" in told
+    assert "of 60 episodes, 0 succeed only with bad and 60 only with good (p < 0.001)" in told
+    assert "bad succeeds significantly less" in told
+    assert "bad is overconfident when confirming: its mean stated confidence is 0.500, and it is right in 0.000" in told
+    assert "good is calibrated" in told
 
 
 def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     x = [search("tc")] * 97 + [search("rc")] * 3
     y = [search("rc")] + [search("tc")] * 99
     told = " ".join(verdict(compared({"x": x, "y": y}, rng)))
-    assert (
-        "y and x cannot be told apart in success: 3 of 100 go right with it alone, 1 with the other (p = 0.38)" in told
-    )
+    assert "of 100 episodes, 3 succeed only with y and 1 only with x (p = 0.38)" in told
     # ψ = .04 and δ = .02 need (1.96 · .2 + .8416 · √(.04 - .0004))² / .0004 = 783 in all, so 683 more.
-    assert "about 690 searches more would settle it (--episodes 790)" in told
-    assert "is likely" in told or "is open" in told or "is sure" in told
+    assert "about 690 more searches would make it significant (--episodes 790)" in told
+    assert any(word in told for word in ("probably", "possibly", "certainly"))
 
 
 def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict(compared({"x": same, "y": same}, rng)))
-    assert "they differ in fewer than 3 % of all searches (95 %)" in told  # 1 - .05^(1/100)
+    assert "they differ in fewer than 3 % of all searches (95 %" in told  # 1 - .05^(1/100)
 
 
 def test_presses_that_were_made_again_are_counted_and_told(rng):
     comparison = compared({"x": [search("tc")], "y": [search("tc")]}, rng, pressed_again=3)
     assert comparison.pressed_again == 6
-    assert verdict(comparison)[-1] == "6 presses did not settle and were made again."
+    assert verdict(comparison)[-1].startswith("6 presses did not settle")
 
 
 def test_one_decider_alone_is_told_without_a_contest(rng):
@@ -215,20 +214,20 @@ def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
     comparison = compared(
         {"x": [search("tc")] * 7 + [search("rc")], "y": [search("rr", outcome=Outcome.EXHAUSTED)] * 8}, rng
     )
-    for sheet in sheets(comparison):
-        assert {len(row) for row in sheet.cells()} <= {len(sheet.columns)}, sheet.name
-        assert len(set(sheet.headings)) == len(sheet.headings), sheet.name
-        rows = list(csv.DictReader(io.StringIO(sheet.csv())))
-        assert len(rows) == len(sheet.rows)
-        assert all(None not in row and None not in row.values() for row in rows), sheet.name
-    [row, *_] = csv.DictReader(io.StringIO(sheets(comparison)[0].csv()))
+    for table in tables(comparison):
+        assert {len(row) for row in table.cells()} <= {len(table.columns)}, table.name
+        assert len(set(table.headings)) == len(table.headings), table.name
+        rows = list(csv.DictReader(io.StringIO(table.csv())))
+        assert len(rows) == len(table.rows)
+        assert all(None not in row and None not in row.values() for row in rows), table.name
+    [row, *_] = csv.DictReader(io.StringIO(tables(comparison)[0].csv()))
     assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
 
 
 def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
-    sheet = Sheet("s", "S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
-    assert sheet.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
-    assert sheet.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
+    table = Table("S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
+    assert table.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
+    assert table.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
 
 
 def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
@@ -241,7 +240,7 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
         "x",
         rng,
     )
-    assert comparison.floor == 0.5  # confirming any object; that none of three is there has probability 1/8
+    assert comparison.no_touch_baseline == 0.5  # confirming any object; that none of three is there has probability 1/8
 
 
 def test_no_touches_cost_no_time():

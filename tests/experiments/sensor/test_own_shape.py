@@ -40,5 +40,5 @@ def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
         jobs=1,
     ).play()
     assert comparison.problem.shape_labels == ("sphere", "cube", "cylinder", "cone", "cup")
-    assert comparison.floor == pytest.approx(0.2)
+    assert comparison.no_touch_baseline == pytest.approx(0.2)
     assert comparison.cells["information_gain", "cup"].num_episodes == 4
