@@ -205,5 +205,5 @@ def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
         "", ("who", "what", "share", "n"), [("1 a", "good", "0.5 [0.4, 0.6]", "3"), ("b", "bad", "default", "4")]
     )
     assert table.is_word == [True, True, False, False]
-    assert table.markdown().splitlines()[3] == "| --- | --- | ---: | ---: |"
+    assert table.markdown().splitlines()[1] == "| --- | --- | ---: | ---: |"
     assert Table("", ("who", "n"), []).is_word == [True, False]
