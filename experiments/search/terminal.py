@@ -54,6 +54,6 @@ def _table(comparison: Comparison) -> Table:
             ms = "+".join(f"{part:.{part < 10:d}f}" for part in cell.seconds.ms_per_touch().values())
             counts = (str(cell.wrong), str(cell.none + cell.truncated), f"{cell.touches:.2f}")
             rows.append(
-                (f"  {target}", f"{cell.success:.3f}", f"{low:.3f}–{high:.3f}", *counts, ms if cell.touches else "–")
+                (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
             )
     return Table("", ["target", "success", "95 %", "wrong", "none", "touches", "ms/touch"], rows)
