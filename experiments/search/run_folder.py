@@ -22,15 +22,14 @@ import json
 import platform
 import re
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from activetouch.named_scenes import SCENES
-from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
+from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 from experiments.sensor_choice import command
 from planners import Episode
@@ -206,8 +205,7 @@ class RunFolder:
 
     def write_run(self, run: Mapping[str, Any]) -> None:
         """Write ``run.json``."""
-        with self._writing():
-            write_text(self.path / "run.json", sealed_json(run) + "\n")
+        write_text(self.path / "run.json", sealed_json(run) + "\n")
 
     def read_run(self) -> dict[str, Any]:
         """What ``run.json`` says.
@@ -278,13 +276,12 @@ class RunFolder:
             "lines_sha256": hashlib.sha256(content.encode("utf-8")).hexdigest(),
             "seconds": asdict(shard.seconds),
         }
-        with self._writing():
-            write_text(self._seal(key), sealed_json(seal, indent=None) + "\n")
-            write_text(self._shard(key), content)
+        write_text(self._seal(key), sealed_json(seal, indent=None) + "\n")
+        write_text(self._shard(key), content)
 
     def write_episodes(self, lines: Iterable[str]) -> None:
         """Write ``episodes.jsonl``."""
-        with self._writing(), atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
+        with atomic_path(self.path / "episodes.jsonl") as temporary, temporary.open("w") as file:
             file.writelines(lines)
 
     def lines(self, key: ShardKey) -> Sequence[str]:
@@ -299,22 +296,6 @@ class RunFolder:
                 f"{self._shard(key)} is not there, or not as it was written; play it with:\n{self.again()}"
             )
         return shard.lines
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except CannotWrite:
-            raise
-        except OSError as error:
-            if not self.path.is_dir() and isinstance(error, FileExistsError | NotADirectoryError):
-                raise CannotWrite(
-                    f"{self.path} is no folder, and none can be made there; choose another --out"
-                ) from error
-            raise CannotWrite(
-                f"{self.path} cannot be written to: {error.strerror or error}. What is in it is kept; make room, and "
-                "run the same command to go on"
-            ) from error
 
     def _shard(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.jsonl"

@@ -159,7 +159,7 @@ def test_a_disk_that_fills_up_between_seal_and_episodes_leaves_no_half_shard(tmp
 
     def until_full(path, text):
         if path.name.endswith(name):
-            no_room()
+            raise CannotWrite(f"{path}: no space left")  # as the real one does
         write(path, text)
 
     monkeypatch.setattr("experiments.search.run_folder.write_text", until_full)
