@@ -1,4 +1,4 @@
-"""How searches end: what they claim when they confirm, where the target lay, and what they miss to full information."""
+"""Statistics of episodes: calibration at stopping, success by place of the target, regret and gap to the bound."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from planners import Episode
 
 
 def claims(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
-    """Claim against right of the searches that confirmed something, by touches of the object that was confirmed.
+    """Calibration of the searches that confirmed an object, by touches of that object.
 
-    The claim is the posterior probability, when confirming, that the object is the target.
+    The stated confidence is the posterior probability at confirmation that the object is the target.
 
     Returns:
-        None if nothing was ever confirmed.
+        None if no object was confirmed.
     """
     stops = [(episode, episode.steps[-1]) for episode in episodes if _confirmed(episode)]
     if not stops:
@@ -97,7 +97,7 @@ def gap(
     problem: SearchProblem,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
-    """How far a decider's mean return stays below the discretised model's upper bound: mean and 95 % interval.
+    """Upper bound of the discretised model minus a decider's mean return: mean and 95 % interval.
 
     Args:
         episodes: of one decider, by target.
@@ -120,14 +120,13 @@ def regret(
     problem: SearchProblem,
     rng: np.random.Generator,
 ) -> tuple[float, float, float]:
-    """How much more the best reader of all touches gets than a decider, on the same episodes: mean and 95 % interval.
+    """Return of the full-information oracle minus that of a decider on the same episodes: mean and 95 % interval.
 
-    That reader touches everything in every pose for nothing before it answers, so its return, +1 or -1, is what no
-    decider can expect to exceed, and none can quite reach.
+    The oracle touches every object in every pose free of charge before it answers, so its return is +1 or -1.
 
     Args:
-        episodes: of one decider, by target, those the oracle was measured on first.
-        solved: whether full information solves each of the first episodes, by target.
+        episodes: of one decider, by target, beginning with those on which the oracle was run.
+        solved: whether the oracle succeeds in each of the first episodes, by target.
         problem: the rules.
         rng: source of the bootstrap.
     """

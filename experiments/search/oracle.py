@@ -1,8 +1,8 @@
-"""The ceiling of a comparison in success: what could be known if touches were free and objects could be gone back to.
+"""Full-information oracle: an upper reference for the success of a comparison.
 
-Every object is touched once in every pose, everything is fused, and the object most probably the target is confirmed
-(none, if its absence is likelier). No decider that touches each pose at most once can expect to do better with the same
-sensor and observation model.
+The oracle touches every object once in every pose, fuses all touches, and confirms the object that is most probably the
+target, or rejects all if the absence of the target is more probable. No decider that touches each pose at most once can
+expect to succeed more often with the same sensor and observation model.
 """
 
 from __future__ import annotations
@@ -19,7 +19,14 @@ from planners.search import TouchRequest
 
 
 def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
-    """Which of these episodes are solved by touching everything first."""
+    """Whether the full-information oracle succeeds in each of some episodes.
+
+    Args:
+        setting: that of the run.
+        target: index of the shape searched for.
+        seed: that of the run.
+        numbers: of the episodes.
+    """
     sensor, problem = load_sensor(setting), setting.problem
     solved = []
     for number in numbers:
