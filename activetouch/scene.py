@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,8 +175,13 @@ class Scene:
     @property
     def setup(self) -> Setup:
         """The surroundings of a press."""
-        loaded = tuple(self.shapes.values()) if self.parking else ()
-        return Setup(self.pad, self.height, self.finger, loaded, self.robot)
+        loaded = tuple(self.solids.values()) if self.parking else ()
+        return Setup(self.pad, self.height, self.finger, loaded, cast(Robot | None, self.robot))
+
+    @property
+    def solids(self) -> Mapping[str, Shape]:
+        """The shapes by label, all of them solids: mesh files were read at construction."""
+        return cast(Mapping[str, Shape], self.shapes)
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -209,7 +214,8 @@ class Scene:
         Nothing may be turned where up and down differ (objects stand upright) or the sensor has a direction (coloured
         lights, broken taxels); nothing mirrored that may not be its own mirror image, as a user's mesh.
         """
-        if not all(part.isotropic for part in (self.presentation, self.renderer, *self.faults)):
+        parts: tuple[Presentation | TactileRenderer | Fault, ...] = (self.presentation, self.renderer, *self.faults)
+        if not all(part.isotropic for part in parts):
             return Symmetry.NONE
         if any(isinstance(shape, Mesh) for shape in self.shapes.values()):
             return Symmetry.ROTATIONS
@@ -240,7 +246,7 @@ class Scene:
         pose = index_of("pose", self.pose_labels, pose)
         offset = self.variation.sample_offset(rng)
         shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
-        shape = self.shapes[self.shape_labels[thing.shape_index]]
+        shape = self.solids[self.shape_labels[thing.shape_index]]
         return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
 
     def contact(self, placement: Placement, rng: np.random.Generator) -> Contact:

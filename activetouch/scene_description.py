@@ -167,7 +167,7 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
         return {}
     if is_dataclass(value):
         return {field.name: _described(getattr(value, field.name), depth + 1) for field in fields(value)}
-    if type(value).__repr__ is not object.__repr__:
+    if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}
     members = getattr(value, "__dict__", {})

@@ -54,7 +54,7 @@ class Situation:
     time: Floats
 
 
-def frame_probs(logits: Floats) -> Floats:
+def frame_probs(logits: NDArray[np.floating]) -> Floats:
     """Softmax of logits ``(..., K)``, whatever their size.
 
     >>> frame_probs(np.array([[1e308, -1e308], [0.0, 0.0]])).tolist()

@@ -19,6 +19,7 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,7 +124,7 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
             poses=poses,
             forces=forces,
             depths=depths,
-            **({"redrawn": np.array(redrawn)} if any(redrawn) else {}),
+            **({"redrawn": np.array(redrawn)} if any(redrawn) else {}),  # type: ignore[arg-type]  # numpy takes it
         )
 
 
@@ -211,7 +212,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
         touches, digest = read_shard(folder, manifest, split, shard, objects)
         path = shard_path(folder, split, shard)
         recorded = manifest.digest(split, shard)
-        if digest != (recorded or digest):
+        if recorded is not None and digest != recorded:
             raise CorruptFile(
                 f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, the manifest says "
                 f"{recorded[:12]}…. Delete it and record it again {manifest.how(folder)}"
@@ -237,7 +238,7 @@ def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path
     num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
     per_object = manifest.touches_per_object
     num_touches = len(objects) * per_object
-    expected = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
+    expected: dict[str, tuple[tuple[int, ...], Any]] = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
     expected |= {name: ((num_touches,), dtype) for name, dtype in _NUMBERS.items()}
     for name, (shape, dtype) in expected.items():
         column = getattr(touches, name)

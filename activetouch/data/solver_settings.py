@@ -9,7 +9,7 @@ from activetouch.scene import Scene
 
 def solver_settings(scene: Scene) -> dict[str, Any]:
     """What MuJoCo computes the pad's contacts with, read from the compiled model; empty for a press without MuJoCo."""
-    model = scene.press_model.compiled(scene.setup, next(iter(scene.shapes.values())))
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is None:
         return {}
     import mujoco

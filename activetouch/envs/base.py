@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from activetouch.envs.touch_source import LiveTouches, Objects, RecordedPress, Touches
 from activetouch.world import TactileSensor
-from belief import Belief, SceneBelief, SearchProblem, Touch
+from belief import Belief, SceneBelief, SearchProblem, TouchHistory
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.policy_state import NO_ACTION, Situation, frame_probs, paper_state
 from belief.seeding import arrangement_rng, checked_key, touch_rng
@@ -57,7 +57,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         self.last_press: RecordedPress | None = None
         self._prior: Belief | None = None  # about every object of an ``independent`` problem
         self._is_over = True
-        self.action_space = spaces.Discrete(problem.num_poses + 2)
+        self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2)
         self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
 
     @property
@@ -89,7 +89,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         return self._arrangement
 
     @property
-    def history(self) -> tuple[Touch, ...]:
+    def history(self) -> TouchHistory:
         """Touches of the current object, oldest first."""
         return self._scene.touches(self._object_index)
 
@@ -152,7 +152,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             self._info(success),
         )
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The scene, the touch image and the belief, side by side, ``(H, W, 3)`` uint8."""
         if self.render_mode is None:
             return None
@@ -207,6 +207,6 @@ def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
     if not isinstance(key, Sequence | np.ndarray) or isinstance(key, str | bytes) or not len(key):
         raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17), got {key!r}")
     try:
-        return checked_key(key)
+        return checked_key(list(key))
     except InvalidArgument as error:
         raise BadOption(f"the option 'seed' must be a key such as (0, 3, 17): {error}") from error

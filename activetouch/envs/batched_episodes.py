@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,7 +109,7 @@ class BankEpisodes:
         return self.num_poses + 2
 
     @property
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """All that changes, by name: who writes into these arrays puts the episodes back to where they were."""
         names = ("objects", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
         own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential")}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from activetouch.envs.base import TouchEnv, live_or_given
@@ -117,5 +119,5 @@ class ObjectSearchEnv(TouchEnv):
         self.last_press = None
         return 0.0, False, False, False
 
-    def _info(self, success: bool) -> dict:
+    def _info(self, success: bool) -> dict[str, Any]:
         return {**super()._info(success), "object_index": self._num_rejected}

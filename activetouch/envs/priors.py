@@ -65,6 +65,6 @@ class ObjectPriors:
         """
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():
-            raise ValueError(f"the target's probability must be in (0, 1), got {target_probs}")
+            raise ValueError(f"the target's probability must be in (0, 1), got {target_probs!r}")
         is_target = np.arange(self.num_shapes) == self.target
         return np.where(is_target, target, (1.0 - target) / (self.num_shapes - 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ class Evidence(Protocol):
         """Log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row."""
 
     @property
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """All that changes, by name: who writes into these arrays puts the evidence back to where it was."""
 
 
@@ -75,7 +75,7 @@ class SummedEvidence:
         num_objects, num_rounds, num_poses, num_shapes = logits.shape
         poses = np.broadcast_to(np.arange(num_poses), (num_objects, num_rounds, num_poses)).reshape(-1, 1)
         read = None if features is None else np.asarray(features).reshape(len(poses), 1, -1)
-        alone = TouchBatch(poses, logits.reshape(-1, 1, num_shapes), read)
+        alone = TouchBatch(poses, np.asarray(logits, np.float64).reshape(-1, 1, num_shapes), read)
         single = model.log_likelihood_batch(alone).reshape(logits.shape)
         self._single = single
         self._weights = weights
@@ -98,7 +98,7 @@ class SummedEvidence:
         return np.asarray((weights[:, None, :] @ self._sums)[:, 0])
 
     @property
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """See :class:`Evidence`."""
         return {"sums": self._sums, "counts": self._counts}
 
@@ -148,6 +148,6 @@ class RecomputedEvidence:
         return self._found.copy()
 
     @property
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """See :class:`Evidence`."""
         return {"touched": self._touched, "counts": self._counts, "found": self._found}

@@ -35,7 +35,7 @@ class BankVecEnv(VecEnv):
         super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
 
     @property
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """All that changes but chance, by name: who writes into these arrays puts episodes back to where they were."""
         return {**self._episodes.arrays, "returns": self._returns, "lengths": self._lengths}
 

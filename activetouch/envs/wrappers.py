@@ -100,14 +100,14 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
             state=spaces.Box(0.0, 1.0, (old.shape[0] - self._num_shapes,), np.float32),
         )
 
-    def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray]:
+    def observation(self, observation: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         """Image and state."""
-        box = cast(spaces.Dict, self.observation_space)["image"]
+        shape = cast(spaces.Box, cast(spaces.Dict, self.observation_space)["image"]).shape
         press = _touch_env(self.env).last_press
         if press is None:
-            image = np.zeros(box.shape, np.uint8)
+            image = np.zeros(shape, np.uint8)
         else:
-            image = press.image.repeat(self._repeat, axis=0).repeat(self._repeat, axis=1).reshape(box.shape)
+            image = press.image.repeat(self._repeat, axis=0).repeat(self._repeat, axis=1).reshape(shape)
         return {"image": image, "state": observation[self._num_shapes :]}
 
 

@@ -91,7 +91,7 @@ class TouchClassifier:
 
     def __init__(self, card: ClassifierCard, network: TouchNetwork) -> None:
         self.card = card
-        self.network = network.eval().to(memory_format=torch.channels_last)
+        self.network = network.eval().to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch lacks it
 
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:

@@ -7,6 +7,7 @@ routine takes 2 to 12 times as long as the matrix products below, to the same ro
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -23,8 +24,9 @@ class ConvNeXtFeatures(ConvNextModel):
     def __init__(self, depths: tuple[int, ...], widths: tuple[int, ...], channels: int) -> None:
         super().__init__(ConvNextConfig(num_channels=channels, depths=list(depths), hidden_sizes=list(widths)))
         for module in self.modules():
-            if isinstance(getattr(module, "dwconv", None), nn.Conv2d):
-                module.dwconv = DepthwiseConvolution(module.dwconv)
+            convolution = getattr(module, "dwconv", None)
+            if isinstance(convolution, nn.Conv2d):
+                module.dwconv = DepthwiseConvolution(convolution)
 
     def forward(self, images: Tensor) -> Tensor:
         """See the class."""
@@ -58,7 +60,7 @@ def pretrained(source: Path | str, depths: tuple[int, ...], widths: tuple[int, .
             f"no usable ConvNeXt weights {where}: {source} ({error}). Download config.json and model.safetensors of "
             "a ConvNeXt into a folder and name that folder, or train from scratch."
         ) from error
-    found = (tuple(published.config.depths), tuple(published.config.hidden_sizes))
+    found = (tuple(published.config.depths or ()), tuple(published.config.hidden_sizes or ()))
     if found != (depths, widths):
         raise MissingWeights(f"{source} holds a ConvNeXt of depths and widths {found}, not {(depths, widths)}")
     weights = published.state_dict()
@@ -75,6 +77,7 @@ class DepthwiseConvolution(nn.Module):
 
     def __init__(self, convolution: nn.Conv2d) -> None:
         super().__init__()
+        assert convolution.bias is not None, "the depthwise convolutions of a ConvNeXt have one"
         self.weight, self.bias = convolution.weight, convolution.bias
 
     def forward(self, images: Tensor) -> Tensor:
@@ -90,12 +93,12 @@ class DepthwiseConvolution(nn.Module):
 
 class _Depthwise(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, images: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    def forward(ctx: Any, images: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
         ctx.save_for_backward(images, weight)
         return conv2d(images, weight, bias, padding=weight.shape[-1] // 2, groups=len(weight))
 
     @staticmethod
-    def backward(ctx, gradient: Tensor) -> tuple[Tensor | None, Tensor, Tensor]:
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, Tensor, Tensor]:
         images, weight = ctx.saved_tensors
         size, channels = weight.shape[-1], len(weight)
         gradient = gradient.contiguous(memory_format=torch.channels_last)

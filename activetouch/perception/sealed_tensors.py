@@ -18,7 +18,7 @@ from belief.files import atomic_path, sealed_json, unsealed_json
 _FORMAT = "activetouch-state-1"
 
 
-def write_tensors(path: Path, tensors: Mapping[str, NDArray], fields: Mapping[str, Any]) -> None:
+def write_tensors(path: Path, tensors: Mapping[str, NDArray[Any]], fields: Mapping[str, Any]) -> None:
     """Write arrays by name, and JSON fields with them, atomically."""
     arrays = {name: np.ascontiguousarray(array).reshape(np.shape(array)) for name, array in tensors.items()}
     header = sealed_json({"fields": fields, "tensors": _digest(arrays)}, indent=None)
@@ -26,7 +26,7 @@ def write_tensors(path: Path, tensors: Mapping[str, NDArray], fields: Mapping[st
         save_file(arrays, temporary, metadata={_FORMAT: header})
 
 
-def read_tensors(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
+def read_tensors(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """The arrays and fields from :func:`write_tensors`.
 
     Raises:
@@ -46,7 +46,7 @@ def read_tensors(path: Path) -> tuple[dict[str, NDArray], dict[str, Any]]:
     return arrays, fields
 
 
-def array_digest(*arrays: NDArray) -> str:
+def array_digest(*arrays: NDArray[Any]) -> str:
     """SHA-256 of arrays: types, shapes and content.
 
     >>> array_digest(np.zeros(2)) != array_digest(np.zeros((1, 2)))
@@ -55,7 +55,7 @@ def array_digest(*arrays: NDArray) -> str:
     return _digest({str(index): array for index, array in enumerate(arrays)})
 
 
-def _digest(arrays: Mapping[str, NDArray]) -> str:
+def _digest(arrays: Mapping[str, NDArray[Any]]) -> str:
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = arrays[name]

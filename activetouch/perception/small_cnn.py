@@ -20,6 +20,7 @@ def small_cnn(widths: tuple[int, ...], channels: int) -> nn.Sequential:
     for width_in, width_out in zip((channels, *widths), widths, strict=False):
         convolution = nn.Conv2d(width_in, width_out, kernel_size=3, stride=2, padding=1)
         nn.init.kaiming_normal_(convolution.weight, nonlinearity="relu")
+        assert convolution.bias is not None, "a convolution has one unless told otherwise"
         nn.init.zeros_(convolution.bias)
         layers += [convolution, nn.ReLU()]
     return nn.Sequential(*layers, _MeanOverImage())

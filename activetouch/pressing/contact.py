@@ -147,5 +147,5 @@ def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
         distance[rays] = placement.shape.entry_distance(origins, rotation[0])
     distance *= placement.scale
     nearest = float(distance.min())
-    distance = distance.reshape(pad.num_taxels, pad.num_taxels)
-    return (distance - nearest, clearance - nearest) if np.isfinite(nearest) else (distance, np.nan)
+    square = distance.reshape(pad.num_taxels, pad.num_taxels)
+    return (square - nearest, clearance - nearest) if np.isfinite(nearest) else (square, np.nan)
