@@ -146,6 +146,36 @@ def build(
     return found(**arguments)
 
 
+def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple[Any, Reference]:
+    """What a name leads to: an entry of a registry, an attribute of a module, or what an installed package offers.
+
+    Args:
+        what: is looked for, in a word or two, for messages.
+        text: the name, with settings where wanted.
+        registry: the known ones.
+        group: of entry points, whose names come after those of the registry.
+
+    Returns:
+        What was found, and the name taken apart; nothing is called yet.
+
+    Raises:
+        UnknownName: there is none of that name; the message suggests the nearest.
+        BadReference: the text cannot be read, or its module cannot be imported.
+
+    >>> find("fruit", "apple(ripe=True)", {"apple": 3}, "no.such.group")
+    (3, Reference(name='apple', settings={'ripe': True}, is_called=True))
+    """
+    reference = Reference.parse(text)
+    if reference.is_users:
+        return reference.load(), reference
+    if reference.name in registry:
+        return registry[reference.name], reference
+    offered = entry_point_names(group)
+    if reference.name in offered:
+        return Reference.parse(offered[reference.name]).load(), reference
+    raise UnknownName(what, reference.name, [*registry, *offered])
+
+
 def entry_point_names(group: str) -> dict[str, str]:
     """What installed packages offer under an entry-point group: ``module:attribute`` by name."""
     return {entry.name: entry.value for entry in entry_points(group=group)}

@@ -1,22 +1,29 @@
-"""From the names on a command line to a scene: here, and nowhere deeper, strings become objects."""
+"""From the names on a command line to a scene: here, and nowhere deeper, strings become objects.
+
+A scene or renderer is named by its key in a registry, by the name under which an installed package offers it (entry
+points of the groups ``activetouch.scenes`` and ``activetouch.renderers``), or as ``module:attribute`` of your own.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
-from activetouch import Dynamic, Quasistatic
+from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
-from activetouch.rendering import RENDERERS
+from activetouch.rendering import RENDERERS, TactileRenderer
+from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Mesh
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import ActiveTouchError
+from belief.references import BadReference, build, find
 from experiments.command_line.arguments import Positive
 
 FIDELITIES: Mapping[str, Press] = {
@@ -28,35 +35,82 @@ FIDELITIES: Mapping[str, Press] = {
 PRESENTATIONS: Mapping[str, Presentation] = {"tumbled": Tumbled(), "upright": Upright(), "resampled": Resampled()}
 
 
+Fidelity: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
+PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
+_LARGEST_INPUT = 64  # edge of the images that the classifier of a scene of the user's own sees [pixels]
+
+
 def named_scene(name: str) -> NamedScene:
-    """The scene of that name.
+    """The scene of that name, and its search.
+
+    Args:
+        name: a key of :data:`SCENES`, a name that an installed package offers, or ``module:attribute``, which is a
+            ``Scene``, a ``NamedScene``, or a function that returns one.
 
     Raises:
-        UnknownName: there is none.
+        UnknownName: there is no such name; the message suggests the nearest.
+        BadReference: the name cannot be read, or leads to something that is no scene.
     """
-    if name not in SCENES:
-        raise UnknownName("scene", name, list(SCENES))
-    return SCENES[name]
+    found, reference = find("scene", name, SCENES, "activetouch.scenes")
+    made = build(reference.name, found, reference.settings, {}, reference.is_called)
+    if not isinstance(made, Scene | NamedScene):
+        raise BadReference(f"{name} is no scene: it is {made!r:.80}, not an activetouch.Scene or NamedScene")
+    return made if isinstance(made, NamedScene) else as_named(made)
+
+
+def as_named(scene: Scene) -> NamedScene:
+    """A scene with a search among up to four different objects, and images of up to 64 pixels for its classifier."""
+    edge = scene.image_shape[0]
+    size = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
+    return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size * max(1, 16 // size))
+
+
+def renderer_named(name: str) -> TactileRenderer:
+    """The renderer of that name.
+
+    Args:
+        name: a key of :data:`RENDERERS`, a name that an installed package offers, or ``module:attribute``, which is a
+            renderer, or a class or function that makes one.
+
+    Raises:
+        UnknownName: there is no such name; the message suggests the nearest.
+        BadReference: the name cannot be read.
+        WrongRenderer: it leads to something that is no renderer.
+    """
+    found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
+    is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
+    made = found if is_plain else build(reference.name, found, reference.settings, {}, reference.is_called)
+    require_renderer(made)
+    return made
+
+
+def in_file_names(scene: str) -> str:
+    """The name of a scene as it stands in names of folders.
+
+    >>> in_file_names("gel"), in_file_names("mine:scene(force=2)")
+    ('gel', 'mine-scene-force-2')
+    """
+    return re.sub(r"[^\w.]+", "-", scene).strip("-")
 
 
 def collection_folder(scene: str) -> Path:
     """Where touches of a scene are collected unless told otherwise."""
-    return Path("data") / scene
+    return Path("data") / in_file_names(scene)
 
 
 def repeats_folder(scene: str) -> Path:
     """Where objects of a scene are touched again and again, to calibrate on, unless told otherwise."""
-    return Path("data") / f"{scene}-repeats"
+    return Path("data") / f"{in_file_names(scene)}-repeats"
 
 
 def bank_folder(scene: str) -> Path:
     """Where the touch banks of a scene are unless told otherwise."""
-    return Path("data") / f"{scene}-bank"
+    return Path("data") / f"{in_file_names(scene)}-bank"
 
 
 def training_folder(scene: str) -> Path:
     """Where the classifier of a scene is trained unless told otherwise."""
-    return Path(f"runs/train-{scene}")
+    return Path(f"runs/train-{in_file_names(scene)}")
 
 
 class DuplicateShape(ActiveTouchError, ValueError):
@@ -68,12 +122,13 @@ class SceneChoice:
     """A named scene, and what to change about it."""
 
     scene: str = "gel"
-    """Which world: paper, coarse, gel, hard or many."""
-    fidelity: Literal["quasistatic", "dynamic", "guarded_move", "deformable"] | None = None
+    """Which world: paper, coarse, gel, hard or many; or module:attribute of your own."""
+    fidelity: Fidelity | None = None
     """How presses are made; the scene's own way by default."""
-    renderer: Literal["force_patch", "pressure", "gelsight"] | None = None
-    """What the images show; the scene's own by default."""
-    presentation: Literal["tumbled", "upright", "resampled"] | None = None
+    renderer: str | None = None
+    """What the images show: force_patch, pressure or gelsight; or module:attribute of your own; the scene's own by
+    default."""
+    presentation: PresentationName | None = None
     """How objects lie; the scene's own by default."""
     meshes: tuple[Path, ...] = ()
     """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; a shape is called what its file is."""
@@ -87,7 +142,8 @@ class SceneChoice:
         """The scene, changed as asked, and its search.
 
         Raises:
-            UnknownName: there is no such scene.
+            UnknownName: there is no such scene or renderer.
+            BadReference: the name of either cannot be read, or leads to something else.
             DuplicateShape: a mesh is called like a shape of the scene.
             BadMesh: a mesh file holds no solid.
         """
@@ -96,7 +152,7 @@ class SceneChoice:
         if self.fidelity is not None:
             changes["press_model"] = FIDELITIES[self.fidelity]
         if self.renderer is not None:
-            changes["renderer"] = RENDERERS[self.renderer]
+            changes["renderer"] = renderer_named(self.renderer)
         if self.presentation is not None:
             changes["presentation"] = PRESENTATIONS[self.presentation]
         if self.robot is not None:
@@ -110,6 +166,10 @@ class SceneChoice:
                 )
             changes["shapes"] = {**named.scene.shapes, **added}
         return replace(named, scene=replace(named.scene, **changes))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process: the names, which that process resolves itself."""
+        return {name: value for name, value in vars(self).items() if name != "named"}
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""

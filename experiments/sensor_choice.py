@@ -22,12 +22,13 @@ from experiments.scene_choice import (
     SceneChoice,
     bank_folder,
     collection_folder,
+    in_file_names,
     named_scene,
     repeats_folder,
     training_folder,
 )
 from planners.ppo import BadPolicy, MissingPolicy, load_ppo_policy
-from planners.registry import TRAINED
+from planners.registry import trained_state
 
 REPEATS = ("--plan.train", "0", "--plan.repeats", "6")
 T = TypeVar("T")
@@ -60,7 +61,7 @@ def scene_words(choice: SceneChoice) -> list[str]:
 def sensor_commands(choice: SceneChoice) -> str:
     """The commands that make a sensor for a scene, one a line, and the flag that uses it."""
     changes = [choice.fidelity, choice.renderer, choice.presentation, *(path.stem for path in choice.meshes)]
-    name = "-".join([choice.scene, *(change for change in changes if change)])
+    name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
     sensor, scene = Path(f"runs/sensor-{name}"), scene_words(choice)
     return "\n".join(
@@ -95,10 +96,24 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         BadPolicy: a policy is damaged, or another's.
     """
     try:
-        for target in targets if decider in TRAINED else ():
-            load_ppo_policy(sensor / POLICIES, "posterior" if decider == "ppo_posterior" else "paper", target)
+        if (state := trained_state(decider)) is not None:
+            for target in targets:
+                load_ppo_policy(sensor / POLICIES, state, target)
     except (MissingPolicy, BadPolicy) as error:
         raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
+
+
+def sensor_folder(given: Path | None, scene: str) -> Path:
+    """Where a sensor is.
+
+    Args:
+        given: its folder, or the name of a scene whose sensor is part of the package; None for that of ``scene``.
+        scene: name of the scene it is for.
+    """
+    if given is None:
+        return MODELS / in_file_names(scene)
+    shipped = MODELS / given
+    return shipped if len(given.parts) == 1 and not given.exists() and shipped.is_dir() else given
 
 
 def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False) -> tuple[str, ...]:
@@ -122,7 +137,7 @@ def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) 
     Raises:
         ActiveTouchError: as :func:`check_sensor`.
     """
-    chosen = folder if folder is not None else MODELS / choice.scene
+    chosen = sensor_folder(folder, choice.scene)
     sensor = _with_remedy(partial(load_quietly, chosen, choice.named.scene, anyway), chosen, choice)
     tell_shift(sensor.shift)
     return sensor
@@ -149,7 +164,9 @@ def tell_shift(shift: tuple[str, ...]) -> None:
 def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
     for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
         if not (folder / name).is_file():
-            raise NoSensor(f"{folder} holds no sensor: there is no {name} in it. {_remedy(choice)}")
+            where = f"{folder} holds no sensor: there is no {name} in it"
+            none = f"no sensor comes with the scene {choice.scene}; name one with --sensor"
+            raise NoSensor(f"{where if folder.parent != MODELS else none}. {_remedy(choice)}")
     try:
         return read()
     except (LabelMismatch, WrongScene) as error:

@@ -1,17 +1,23 @@
-"""The deciders a comparison can name. To add one, write it in its own file and add a line here."""
+"""The registry of deciders: every decider that a comparison can name, and how to name one of your own.
+
+To add a decider, write it in its own file and add a line to :data:`DECIDERS`. A decider of your own needs neither: name
+it ``module:attribute``, or offer it from an installed package by an entry point of the group ``activetouch.deciders``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import Any
 
-from belief.errors import ActiveTouchError, UnknownName
+from belief.errors import ActiveTouchError
 from belief.observation_model import ObservationModel, OutcomeTable
-from planners.decider import Decider, SequentialDecider
-from planners.point_based import PointBased
+from belief.references import BadReference, Reference, build, find
+from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
+from planners.point_based import ROUNDS, PointBased
 from planners.ppo import PPODecider
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
@@ -21,22 +27,12 @@ from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
+ENTRY_POINTS = "activetouch.deciders"
+"""Group of entry points by which installed packages offer deciders."""
 
-@dataclass(frozen=True, eq=False)
-class Knowledge:
-    """What a decider can be made from, before any touch.
-
-    Attributes:
-        table: p(outcome | pose, shape) of single touches, which most deciders plan on.
-        model: the observation model itself, for those that plan on touches as they are.
-        policies: folder of trained policies, for those that follow one.
-        simulations: of each decision, for those that search a tree.
-    """
-
-    table: OutcomeTable
-    model: ObservationModel | None = None
-    policies: Path | None = None
-    simulations: int = 1000
+Builder = Callable[..., Decider]
+"""Makes a decider. It is given ``table``, ``model`` and ``policies`` (see :func:`make_decider`) by parameter name if it
+has such parameters; its other parameters are settings, which have defaults."""
 
 
 class WrongType(ActiveTouchError, TypeError):
@@ -58,40 +54,117 @@ def _tree_search() -> ModuleType:
     return pomdp_py_adapter
 
 
-def confident_ppo(policies: Path | None) -> Decider:
-    """The poses of the paper's policies, and a stop when the posterior is sure."""
+def _sequential(stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
+    """A builder of a sequential decider, whose settings are those of its stopping rule.
+
+    Args:
+        stopping: makes the rule from its settings.
+        probing: makes the probe selector from what it needs of ``table`` and ``model``.
+    """
+    rule, selector = inspect.signature(stopping).parameters, inspect.signature(probing).parameters
+
+    def sequential(**arguments: Any) -> Decider:
+        return SequentialDecider(
+            stopping(**{name: value for name, value in arguments.items() if name in rule}),
+            probing(**{name: value for name, value in arguments.items() if name in selector}),
+        )
+
+    parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*selector.values(), *rule.values())]
+    sequential.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return sequential
+
+
+def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    decider: Decider = _tree_search().Pouct(table, simulations)
+    return decider
+
+
+def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    decider: Decider = _tree_search().Pomcp(table, simulations)
+    return decider
+
+
+def _point_based(table: OutcomeTable, model: ObservationModel | None, rounds: Sequence[int] = ROUNDS) -> Decider:
+    return PointBased(table, repeat_discount(model), rounds)
+
+
+def _value_of_one_touch(table: OutcomeTable, model: ObservationModel | None, max_touches: int | None = None) -> Decider:
+    return ValueOfInformation(table, 1, repeat_discount(model), max_touches)
+
+
+def _value_of_information(
+    table: OutcomeTable, model: ObservationModel | None, depth: int = 2, max_touches: int | None = None
+) -> Decider:
+    return ValueOfInformation(table, depth, repeat_discount(model), max_touches)
+
+
+def _ppo(policies: Path | None) -> Decider:
+    return PPODecider(policies)
+
+
+def _ppo_posterior(policies: Path | None) -> Decider:
+    return PPODecider(policies, "posterior")
+
+
+def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
+    """The poses of the paper's policies, and a stop when the posterior is beyond a threshold."""
     ppo = PPODecider(policies)
-    return StopOverride(PosteriorThresholds(), ppo, fallback=ppo)
+    return StopOverride(PosteriorThresholds(confirm, reject, max_touches), ppo, fallback=ppo)
 
 
-DECIDERS: Mapping[str, Callable[[Knowledge], Decider]] = MappingProxyType(
+DECIDERS: Mapping[str, Builder] = MappingProxyType(
     {
-        "random_confirm": lambda known: RandomConfirm(),
-        "threshold": lambda known: SequentialDecider(ThresholdRule(), FixedOrder()),
-        "random_poses": lambda known: SequentialDecider(PosteriorThresholds(), RandomOrder()),
-        "fixed_poses": lambda known: SequentialDecider(PosteriorThresholds(), FixedOrder()),
-        "information_gain": lambda known: SequentialDecider(PosteriorThresholds(), TargetInformationGain(known.table)),
-        "shape_information_gain": lambda known: SequentialDecider(
-            PosteriorThresholds(), ShapeInformationGain(known.table)
+        "random_confirm": RandomConfirm,
+        "threshold": _sequential(ThresholdRule, FixedOrder),
+        "random_poses": _sequential(PosteriorThresholds, RandomOrder),
+        "fixed_poses": _sequential(PosteriorThresholds, FixedOrder),
+        "information_gain": _sequential(PosteriorThresholds, lambda table: TargetInformationGain(table)),
+        "shape_information_gain": _sequential(PosteriorThresholds, lambda table: ShapeInformationGain(table)),
+        "repeat_aware": _sequential(
+            PosteriorThresholds, lambda table, model: TargetInformationGain(table, repeat_discount(model))
         ),
-        "repeat_aware": lambda known: SequentialDecider(
-            PosteriorThresholds(), TargetInformationGain(known.table, repeat_discount(known.model))
-        ),
-        "value_of_one_touch": lambda known: ValueOfInformation(known.table, 1, repeat_discount(known.model)),
-        "value_of_information": lambda known: ValueOfInformation(known.table, 2, repeat_discount(known.model)),
-        "sequential_test": lambda known: SequentialDecider(SequentialTest(), TargetInformationGain(known.table)),
-        "ppo": lambda known: PPODecider(known.policies),
-        "ppo_posterior": lambda known: PPODecider(known.policies, "posterior"),
-        "ppo_confident": lambda known: confident_ppo(known.policies),
-        "pouct": lambda known: _tree_search().Pouct(known.table, known.simulations),
-        "pomcp": lambda known: _tree_search().Pomcp(known.table, known.simulations),
-        "point_based": lambda known: PointBased(known.table, repeat_discount(known.model)),
+        "value_of_one_touch": _value_of_one_touch,
+        "value_of_information": _value_of_information,
+        "sequential_test": _sequential(SequentialTest, lambda table: TargetInformationGain(table)),
+        "ppo": _ppo,
+        "ppo_posterior": _ppo_posterior,
+        "ppo_confident": confident_ppo,
+        "pouct": _pouct,
+        "pomcp": _pomcp,
+        "point_based": _point_based,
     }
 )
-"""Builds a decider by name from what is known of the scene's touches."""
+"""Builds a decider by name."""
 
-TRAINED = frozenset(("ppo", "ppo_posterior", "ppo_confident"))
-"""Those that follow trained policies, and cannot be made of a bare model."""
+TRAINED: Mapping[str, str] = MappingProxyType({"ppo": "paper", "ppo_posterior": "posterior", "ppo_confident": "paper"})
+"""Those that follow trained policies, and what the policies see (a key of :data:`belief.policy_state.ENCODINGS`)."""
+
+_GIVEN = ("table", "model", "policies")
+
+
+def find_decider(name: str) -> tuple[Any, Reference]:
+    """What a name leads to, and its settings; nothing is made yet.
+
+    Args:
+        name: as for :func:`make_decider`.
+
+    Raises:
+        UnknownName: there is none of that name; the message suggests the nearest.
+        BadReference: the name cannot be read, or its module cannot be imported.
+    """
+    found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
+    if given := [setting for setting in reference.settings if setting in _GIVEN]:
+        raise BadReference(f"{name}: {given[0]} is no setting; deciders are given it")
+    return found, reference
+
+
+def trained_state(name: str) -> str | None:
+    """What the policies see that a decider of the registry follows; None if it follows none.
+
+    >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
+    ('paper', None)
+    """
+    return TRAINED.get(Reference.parse(name).name)
 
 
 def make_decider(
@@ -99,27 +172,35 @@ def make_decider(
     table: OutcomeTable,
     model: ObservationModel | None = None,
     policies: Path | None = None,
-    simulations: int = 1000,
+    simulations: int | None = None,
 ) -> Decider:
-    """The named decider.
+    """Make a decider from its name.
 
     Args:
-        name: a key of :data:`DECIDERS`.
+        name: a key of :data:`DECIDERS`, a name that an installed package offers, or ``module:attribute`` of your own;
+            with settings in brackets where wanted, such as ``information_gain(confirm=0.97)``.
         table: p(outcome | pose, shape) of single touches.
         model: the observation model itself; some deciders need it.
         policies: folder of trained policies; some deciders need it.
-        simulations: of each decision, for deciders that search a tree.
+        simulations: of each decision, for deciders that search a tree, unless the name sets it; their own default
+            where None.
 
     Raises:
         UnknownName: there is none of that name; the message suggests the nearest.
+        BadReference: the name cannot be read, its settings do not fit, or it leads to something that is no decider.
         MissingPackage: it needs a package that is not installed.
         WrongType: an argument is something else than it should be, such as a model in place of its table.
+
+    >>> import numpy as np
+    >>> table = OutcomeTable(np.full((2, 3, 4), 0.25))
+    >>> make_decider("fixed_poses(confirm=0.9)", table)
+    SequentialDecider(stopping=PosteriorThresholds(confirm=0.9, reject=0.01, max_touches=12), probing=FixedOrder())
     """
     for argument, value, kind, works in (
-        ("name", name, str, f"one of {', '.join(DECIDERS)}"),
+        ("name", name, str, f"one of {', '.join(DECIDERS)}, or module:attribute"),
         ("table", table, OutcomeTable, "an observation model's: model.outcome_table()"),
         ("policies", policies, Path | None, "a pathlib.Path"),
-        ("simulations", simulations, Integral, "an integer"),
+        ("simulations", simulations, Integral | None, "an integer"),
     ):
         if not isinstance(value, kind) or isinstance(value, bool):
             raise WrongType(f"{argument} must be {works}; got {_what(value)}")
@@ -127,9 +208,19 @@ def make_decider(
         raise WrongType(
             f"model must be an observation model, such as TactileSensor.shipped('gel').model; got {_what(model)}"
         )
-    if name not in DECIDERS:
-        raise UnknownName("decider", name, list(DECIDERS))
-    return DECIDERS[name](Knowledge(table, model, policies, simulations))
+    found, reference = find_decider(name)
+    offered = {"table": table, "model": model, "policies": policies}
+    if simulations is not None:
+        offered["simulations"] = simulations
+    try:
+        made = build(reference.name, found, reference.settings, offered, reference.is_called)
+    except (TypeError, ValueError) as error:
+        if isinstance(error, ActiveTouchError) or not reference.settings:
+            raise
+        raise BadReference(f"{name}: {error}") from error
+    if not callable(getattr(made, "decide", None)):
+        raise BadReference(f"{name} is no decider: it is {_what(made)}, and has no method decide(info, rng)")
+    return made
 
 
 def _what(value: object) -> str:

@@ -21,7 +21,7 @@ from experiments.bayes_error.simulation import SimulatedBayes
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.scene_choice import SceneChoice
+from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.sensor_choice import open_sensor
 
 FEW_TAXELS = 64
@@ -68,7 +68,7 @@ class Limit:
         scene = self.choice.named.scene
         if self.touches < len(scene.shapes):
             raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one for each shape, got {self.touches}")
-        folder = self.out if self.out is not None else Path(f"runs/limit-{self.choice.scene}")
+        folder = self.out if self.out is not None else Path(f"runs/limit-{in_file_names(self.choice.scene)}")
         require_writable(folder)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         findings = self.estimator(scene).measure(LimitStudy(sensor, self.touches, self.seed, self.jobs, folder))

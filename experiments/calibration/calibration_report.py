@@ -25,7 +25,7 @@ from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
-from experiments.scene_choice import named_scene, repeats_folder
+from experiments.scene_choice import in_file_names, named_scene, repeats_folder
 from experiments.sensor.scores import read_logits
 from experiments.sensor_choice import open_collection, require_collection
 
@@ -77,7 +77,7 @@ class CalibrationReport:
 
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        folder = self.out if self.out is not None else Path(f"runs/calibration-{self.scene}")
+        folder = self.out if self.out is not None else Path(f"runs/calibration-{in_file_names(self.scene)}")
         require_writable(folder)
         manifest = open_collection(data, self.scene, repeats=True)
         if manifest.plan.repeats < 2:

@@ -12,7 +12,7 @@ from rich.markdown import Markdown
 
 from activetouch.named_scenes import SCENES
 from activetouch.perception.recipe import RECIPES
-from belief.errors import CorruptFile, UnknownName
+from belief.errors import CorruptFile
 from belief.files import require_writable, sealed_json, unsealed_json, write_text
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
@@ -21,7 +21,7 @@ from experiments.paper.sliding_windows import WindowPlan, kept_windows
 from experiments.parallel import default_jobs
 from experiments.scene_choice import named_scene
 from experiments.sensor.train import BackboneName, Changes, require_input_size
-from planners import DECIDERS
+from planners.registry import find_decider
 
 if TYPE_CHECKING:
     from activetouch.data.dataset import TouchSet
@@ -137,8 +137,7 @@ class Reproduce:
         for scene in self.scenes:
             named_scene(scene)
         for decider in self.deciders:
-            if decider not in DECIDERS:
-                raise UnknownName("decider", decider, list(DECIDERS))
+            find_decider(decider)
         if "table1" in parts:
             self.change.of(RECIPES["paper"])
             require_input_size(self.input_size, SCENES["paper"].scene.image_shape[0], self.backbone)

@@ -18,7 +18,7 @@ from experiments.search.setting import Setting
 from experiments.search.summary import ALL
 from experiments.sensor_choice import policy_commands
 from planners.ppo import load_ppo_policy
-from planners.registry import TRAINED
+from planners.registry import trained_state
 
 PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -28,7 +28,6 @@ PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
 )
 """Table 2 as printed: success over 100 trials of each target."""
 PAPER_TRIALS = 100
-_STATES = {"ppo": "paper", "ppo_confident": "paper", "ppo_posterior": "posterior"}
 
 
 @dataclass(frozen=True)
@@ -103,11 +102,11 @@ def search_columns(
 
 def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
     """Reason why a decider cannot search; empty if it can."""
-    if decider not in TRAINED:
+    if (state := trained_state(decider)) is None:
         return ""
     try:
         for target in targets:
-            load_ppo_policy(setting.sensor_folder / POLICIES, _STATES[decider], target)
+            load_ppo_policy(setting.sensor_folder / POLICIES, state, target)
     except ActiveTouchError as error:
         commands = policy_commands(setting.choice.scene, setting.sensor_folder)
         return f"{error}. To train policies for this sensor: {' && '.join(commands.splitlines())}"

@@ -20,7 +20,7 @@ from experiments.command_line.arguments import Count, Jobs, NotNegative, Positiv
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
-from experiments.scene_choice import bank_folder, named_scene
+from experiments.scene_choice import bank_folder, in_file_names, named_scene
 from experiments.sensor_choice import command, tell_shift
 from planners.ppo import policy_file
 
@@ -99,7 +99,7 @@ class TrainPPO:
 
         named_scene(self.scene)  # or say which there are
         recipes = self._recipes()
-        out = self.out if self.out is not None else Path(f"runs/ppo-{self.scene}")
+        out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")
         require_writable(out)
         trainings = self._trainings(out, recipes)
         tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]

@@ -38,7 +38,7 @@ from experiments.command_line.arguments import CountOrNone, Jobs, Pixels, Seed, 
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.reporting.tables import Table, interval
-from experiments.scene_choice import SceneChoice, named_scene
+from experiments.scene_choice import SceneChoice, in_file_names, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
 from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
 from experiments.sensor_choice import check_sensor, tell_shift
@@ -125,7 +125,7 @@ class Leak:
         scene = self.choice.named.scene
         if self.train:
             require_input_size(self.input_size, scene.image_shape[0], "cnn")
-        out = self.out if self.out is not None else Path(f"runs/leak-{self.choice.scene}")
+        out = self.out if self.out is not None else Path(f"runs/leak-{in_file_names(self.choice.scene)}")
         require_writable(out)
         classifier = self._classifier(scene)
         readings = {"image": partial(averaged, size=self.input_size)} if self.train else {}

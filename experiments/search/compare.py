@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import re
 import textwrap
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 
-from activetouch.rendering import RENDERERS
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_writable, unsealed_json
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
+from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
@@ -27,7 +27,7 @@ from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict
 from experiments.sensor_choice import command, require_policies, tell_shift
-from planners import DECIDERS
+from planners.registry import DECIDERS, find_decider
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,8 @@ class Compare:
     """
 
     deciders: tuple[str, ...] = ("point_based", "information_gain", "threshold", "random_confirm")
-    """Who searches."""
+    """Who searches: names of deciders, with settings where wanted, such as 'information_gain(confirm=0.97)'; or
+    module:attribute of your own, such as 'mine:TwoLooks(touches=4)'."""
     reference: str | None = None
     """The decider that differences are taken to; the first by default."""
     targets: tuple[str, ...] = ()
@@ -107,8 +108,10 @@ class Compare:
     @property
     def folder(self) -> Path:
         """Where the run is kept."""
+        if self.out is not None:
+            return self.out
         scene = self.setting.choice.scene
-        return self.out if self.out is not None else Path("runs/compare" if scene == "gel" else f"runs/compare-{scene}")
+        return Path("runs/compare" if scene == "gel" else f"runs/compare-{in_file_names(scene)}")
 
     def run(self) -> None:
         """Play what is missing, then summarise everything."""
@@ -138,22 +141,27 @@ class Compare:
             if plural and chosen:
                 raise BadArgument("give either --scene or --scenes, and either --renderer or --renderers")
         for name in self.renderers:
-            if name not in RENDERERS:
-                raise UnknownName("renderer", name, list(RENDERERS))
+            renderer_named(name)  # or say which there are
         root, found = self.out if self.out is not None else Path("runs/compare-scenes"), {}
         for scene in dict.fromkeys(self.scenes or (choice.scene,)):
             for renderer in dict.fromkeys(self.renderers) or (choice.renderer,):
-                name = scene if renderer is None else f"{scene}-{renderer}"
+                name = in_file_names(scene if renderer is None else f"{scene}-{renderer}")
                 sensor = self.setting.sensor
                 if self.sensors is not None:
-                    sensor = Path(self.sensors.replace("{scene}", scene).replace("{renderer}", str(renderer)))
+                    sensor = Path(
+                        self.sensors.replace("{scene}", in_file_names(scene)).replace(
+                            "{renderer}", in_file_names(str(renderer))
+                        )
+                    )
                 setting = replace(self.setting, choice=replace(choice, scene=scene, renderer=renderer), sensor=sensor)
                 found[name] = replace(self, scenes=(), renderers=(), sensors=None, setting=setting, out=root / name)
         return found
 
-    def _run_one(self, console: Console) -> Comparison | None:
-        from experiments.search.report import write_report  # loads matplotlib
+    def of_sensor(self, folder: Path | None) -> Compare:
+        """The same comparison with the sensor in this folder."""
+        return replace(self, setting=replace(self.setting, sensor=folder))
 
+    def _run_one(self, console: Console) -> Comparison | None:
         if self.part != "1/1":
             self.fill()
             other, union = (self.folder.with_name(f"{self.folder.name}-{word}") for word in ("other", "all"))
@@ -163,16 +171,29 @@ class Compare:
                 soft_wrap=True,
             )
             return None
-        comparison = self.play()
+        comparison, report, told = self.report()
         console.print(terminal_table(comparison, console.width).rich())
         for sentence in verdict(comparison):
             console.print(textwrap.fill(sentence, 78))
-        held, told = self.held()
-        report = write_report(self.folder, held, self.setting, self.seed, told)
         for sentence in told:
             console.print(textwrap.fill(sentence, 78))
         console.print(f"report: {report}", soft_wrap=True)
         return comparison
+
+    def report(self) -> tuple[Comparison, Path, list[str]]:
+        """Play what is missing and write the report.
+
+        Returns:
+            What was asked for, the page, and in words what else the folder holds.
+
+        Raises:
+            ActiveTouchError: as :meth:`play`.
+        """
+        from experiments.search.report import write_report  # loads matplotlib
+
+        comparison = self.play()
+        held, told = self.held()
+        return comparison, write_report(self.folder, held, self.setting, self.seed, told), told
 
     def play(self) -> Comparison:
         """Play what is missing and read back what was asked for.
@@ -285,19 +306,19 @@ class Compare:
         self._part()
         require_writable(self.folder)
         for name in self.deciders:
-            if name not in DECIDERS:
-                raise UnknownName("decider", name, list(DECIDERS))
+            if isinstance(player := self.setting.player(name), str):
+                find_decider(player)
         if self.reference is not None and self.reference not in self.deciders:
             raise UnknownName("reference among --deciders", self.reference, list(self.deciders))
         for target in self.targets:
             if target not in problem.shape_labels:
                 raise UnknownName("target", target, list(problem.shape_labels))
-        for name in self.deciders:
-            wanted = self.targets or problem.shape_labels
-            require_policies(name, wanted, self.setting.choice.scene, self.setting.sensor_folder)
+        for player in map(self.setting.player, self.deciders):
+            if isinstance(player, str):
+                wanted = self.targets or problem.shape_labels
+                require_policies(player, wanted, self.setting.choice.scene, self.setting.sensor_folder)
         return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
 
     def _arguments(self) -> dict[str, object]:
-        told = {**asdict(self), "out": str(self.folder), "setting": self.setting.to_dict()}
-        del told["config"]  # whose arguments are told themselves
-        return told
+        told = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "config"}
+        return {**told, "out": str(self.folder), "setting": self.setting.to_dict()}

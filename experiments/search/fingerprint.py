@@ -48,6 +48,13 @@ def fingerprint(thing: object, target: str | None = None, given: Mapping[str, ob
     return _sha256(json.dumps([described, _code_of(walk.modules)]))
 
 
+def modules_of(thing: object) -> set[str]:
+    """Names of the modules that the classes of a thing, and of its settings, come from."""
+    walk = _Walk(None, {})
+    walk.describe(thing)
+    return walk.modules
+
+
 def files_digest(paths: Iterable[Path]) -> str:
     """SHA-256 of the content of files, wherever they lie."""
     digest = hashlib.sha256()

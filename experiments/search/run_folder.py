@@ -27,6 +27,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
+from urllib.parse import quote, unquote
 
 from activetouch.named_scenes import SCENES
 from belief.errors import ActiveTouchError, CorruptFile
@@ -59,14 +60,19 @@ class ShardKey:
 
     @property
     def stem(self) -> str:
-        """File name without its ending."""
-        return f"{self.decider}-{self.target}-{self.number:05d}"
+        """File name without its ending: another one for every key, of characters that every file system takes.
+
+        >>> ShardKey("mine:TwoLooks(touches=4)", "cone", 0).stem
+        'mine%3ATwoLooks%28touches%3D4%29-cone-00000'
+        """
+        return f"{_in_file_name(self.decider)}-{_in_file_name(self.target, '-')}-{self.number:05d}"
 
     @classmethod
     def from_stem(cls, stem: str) -> ShardKey | None:
-        """The key from its file name, None if it is no shard's; names of deciders hold no hyphen, of targets may."""
+        """The key from its file name; None if it is not the name of a shard."""
         found = re.fullmatch(r"([^-]+)-(.+)-(\d{5,})", stem)
-        return None if found is None else cls(found[1], found[2], int(found[3]))
+        key = None if found is None else cls(unquote(found[1]), unquote(found[2]), int(found[3]))
+        return key if key is not None and key.stem == stem else None
 
     @property
     def is_played(self) -> bool:
@@ -308,6 +314,11 @@ def _compare_into(folder: Path) -> str:
     """The command that fills a folder; the name of the folder tells the scene where it is a default one."""
     scene = folder.name.removeprefix("compare-")
     return command("compare", scene=scene if scene in SCENES else None, out=folder)
+
+
+def _in_file_name(text: str, keep: str = "") -> str:
+    """A text in letters, digits, "_" and what is to be kept; all else by its number, as in an address."""
+    return re.sub(rf"[^%\w{keep}]", lambda found: f"%{ord(found[0]):02X}", quote(text, safe=""), flags=re.ASCII)
 
 
 def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:

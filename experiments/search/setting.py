@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from copy import deepcopy
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -14,7 +15,6 @@ import tyro
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.world import (
     CLASSIFIER_FILE,
-    MODELS,
     OBSERVATION_FILE,
     POLICIES,
     TouchTime,
@@ -28,7 +28,7 @@ from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import Count, NotNegative
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
-from experiments.sensor_choice import check_sensor, load_quietly
+from experiments.sensor_choice import check_sensor, load_quietly, sensor_folder
 from planners import Decider, Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
@@ -42,7 +42,8 @@ class Setting:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     sensor: Path | None = None
-    """Folder of a classifier and an observation model; those that come with the scene by default."""
+    """Folder of a classifier and an observation model, or the name of a scene that they come with; those that come with
+    the scene by default."""
     num_objects: Count | None = None
     """Objects on the table; as many as the scene has by default."""
     composition: Literal["distinct", "independent"] | None = None
@@ -55,7 +56,8 @@ class Setting:
     def to_dict(self) -> dict[str, Any]:
         """The setting as plain values."""
         sensor = None if self.sensor is None else str(self.sensor)
-        return {**asdict(self), "choice": self.choice.to_dict(), "sensor": sensor}
+        told = {field.name: getattr(self, field.name) for field in fields(Setting)}
+        return {**told, "choice": self.choice.to_dict(), "sensor": sensor}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
@@ -66,8 +68,12 @@ class Setting:
     def resolved(self) -> Setting:
         """The same setting with absolute paths, for workers that were started elsewhere."""
         meshes = tuple(path.resolve() for path in self.choice.meshes)
-        sensor = None if self.sensor is None else self.sensor.resolve()
+        sensor = None if self.sensor is None else self.sensor_folder.resolve()
         return replace(self, choice=replace(self.choice, meshes=meshes), sensor=sensor)
+
+    def player(self, name: str) -> Decider | str:
+        """The decider that a report calls so, or its name as on the command line."""
+        return name
 
     @property
     def scene(self) -> Scene:
@@ -77,7 +83,7 @@ class Setting:
     @property
     def sensor_folder(self) -> Path:
         """Where the classifier and the observation model are."""
-        return self.sensor if self.sensor is not None else MODELS / self.choice.scene
+        return sensor_folder(self.sensor, self.choice.scene)
 
     @property
     def shift(self) -> tuple[str, ...]:
@@ -142,8 +148,11 @@ def _known_model(folder: Path, when: Stamps) -> tuple[ObservationModel, OutcomeT
 
 def build_decider(setting: Setting, name: str) -> Decider:
     """The named decider with the setting's observation model and policies."""
+    player = setting.player(name)
+    if not isinstance(player, str):
+        return deepcopy(player)  # what it keeps from one shard is not to reach another
     model, table = known_model(setting)
-    return make_decider(name, table, model, setting.sensor_folder / POLICIES)
+    return make_decider(player, table, model, setting.sensor_folder / POLICIES)
 
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:

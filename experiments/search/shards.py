@@ -14,7 +14,7 @@ from activetouch.scene_description import scene_fields
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief.errors import ActiveTouchError
 from experiments.search.bound import best_expected_return
-from experiments.search.fingerprint import files_digest, fingerprint
+from experiments.search.fingerprint import files_digest, fingerprint, modules_of
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.run_folder import (
     BOUND,
@@ -145,6 +145,9 @@ def _require_same(setting: Setting, seed: int, decider: str, target: str, wanted
 @lru_cache(maxsize=256)
 def _checked(setting: Setting, seed: int, decider: str, target: str, wanted: str, when: Stamps) -> str:
     mine, asked = json.loads(portrait(setting, seed, decider, target)), json.loads(wanted)
+    player = setting.player(decider)
+    if not isinstance(player, str) and "__main__" in modules_of(player):
+        mine["decider"] = asked["decider"]  # it was sent here with its classes; the main module here is another
     if mine != asked:
         other = [f"{name} ({mine[name]} for {asked[name]})" for name in asked if mine[name] != asked[name]]
         raise WorkerMismatch(

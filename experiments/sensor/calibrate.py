@@ -24,7 +24,7 @@ from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
-from experiments.scene_choice import named_scene, repeats_folder, training_folder
+from experiments.scene_choice import in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import read_logits
 from experiments.sensor_choice import open_collection, require_collection
@@ -66,7 +66,7 @@ class Calibrate:
 
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        out = self.out if self.out is not None else Path(f"runs/sensor-{self.scene}")
+        out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
         require_writable(out)
         trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
         manifest = open_collection(data, self.scene, repeats=True)

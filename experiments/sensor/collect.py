@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
+from activetouch import Scene
 from activetouch.data.dataset import CollectionPlan, num_redrawn, read_shard, record_shard, shard_path
 from activetouch.data.manifest import Manifest, read_manifest, seal, write_manifest
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -85,7 +86,21 @@ class Collect:
 
 
 def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) -> Manifest:
+    """Record what a folder lacks of a collection of a scene that the command line names; see :func:`record`."""
+    return record(choice.named.scene, plan, folder, jobs, choice.to_dict())
+
+
+def record(
+    scene: Scene, plan: CollectionPlan, folder: Path, jobs: int, choice: Mapping[str, Any] | None = None
+) -> Manifest:
     """Record what a folder lacks of a collection, check all of it, and return its manifest, digests and all.
+
+    Args:
+        scene: whose touches to record.
+        plan: how many.
+        folder: of the collection.
+        jobs: processes; the bytes do not depend on it.
+        choice: the command line's words for the scene, if there are any.
 
     Raises:
         LabelMismatch: the folder holds another collection, or a shard names what the collection does not have.
@@ -93,8 +108,7 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) 
         UnstablePress: no object of some shape can be pressed in all poses.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
-    scene = choice.named.scene
-    manifest = write_manifest(folder, scene, plan, choice.to_dict())
+    manifest = write_manifest(folder, scene, plan, choice)
     missing = [
         (path, partial(record_shard, scene, plan, split, objects, path))
         for split, shard, objects in manifest.shards()

@@ -18,7 +18,7 @@ from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Sha
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.reporting.tables import Table
-from experiments.scene_choice import collection_folder, named_scene
+from experiments.scene_choice import collection_folder, in_file_names, named_scene
 from experiments.sensor.scores import Scores, scores
 from experiments.sensor.train import (
     STATE_FILE,
@@ -82,7 +82,7 @@ class LearningCurve:
         check_arguments(self)
         import torch
 
-        out = self.out if self.out is not None else Path(f"runs/learning-curve-{self.scene}")
+        out = self.out if self.out is not None else Path(f"runs/learning-curve-{in_file_names(self.scene)}")
         require_writable(out)
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)

@@ -61,7 +61,7 @@ def test_an_edited_decider_in_the_same_folder_gives_the_new_numbers(tmp_path, mo
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
 
-    def build(known):
+    def build():
         import my_own
 
         return my_own.Mine()
@@ -92,7 +92,7 @@ def test_a_line_of_the_table_with_other_settings_is_another_decider(tmp_path, ta
 
     touches = []
     for confirm in (0.6, 0.9999999):
-        table(mine=lambda known, confirm=confirm: SequentialDecider(PosteriorThresholds(confirm), FixedOrder()))
+        table(mine=lambda confirm=confirm: SequentialDecider(PosteriorThresholds(confirm), FixedOrder()))
         touches.append(compare(tmp_path, "mine").play().cells["mine", "all"].touches)
     assert touches[0] < touches[1]
 
@@ -101,9 +101,9 @@ def test_what_an_earlier_version_played_is_in_no_report(tmp_path, table):
     from planners.random_confirm import RandomConfirm
     from planners.threshold_rule import ThresholdRule
 
-    table(mine=lambda known: RandomConfirm())
+    table(mine=lambda: RandomConfirm())
     compare(tmp_path, "mine", "random_confirm").play()
-    table(mine=lambda known: ThresholdRule())
+    table(mine=lambda: ThresholdRule())
     small = compare(tmp_path, "random_confirm", episodes=1)
     small.play()
     assert {line["decider"] for line in lines(tmp_path)} == {"random_confirm"}
