@@ -165,6 +165,8 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
     >>> find("fruit", "apple(ripe=True)", {"apple": 3}, "no.such.group")
     (3, Reference(name='apple', settings={'ripe': True}, is_called=True))
     """
+    if text in registry:  # a name there need not be a word
+        return registry[text], Reference(text)
     reference = Reference.parse(text)
     if reference.is_users:
         return reference.load(), reference

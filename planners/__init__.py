@@ -1,5 +1,6 @@
 """Deciders that search by touch: when to stop, where to probe, and the one loop that runs them all."""
 
+from planners.check import check_decider
 from planners.decider import Decider, Decision, InformationState, SequentialDecider
 from planners.episode import Episode, Outcome, Step
 from planners.registry import DECIDERS, make_decider
@@ -15,6 +16,7 @@ __all__ = [
     "SequentialDecider",
     "Step",
     "World",
+    "check_decider",
     "make_decider",
     "search",
     "search_lockstep",

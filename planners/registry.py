@@ -214,10 +214,12 @@ def make_decider(
         offered["simulations"] = simulations
     try:
         made = build(reference.name, found, reference.settings, offered, reference.is_called)
-    except (TypeError, ValueError) as error:
-        if isinstance(error, ActiveTouchError) or not reference.settings:
+    except ActiveTouchError:
+        raise
+    except Exception as error:
+        if not (reference.settings or reference.is_users):
             raise
-        raise BadReference(f"{name}: {error}") from error
+        raise BadReference(f"{name} cannot be made: {error!r}") from error
     if not callable(getattr(made, "decide", None)):
         raise BadReference(f"{name} is no decider: it is {_what(made)}, and has no method decide(info, rng)")
     return made

@@ -7,6 +7,7 @@ To add a renderer, write a class with the call of :class:`TactileRenderer` in a 
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from activetouch.rendering.check import check_renderer
 from activetouch.rendering.faults import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, read_out
 from activetouch.rendering.force_patch import ForcePatchRenderer
 from activetouch.rendering.gelsight import GelSightRenderer
@@ -30,5 +31,6 @@ __all__ = [
     "PressureRenderer",
     "Quantisation",
     "TactileRenderer",
+    "check_renderer",
     "read_out",
 ]

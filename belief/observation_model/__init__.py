@@ -5,7 +5,7 @@ prior once per touch. An observation model turns touches into a likelihood inste
 one object at once, so that a model may discount touches that repeat each other.
 
 To add a model, derive from :class:`ArrayModel`, and enter it in
-:data:`belief.observation_model.selection.OBSERVATION_MODELS`.
+:data:`belief.observation_model.registry.OBSERVATION_MODELS`.
 """
 
 from belief.observation_model.baselines.confusion import ConfusionModel
@@ -13,6 +13,7 @@ from belief.observation_model.baselines.embedding import FeatureEmbedding, Logit
 from belief.observation_model.baselines.gaussian import GaussianModel
 from belief.observation_model.baselines.plda import PLDAModel
 from belief.observation_model.baselines.signature import SignatureModel
+from belief.observation_model.check import check_observation_model
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel, ObservationModel
 from belief.observation_model.outcome_table import OutcomeTable
@@ -30,6 +31,7 @@ __all__ = [
     "PLDAModel",
     "RatioModel",
     "SignatureModel",
+    "check_observation_model",
     "information_of_touch",
     "read_observation_model",
     "read_origin",

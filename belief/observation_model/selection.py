@@ -5,37 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.bayes import update
 from belief.cross_validation import object_folds
-from belief.observation_model import ArrayModel, ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+from belief.observation_model import ArrayModel
+from belief.observation_model.registry import OBSERVATION_MODELS, Fit
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 
-Fit = Callable[..., ArrayModel]
-"""Builds a model from touches, shapes and object ids; takes ``shape_labels`` and ``num_poses`` too."""
-
-_EDGES = (0.6, 0.9, 0.99)
-
-
 NUM_FOLDS = 5
 """Of whole objects, in which models are compared unless told otherwise."""
-
-OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
-    {
-        "confusion": ConfusionModel.fit,
-        "confusion × confidence": partial(ConfusionModel.fit, confidence_edges=_EDGES),
-        "signature": partial(SignatureModel.fit, confidence_edges=_EDGES),
-        "gaussian": GaussianModel.fit,
-        "plda": PLDAModel.fit,
-        "ratio": RatioModel.fit,
-    }
-)
-"""What :func:`choose_observation_model` chooses from, by name."""
 
 
 @dataclass(frozen=True, eq=False)

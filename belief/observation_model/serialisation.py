@@ -5,16 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from belief.files import unsealed_json
-from belief.observation_model.baselines.confusion import ConfusionModel
-from belief.observation_model.baselines.gaussian import GaussianModel
-from belief.observation_model.baselines.plda import PLDAModel
-from belief.observation_model.baselines.signature import SignatureModel
-from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel
-
-_KINDS: dict[str, type[ArrayModel]] = {
-    kind.name: kind for kind in (ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel)
-}
+from belief.observation_model.registry import class_named
 
 
 def read_observation_model(text: str) -> ArrayModel:
@@ -31,14 +23,13 @@ def read_observation_model(text: str) -> ArrayModel:
     """
     try:
         fields = unsealed_json(text)
-        if fields["model"] not in _KINDS:
-            raise ValueError(f"unknown kind {fields['model']!r}, known are {', '.join(_KINDS)}")
+        kind = class_named(fields["model"])
         labels = fields["shape_labels"]
         if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
             raise ValueError(f"shape_labels must be a list of names, got {labels!r}")
         if len(set(labels)) < len(labels):
             raise ValueError(f"shape_labels must differ from each other, got {labels}")
-        return _KINDS[fields["model"]].from_fields(tuple(labels), fields)
+        return kind.from_fields(tuple(labels), fields)
     except ValueError as error:
         raise ValueError(f"not an observation model: {error}") from error
     except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:

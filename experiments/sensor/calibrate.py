@@ -18,6 +18,7 @@ from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
+from belief.observation_model.registry import OBSERVATION_MODELS, fit_named, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
@@ -54,6 +55,8 @@ class Calibrate:
     """Folder of the collection; data/SCENE-repeats by default."""
     out: Path | None = None
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
+    observation_model: tuple[str, ...] = ()
+    """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
     seed: Seed = 0
     """Of the bootstrap intervals."""
     anyway: bool = False
@@ -67,6 +70,7 @@ class Calibrate:
         named_scene(self.scene)  # or say which there are
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
+        candidates = {name: fit_named(name) for name in self.observation_model or OBSERVATION_MODELS}
         require_writable(out)
         trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
@@ -84,7 +88,9 @@ class Calibrate:
             calibration.object_ids,
             shape_labels=manifest.shape_labels,
             num_poses=len(manifest.pose_labels),
+            candidates=candidates,
         )
+        require_readable(choice.model)
         evaluation = {
             "observation_model": choice.name,
             "cross_validated_nll": dict(choice.losses),

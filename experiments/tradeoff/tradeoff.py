@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from activetouch.named_scenes import SCENES
 from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,
@@ -24,6 +23,7 @@ from experiments.command_line.arguments import (
 from experiments.command_line.console import plain_console
 from experiments.parallel import run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
+from experiments.tradeoff.configuration import SHARES
 
 if TYPE_CHECKING:
     from experiments.tradeoff.measure import Result, TouchCost
@@ -46,7 +46,7 @@ class Tradeoff:
         activetouch tradeoff --checkpoints gel=runs/train-gel-tiny-32/classifier.safetensors
     """
 
-    scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SCENES)
+    scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
     """Scenes to measure."""
     checkpoints: tuple[str, ...] = ()
     """Classifiers with other backbones or resolutions to measure as well, each as SCENE=FILE."""

@@ -1,0 +1,27 @@
+"""A scene of your own: that of ``gel``, pressed twice as hard.
+
+Run in this folder:
+
+    activetouch touch --scene own_scene:pressed_harder --shape cone --out cone.png
+    activetouch compare --scene "own_scene:pressed_harder(force=4.0)" --sensor gel --episodes 25
+
+The sensor of ``gel`` reads the images, and the report says how the scenes differ. A scene with other shapes, another
+pad or another renderer needs a sensor of its own: ``activetouch.make_sensor(scene, folder)``.
+"""
+
+from dataclasses import replace
+
+from activetouch import SCENES
+from activetouch.distributions import Uniform
+from activetouch.named_scenes import NamedScene
+
+
+def pressed_harder(force: float = 3.0) -> NamedScene:
+    """The scene ``gel`` with stronger presses and three objects on the table.
+
+    Args:
+        force: the weakest; the strongest is twice that [N].
+    """
+    gel = SCENES["gel"]
+    variation = replace(gel.scene.variation, force=Uniform(force, 2.0 * force))
+    return replace(gel, scene=replace(gel.scene, variation=variation), num_objects=3)

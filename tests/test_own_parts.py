@@ -1,0 +1,81 @@
+"""A user's own decider, scene and renderer run from the command line; the package is not touched."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
+
+
+@pytest.fixture
+def activetouch(tmp_path):
+    """Runs a command in a folder that holds nothing but one of the examples."""
+
+    def run(example, *words):
+        shutil.copy(ROOT / "examples" / f"{example}.py", tmp_path)
+        return subprocess.run(
+            [sys.executable, "-m", "experiments.cli", *words],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+
+    return run
+
+
+def episodes(folder):
+    return [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
+
+
+SHORT = ("--targets", "cube", "--episodes", "1", "--jobs", "1", "--out", "run")
+
+
+def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activetouch, tmp_path):
+    name = "own_decider:EveryPose(poses=2, confirm=0.99)"
+    activetouch("own_decider", "compare", "--scene", "coarse", "--deciders", name, "random_confirm", *SHORT)
+    found = episodes(tmp_path / "run")
+    assert [line["decider"] for line in found] == [name, "random_confirm"]
+    assert found[0]["steps"][0]["action"] != found[1]["steps"][0]["action"]  # it probes, the other does not
+    assert name in (tmp_path / "run" / "report.html").read_text()
+
+
+def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another(activetouch, tmp_path):
+    scene = "own_scene:pressed_harder(force=2.5)"
+    activetouch("own_scene", "touch", "--scene", scene, "--shape", "cube", "--out", "cube.png")
+    assert (tmp_path / "cube.png").stat().st_size > 0
+    told = activetouch(
+        "own_scene", "compare", "--scene", scene, "--sensor", "gel", "--deciders", "random_confirm", *SHORT
+    )
+    assert "variation.force.low is 2.5" in told.stderr
+    assert len(episodes(tmp_path / "run")[0]["arrangement"]) == 3
+
+
+def test_the_example_of_a_renderer_is_touched_and_compared(activetouch, tmp_path):
+    renderer = "own_renderer:Outline(threshold=0.2)"
+    activetouch("own_renderer", "touch", "--renderer", renderer, "--shape", "cube", "--out", "cube.png")
+    assert (tmp_path / "cube.png").stat().st_size > 0
+    told = activetouch(
+        *("own_renderer", "compare", "--renderer", renderer, "--sensor", "gel", "--anyway"),
+        *("--deciders", "fixed_poses(max_touches=1)", *SHORT),
+    )
+    assert "renderer is own_renderer.Outline" in told.stderr
+    assert len(episodes(tmp_path / "run")) == 1
+
+
+@pytest.mark.parametrize("example", ["own_decider", "own_renderer"])
+def test_the_examples_check_the_contract_that_they_keep(example):
+    subprocess.run(
+        [sys.executable, f"{example}.py"],
+        cwd=ROOT / "examples",
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+    )
