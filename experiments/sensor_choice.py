@@ -50,7 +50,7 @@ def command(name: str, *words: object, **options: object) -> str:
 def scene_words(choice: SceneChoice) -> list[str]:
     """What to type for a scene: its name, and what is changed about it."""
     words = ["--scene", choice.scene]
-    for field in fields(choice):
+    for field in fields(SceneChoice):
         value = getattr(choice, field.name)
         if field.name != "scene" and value != field.default:
             words.append(f"--{field.name.replace('_', '-')}")
