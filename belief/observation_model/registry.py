@@ -42,9 +42,10 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
 """Every observation model by name, as the function that fits it."""
 
 
-def kinds(fits: Mapping[str, Fit] = OBSERVATION_MODELS) -> dict[str, type[ArrayModel]]:
-    """The classes of a registry, by the names that their files bear."""
-    found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in fits.values()]
+def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
+    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by the names that their files bear."""
+    all_fits = (OBSERVATION_MODELS if fits is None else fits).values()
+    found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in all_fits]
     return {kind.name: kind for kind in found if inspect.isclass(kind) and issubclass(kind, ArrayModel)}
 
 
