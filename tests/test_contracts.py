@@ -151,7 +151,7 @@ def _changed(image, contact, times):
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda image, contact, times: image + 1.5,
+        lambda image, contact, times: image + 20.0,
         lambda image, contact, times: (255 * image).astype(np.uint8),
         lambda image, contact, times: image[:-1],
         lambda image, contact, times: np.stack([image] * 2, axis=2),
