@@ -18,7 +18,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.compare import Compare
-from experiments.search.run_folder import BOUND, CEILING
+from experiments.search.run_folder import BOUND, ORACLE
 from experiments.search.setting import Setting
 from experiments.search.summary import Comparison
 from planners import Decider
@@ -117,7 +117,7 @@ def compare(
     """
     players = dict(deciders) if isinstance(deciders, Mapping) else {name: name for name in deciders}
     for name, player in players.items():
-        if name in (CEILING, BOUND) or not name:
+        if name in (ORACLE, BOUND) or not name:
             raise BadArgument(f"a decider cannot be called {name!r}; give it another name")
         if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
             raise BadArgument(f"{name!r} is no decider: it has no method decide(info, rng), got {player!r:.80}")
