@@ -1,4 +1,4 @@
-"""Extremes of the command line: every number of every command outside its range."""
+"""Extremes of the command line: every numeric argument of every command outside its range."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _NEEDED = {
 
 
 def out_of_range(name: str, kind: type) -> Iterator[tuple[str, float, Any]]:
-    """Flag, value and command, for values that an argument must not have.
+    """Flag, value and command, for values outside the range of an argument.
 
     Args:
-        name: of the command.
-        kind: of the command.
+        name: name of the command.
+        kind: class of the command.
     """
     command = kind(**_NEEDED.get(name, {}))
     for flag, path, value, rules in arguments(command):
@@ -35,7 +35,7 @@ def out_of_range(name: str, kind: type) -> Iterator[tuple[str, float, Any]]:
 
 
 def changed(command: Any, path: tuple[str, ...], value: Any) -> Any:
-    """The command with one attribute changed, however deep it lies."""
+    """The command with one attribute changed, at any depth."""
     name, *rest = path
     inner = changed(getattr(command, name), tuple(rest), value) if rest else value
     return replace(command, **{name: inner})
@@ -50,4 +50,4 @@ def _cases() -> Iterator[Case]:
 
 
 CASES: tuple[Case, ...] = tuple(_cases())
-"""Every command must name the flag and the value, and do nothing."""
+"""Every command must name the flag and the value and stop."""

@@ -1,8 +1,8 @@
-"""What a stress case is, and how what happens is judged.
+"""Cases of ``stress``, and the judgement of their outcomes.
 
-A case hands something extreme to a public function. Two things may happen: the right answer, compared with what is
-known beforehand, or an error of a stated type whose message says what was wrong. All else is a failure: a wrong answer,
-NaN, a warning, an error of another type, or none where there should be one.
+A case passes an extreme input to a public function. It must give the right answer, which is known in advance, or an
+error of a stated type whose message names the cause. Anything else is a failure: a wrong answer, NaN, a warning,
+another error, or no error where one is expected.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 
 class Verdict(StrEnum):
-    """How a case ended."""
+    """Outcome of a case."""
 
     RIGHT = "right answer"
     REFUSED = "clear error"
@@ -32,10 +32,10 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Expectation:
-    """What should come out: a test of the answer, or a kind of error and a pattern that its message must match.
+    """Expected outcome: a test of the answer, or a type of error and a pattern that its message must match.
 
     Attributes:
-        words: for the report.
+        words: description for the report.
         holds: whether an answer is right; None where an error is expected.
         error: type of the error.
         pattern: regular expression for its message.
@@ -49,14 +49,14 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Case:
-    """Something extreme for a public function.
+    """An extreme input to a public function.
 
     Attributes:
-        entry: the function, by its public name.
-        given: in words.
-        run: gives it.
-        expected: what should come out.
-        is_slow: takes more than about a second.
+        entry: public name of the function.
+        given: description of the input.
+        run: calls the function.
+        expected: the expected outcome.
+        is_slow: whether it takes more than about a second.
     """
 
     entry: str
@@ -71,7 +71,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """What came of a case."""
+    """Outcome of one case."""
 
     case: Case
     verdict: Verdict
@@ -80,19 +80,26 @@ class Finding:
 
 
 def answers(entry: str, given: str, run: Callable[[], Any], expected: Expectation, *, slow: bool = False) -> Case:
-    """A case that has an answer."""
+    """A case with an answer."""
     return Case(entry, given, run, expected, slow)
 
 
 def refuses(
     entry: str, given: str, run: Callable[[], Any], error: type[Exception], pattern: str, *, slow: bool = False
 ) -> Case:
-    """A case that has none: the message of the error must match a pattern that names the cause."""
+    """A case with an error, whose message must match a pattern that names the cause."""
     return Case(entry, given, run, Expectation(f"{error.__name__} about “{pattern}”", None, error, pattern), slow)
 
 
+def refusals(
+    entry: str, error: type[Exception], cases: Mapping[str, tuple[Callable[[], Any], str]]
+) -> tuple[Case, ...]:
+    """Cases of one function with the same type of error: call and pattern by description."""
+    return tuple(refuses(entry, given, run, error, pattern) for given, (run, pattern) in cases.items())
+
+
 def equal_to(value: ArrayLike, tolerance: float = 1e-9) -> Expectation:
-    """The answer is this, within a tolerance relative to 1 or to itself, whichever is larger; infinities are equal."""
+    """The answer equals a value, up to a relative and absolute tolerance; infinities are equal."""
     shown = np.array2string(np.asarray(value), precision=4, threshold=6).replace("\n", "")
 
     def holds(answer: Any) -> bool:
@@ -107,7 +114,7 @@ def such_that(words: str, holds: Callable[[Any], bool]) -> Expectation:
 
 
 def in_folder(run: Callable[[Path], Any]) -> Callable[[], Any]:
-    """Run something in an empty folder, which is gone afterwards."""
+    """Run a function in an empty folder that is deleted afterwards."""
 
     def wrapped() -> Any:
         with tempfile.TemporaryDirectory() as name:
@@ -117,7 +124,7 @@ def in_folder(run: Callable[[Path], Any]) -> Callable[[], Any]:
 
 
 def judge(case: Case) -> Finding:
-    """Run a case with warnings as errors, and say what came of it."""
+    """Run a case with warnings as errors and judge the outcome."""
     started = time.perf_counter()
     expected = case.expected
     try:
@@ -126,7 +133,7 @@ def judge(case: Case) -> Finding:
             answer = case.run()
             right = expected.holds is not None and expected.holds(answer)
         verdict, happened = (Verdict.RIGHT if right else Verdict.FAILED), f"answer: {_short(answer)}"
-    except Exception as error:  # whatever it is, that is the finding
+    except Exception as error:  # any error is a finding
         typed = expected.error is not None and isinstance(error, expected.error)
         clear = typed and re.search(expected.pattern, str(error)) is not None
         verdict = Verdict.REFUSED if clear else Verdict.FAILED

@@ -1,4 +1,4 @@
-"""Extremes of the commands: arguments that make no sense, and run folders that were torn or belong to other runs."""
+"""Extremes of the commands: senseless arguments, and run folders that are damaged or belong to other runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from belief.files import sealed_json
 from experiments.bayes_error.image_bank import SensorNoise
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
-from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses
+from experiments.extremes.cases import Case, answers, equal_to, in_folder, refusals, refuses
 from experiments.press.explain import Explain
 from experiments.press.touch import Touch
 from experiments.scene_choice import DuplicateShape, SceneChoice
@@ -89,28 +89,21 @@ CASES: tuple[Case, ...] = (
     refuses("compare", "a run.json that was cut off", _after(_cut_run), CorruptFile, "Choose another --out"),
     refuses("compare", "a file as --out", in_folder(_into_a_file), CannotWrite, "is no folder"),
     refuses("compare", "no decider", _played(deciders=()), BadArgument, "must name one"),
-    refuses(
-        "compare", "a decider with a slip", _played(deciders=("threshhold",)), UnknownName, "Did you mean 'threshold'"
-    ),
-    refuses("compare", "a target with a slip", _played(targets=("cohne",)), UnknownName, "Did you mean 'cone'"),
-    refuses(
+    *refusals(
         "compare",
-        "a scene with a slip",
-        _played(setting=Setting(SceneChoice("coarze"))),
         UnknownName,
-        "Did you mean 'coarse'",
+        {
+            "a decider with a slip": (_played(deciders=("threshhold",)), "Did you mean 'threshold'"),
+            "a target with a slip": (_played(targets=("cohne",)), "Did you mean 'cone'"),
+            "a scene with a slip": (_played(setting=Setting(SceneChoice("coarze"))), "Did you mean 'coarse'"),
+        },
     ),
-    refuses("compare", "λ = -1", _played(setting=replace(_COARSE, touch_cost=-1.0)), BadArgument, "touch_cost"),
-    refuses(
-        "compare", "λ = NaN", _played(setting=replace(_COARSE, touch_cost=float("nan"))), BadArgument, "touch_cost"
-    ),
-    refuses("compare", "no objects", _played(setting=replace(_COARSE, num_objects=0)), BadArgument, "num_objects"),
-    refuses(
+    *refusals(
         "compare",
-        "five distinct objects of four shapes",
-        _played(setting=replace(_COARSE, num_objects=5)),
         BadArgument,
-        "independent",
+        {
+            "five distinct objects of four shapes": (_played(setting=replace(_COARSE, num_objects=5)), "independent"),
+        },
     ),
     refuses(
         "compare",
@@ -119,10 +112,14 @@ CASES: tuple[Case, ...] = (
         NoSensor,
         "holds no sensor",
     ),
-    refuses(
-        "compare", "a run of another seed in the folder", _after(lambda folder: None, seed=1), RunMismatch, "other seed"
+    *refusals(
+        "compare",
+        RunMismatch,
+        {
+            "a run of another seed in the folder": (_after(lambda folder: None, seed=1), "other seed"),
+            "a run of other versions in the folder": (_after(_with_versions), "other versions"),
+        },
     ),
-    refuses("compare", "a run of other versions in the folder", _after(_with_versions), RunMismatch, "other versions"),
     answers("compare", "a shard that was lost: played again", _after(_lose), equal_to(3)),
     answers("compare", "what a kill in the middle of writing leaves", _after(_litter), equal_to(3)),
     answers("compare", "more episodes than there are", _after(lambda folder: None, episodes=5), equal_to(5)),
@@ -140,20 +137,21 @@ CASES: tuple[Case, ...] = (
         FileNotFoundError,
         "play it with",
     ),
-    refuses(
-        "replay", "an empty folder", in_folder(lambda folder: Replay(folder).run()), FileNotFoundError, "holds no run"
-    ),
-    refuses(
+    *refusals(
         "replay",
-        "an episode that was not played",
-        in_folder(
-            lambda f: [
-                _compare(f).play(),
-                Replay(f / "run", "random_confirm", "cone", number=30, out=f / "x.png").run(),
-            ]
-        ),
         FileNotFoundError,
-        "numbers 0 to 2",
+        {
+            "an empty folder": (in_folder(lambda folder: Replay(folder).run()), "holds no run"),
+            "an episode that was not played": (
+                in_folder(
+                    lambda f: [
+                        _compare(f).play(),
+                        Replay(f / "run", "random_confirm", "cone", number=30, out=f / "x.png").run(),
+                    ]
+                ),
+                "numbers 0 to 2",
+            ),
+        },
     ),
     refuses("touch", "a shape with a slip", lambda: Touch(shape="conee").run(), UnknownName, "Did you mean 'cone'"),
     refuses("explain", "an unknown scene", lambda: Explain(SceneChoice("nowhere")).run(), UnknownName, "Known: paper"),
@@ -205,4 +203,4 @@ CASES: tuple[Case, ...] = (
         "Quantisation",
     ),
 )
-"""Of :mod:`experiments`."""
+"""Cases of the commands."""

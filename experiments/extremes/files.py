@@ -1,4 +1,4 @@
-"""Extremes of files: checkpoints, observation models, shards, manifests, meshes; truncated, foreign, tampered with."""
+"""Extremes of files: truncated, foreign or changed checkpoints, observation models, shards, manifests and meshes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
 from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
-from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses
+from experiments.extremes.cases import Case, answers, equal_to, in_folder, refusals, refuses
 
 Damage = Callable[[Path], None]
 _SHIPPED = MODELS / "coarse"
@@ -31,7 +31,7 @@ _BOOM = Path("activetouch-stress-was-unpickled")
 
 
 class _Boom:
-    """Leaves a file behind where it is unpickled."""
+    """Creates a file when it is unpickled."""
 
     def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
         return Path.touch, (_BOOM,)
@@ -88,7 +88,7 @@ def _sensor(damage: Damage, name: str) -> Callable[[], object]:
 
 
 def _changed(**changes: object) -> Damage:
-    """An observation model with other fields."""
+    """Change fields of an observation model."""
 
     def damage(path: Path) -> None:
         path.write_text(sealed_json(unsealed_json(path.read_text()) | changes))
@@ -155,41 +155,41 @@ def _of_sensors() -> list[Case]:
             CorruptFile,
             "nowhere",
         ),
-        refuses(
+        *refusals(
             "TactileSensor.read",
-            "an image of floats",
-            lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 4, 4)), [0]),
             ValueError,
-            "uint8",
+            {
+                "an image of floats": (lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 4, 4)), [0]), "uint8"),
+                "an image of 7 × 7 for a network of 16 × 16": (
+                    lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 7, 7), np.uint8), [0]),
+                    "multiple",
+                ),
+            },
         ),
-        refuses(
-            "TactileSensor.read",
-            "an image of 7 × 7 for a network of 16 × 16",
-            lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 7, 7), np.uint8), [0]),
-            ValueError,
-            "multiple",
-        ),
-        refuses(
+        *refusals(
             "TemperatureScaling.from_json",
-            "the text of another thing",
-            lambda: TemperatureScaling.from_json(sealed_json({"a": 1}), ["cube"]),
             ValueError,
-            "not a calibration",
-        ),
-        refuses(
-            "TemperatureScaling.from_json",
-            "a temperature of zero",
-            lambda: TemperatureScaling.from_json(
-                sealed_json({**unsealed_json(TemperatureScaling(2.0, "ok").to_json(["a"])), "temperature": 0.0}), ["a"]
-            ),
-            ValueError,
-            "temperature > 0",
+            {
+                "the text of another thing": (
+                    lambda: TemperatureScaling.from_json(sealed_json({"a": 1}), ["cube"]),
+                    "not a calibration",
+                ),
+                "a temperature of zero": (
+                    lambda: TemperatureScaling.from_json(
+                        sealed_json(
+                            {**unsealed_json(TemperatureScaling(2.0, "ok").to_json(["a"])), "temperature": 0.0}
+                        ),
+                        ["a"],
+                    ),
+                    "temperature > 0",
+                ),
+            },
         ),
     ]
 
 
 def _collection(folder: Path) -> Path:
-    """A tiny collection, complete and sealed."""
+    """Record a tiny, complete collection."""
     import hashlib
 
     manifest = write_manifest(folder, _SCENE, _PLAN)
@@ -257,15 +257,16 @@ def _of_collections() -> list[Case]:
             "read_split", "a shard of another split", _shard(_swapped), CorruptFile, "was changed after it was recorded"
         ),
         refuses("read_split", "a shard whose labels were reversed", _shard(_relabelled), LabelMismatch, "wrong labels"),
-        refuses(
-            "read_split", "a shard that holds pickled objects", _shard(_objects), CorruptFile, "Object arrays cannot"
-        ),
-        refuses(
+        *refusals(
             "read_split",
-            "a split that is not planned",
-            in_folder(lambda folder: read_split(_collection(folder), "train")),
             CorruptFile,
-            "planned without any train",
+            {
+                "a shard that holds pickled objects": (_shard(_objects), "Object arrays cannot"),
+                "a split that is not planned": (
+                    in_folder(lambda folder: read_split(_collection(folder), "train")),
+                    "planned without any train",
+                ),
+            },
         ),
         refuses(
             "read_split",
@@ -281,8 +282,14 @@ def _of_collections() -> list[Case]:
             LabelMismatch,
             "(?i)plan|another collection",
         ),
-        refuses("CollectionPlan", "minus one object", lambda: CollectionPlan(train=-1), ValueError, "whole"),
-        refuses("CollectionPlan", "a seed of 2³²", lambda: CollectionPlan(seed=2**32), ValueError, "whole"),
+        *refusals(
+            "CollectionPlan",
+            ValueError,
+            {
+                "minus one object": (lambda: CollectionPlan(train=-1), "whole"),
+                "a seed of 2³²": (lambda: CollectionPlan(seed=2**32), "whole"),
+            },
+        ),
         answers(
             "read_split",
             "one object of each shape",
@@ -296,7 +303,7 @@ def _of_collections() -> list[Case]:
 
 
 def _torn(folder: Path) -> tuple[bool, int]:
-    """Whether the old text is still there, and how many files are."""
+    """Whether the old text is still there, and the number of files."""
     file = folder / "it.txt"
     write_text(file, "old")
     try:
@@ -335,51 +342,42 @@ def _of_meshes() -> list[Case]:
             lambda: _radius(True) / _radius(False),
             equal_to(1.0),
         ),
-        refuses("Mesh.from_file", "an empty file", _mesh([]), BadMesh, "it.obj|it"),
-        refuses("Mesh.from_file", "corners and no faces", _mesh(corners), BadMesh, "it"),
-        refuses(
+        *refusals(
             "Mesh.from_file",
-            "a hole: a face is missing",
-            _mesh(_TETRAHEDRON[:-1]),
             BadMesh,
-            "(?i)closed|hole|open|watertight",
+            {
+                "an empty file": (_mesh([]), "it.obj|it"),
+                "corners and no faces": (_mesh(corners), "it"),
+                "a hole: a face is missing": (_mesh(_TETRAHEDRON[:-1]), "(?i)closed|hole|open|watertight"),
+                "all corners in one plane": (
+                    _mesh(["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 1 1 0", *_TETRAHEDRON[4:]]),
+                    "(?i)volume|plane|flat",
+                ),
+                "corners of NaN": (_mesh(["v nan 0 0", *_TETRAHEDRON[1:]]), "(?i)finite|nan|read"),
+                "corners of 1e300": (_mesh(["v 1e300 0 0", *_TETRAHEDRON[1:]]), "it"),
+                "millimetres taken for metres": (_mesh(_TETRAHEDRON, scale=1000.0), "(?i)scale"),
+            },
         ),
-        refuses(
+        *refusals(
             "Mesh.from_file",
-            "all corners in one plane",
-            _mesh(["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 1 1 0", *_TETRAHEDRON[4:]]),
-            BadMesh,
-            "(?i)volume|plane|flat",
-        ),
-        refuses(
-            "Mesh.from_file", "corners of NaN", _mesh(["v nan 0 0", *_TETRAHEDRON[1:]]), BadMesh, "(?i)finite|nan|read"
-        ),
-        refuses("Mesh.from_file", "corners of 1e300", _mesh(["v 1e300 0 0", *_TETRAHEDRON[1:]]), BadMesh, "it"),
-        refuses(
-            "Mesh.from_file", "millimetres taken for metres", _mesh(_TETRAHEDRON, scale=1000.0), BadMesh, "(?i)scale"
-        ),
-        refuses(
-            "Mesh.from_file", "a scale of zero", _mesh(_TETRAHEDRON, scale=0.0), ValueError, "scale must be positive"
-        ),
-        refuses(
-            "Mesh.from_file",
-            "a scale of NaN",
-            _mesh(_TETRAHEDRON, scale=float("nan")),
             ValueError,
-            "scale must be positive",
+            {
+                "a scale of zero": (_mesh(_TETRAHEDRON, scale=0.0), "scale must be positive"),
+                "a scale of NaN": (_mesh(_TETRAHEDRON, scale=float("nan")), "scale must be positive"),
+            },
         ),
-        refuses(
+        *refusals(
             "Mesh.from_file",
-            "a face with a corner that is not there",
-            _mesh([*_TETRAHEDRON, "f 1 2 99"]),
             BadMesh,
-            "it",
+            {
+                "a face with a corner that is not there": (_mesh([*_TETRAHEDRON, "f 1 2 99"]), "it"),
+                "words in an STL file": (_mesh(["solid nothing"], "it.stl"), "it"),
+                "a format that is not read": (_mesh(_TETRAHEDRON, "it.step"), ".stl, .obj"),
+            },
         ),
-        refuses("Mesh.from_file", "words in an STL file", _mesh(["solid nothing"], "it.stl"), BadMesh, "it"),
-        refuses("Mesh.from_file", "a format that is not read", _mesh(_TETRAHEDRON, "it.step"), BadMesh, ".stl, .obj"),
         refuses("Mesh.from_file", "no file", lambda: Mesh.from_file(Path("nowhere.stl")), FileNotFoundError, "nowhere"),
     ]
 
 
 CASES: tuple[Case, ...] = (*_of_sensors(), *_of_collections(), *_of_meshes())
-"""Of everything that is read from a file; a file that would run code if it were unpickled leaves a trace."""
+"""Cases of everything that is read from a file; unpickling a file would leave a trace."""

@@ -1,23 +1,27 @@
-"""Extremes of parts from elsewhere: sensors and collections of other scenes, renderers and deciders of a user's own."""
+"""Extremes of foreign parts: sensors and collections of other scenes, and deciders and renderers of the user's own."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from activetouch import Quasistatic, Scene
 from activetouch.data.manifest import CollectionPlan
-from activetouch.errors import WrongScene
+from activetouch.errors import WrongRenderer, WrongScene
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.pad import Pad
+from activetouch.rendering import PressureRenderer
 from activetouch.world import CLASSIFIER_FILE, MODELS, TactileSensor
 from belief import Confirm, Probe, SearchProblem
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
-from experiments.extremes.cases import Case, in_folder, refuses
+from experiments.extremes.cases import Case, in_folder, refusals, refuses
 from experiments.ppo.touch_bank import MakeTouchBank
 from experiments.press.leak import Leak
 from experiments.robustness.robustness import Robustness
@@ -35,7 +39,7 @@ _DIFFERENCE = "made for another scene|made for other|knows the shapes|reads imag
 
 @dataclass(frozen=True)
 class _Decider:
-    """A decider of a user's own that always answers the same."""
+    """A decider of the user's own that always gives the same answer."""
 
     answer: Any
 
@@ -61,7 +65,7 @@ def _compared(scene: str, sensor: str) -> Callable[[], object]:
 
 
 def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
-    """A command and a small collection of the scene gel, for whoever is for another scene."""
+    """Run a command for another scene on a small collection of the scene gel."""
 
     def run(folder: Path) -> object:
         choice = SceneChoice("gel", fidelity="quasistatic")
@@ -138,11 +142,54 @@ def _deciders() -> list[Case]:
     }
     return [
         refuses(
-            "search", f"a decider of one's own that answers {words}", _decides(answer), BadDecision, "_Decider answered"
+            "search",
+            f"a user's decider that answers {words}",
+            _decides(answer),
+            BadDecision,
+            "_Decider answered",
         )
         for words, answer in answers.items()
     ]
 
 
-CASES: tuple[Case, ...] = (*_sensors(), *_collections(), *_deciders())
-"""Each must be refused before any work, and the difference named."""
+@dataclass(frozen=True)
+class _Renderer:
+    """A renderer of the user's own that scales and casts the image of another one."""
+
+    scale: float
+    kind: str
+    isotropic: ClassVar[bool] = True
+
+    def __call__(self, contact: Contact) -> Any:
+        return (self.scale * PressureRenderer()(contact)).astype(self.kind)
+
+
+def _touched(renderer: Any) -> Callable[[], object]:
+    def touched() -> object:
+        rng = np.random.default_rng(0)
+        scene = Scene(renderer=renderer, press_model=Quasistatic(), pad=Pad(num_taxels=8))
+        return scene.press(scene.sample_object(0, rng), 0, rng)
+
+    return touched
+
+
+def _renderers() -> tuple[Case, ...]:
+    return refusals(
+        "Scene",
+        WrongRenderer,
+        {
+            "a user's renderer that gives uint8": (
+                _touched(_Renderer(255.0, "uint8")),
+                "uint8; divide by 255",
+            ),
+            "a user's renderer with values up to 255": (
+                _touched(_Renderer(255.0, "float64")),
+                "values from 0",
+            ),
+            "the name of a renderer instead of an object": (_touched("pressure"), "not the name 'pressure'"),
+        },
+    )
+
+
+CASES: tuple[Case, ...] = (*_sensors(), *_collections(), *_deciders(), *_renderers())
+"""Each must be refused before any work, and the message must name the difference."""

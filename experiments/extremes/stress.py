@@ -1,6 +1,6 @@
-"""``activetouch stress``: extremes of what a user meets, what happened, and how it was judged.
+"""``activetouch stress``: pass extreme inputs to what users meet, and report the outcomes.
 
-Extremes of the mathematics (beliefs, calibrations, deciders) are tests: ``tests/extremes``.
+Extremes of beliefs, calibrations, deciders and the physics are tests: ``tests/extremes``.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from experiments.parallel import progress_bar
 
 AREAS: Mapping[str, str] = MappingProxyType(
     {
-        "touch": "presses, pads, objects, images, scenes",
+        "touch": "presses, objects, scenes",
         "files": "checkpoints, observation models, shards, manifests, meshes",
-        "commands": "names, run folders, what is not there",
+        "commands": "names, run folders, missing files",
         "arguments": "numbers out of their range, of every command",
-        "foreign": "sensors and collections of other scenes, deciders of a user's own",
+        "foreign": "sensors and collections of other scenes, deciders and renderers of the user's own",
     }
 )
-"""Where cases are: ``experiments/extremes/AREA.py`` has those of an area, in ``CASES``."""
+"""Areas of cases; the cases of an area are ``experiments.extremes.AREA.CASES``."""
 
 
 class NotRobust(ActiveTouchError):
-    """Some case was answered wrongly, or refused without saying why."""
+    """A case had a wrong answer or an unclear error."""
 
 
 def cases_of(area: str) -> Sequence[Case]:
@@ -52,10 +52,10 @@ def cases_of(area: str) -> Sequence[Case]:
 
 @dataclass(frozen=True)
 class Stress:
-    """Hand extremes to what a user meets: touches, files, commands, and parts that come from elsewhere.
+    """Test the installation with extreme inputs: touches, files, commands, and parts of the user's own.
 
-    Each case must give the right answer, which is known beforehand, or an error of a stated type that says what was
-    wrong. Anything else is a failure: a wrong answer, NaN, a warning, another error, or none where there should be one.
+    Each case must give the right answer, which is known in advance, or an error of a stated type that names the cause.
+    Anything else is a failure: a wrong answer, NaN, a warning, another error, or no error where one is expected.
 
     For example:
 
@@ -64,21 +64,21 @@ class Stress:
     """
 
     areas: tuple[str, ...] = tuple(AREAS)
-    """Which of touch, files, commands, arguments, foreign."""
+    """Areas to test: touch, files, commands, arguments, foreign."""
     out: Path = Path("runs/stress")
     """Folder for report.html and findings.csv."""
 
     def run(self) -> None:
-        """Judge all cases, write, and print.
+        """Judge all cases, write the report, and print it.
 
         Raises:
-            NotRobust: a case failed; the report is written nevertheless.
+            NotRobust: a case failed; the report is written first.
         """
         require_writable(self.out)
         cases = {area: cases_of(area) for area in self.areas}
         pairs = [(area, case) for area, some in cases.items() for case in some]
         findings: dict[str, list[Finding]] = {area: [] for area in cases}
-        # The bar keeps to the stderr of now, while that of the commands under test is silenced.
+        # The bar uses the present stderr; the output of the commands under test is silenced.
         console = plain_console(file=sys.stderr)
         bar = Progress(*progress_bar().columns, console=console, redirect_stdout=False, redirect_stderr=False)
         with bar as progress:
@@ -91,12 +91,12 @@ class Stress:
             print(f"FAILED {finding.case.entry}, {finding.case.given}: {finding.happened}", file=sys.stderr)
         print(f"wrote {self.out / 'report.html'} and findings.csv")
         if failed:
-            raise NotRobust(f"{len(failed)} of {len(pairs)} cases failed; {self.out / 'report.html'} has them all")
+            raise NotRobust(f"{len(failed)} of {len(pairs)} cases failed; see {self.out / 'report.html'}")
 
 
 @contextlib.contextmanager
 def _silently() -> Iterator[None]:
-    """Without the progress bars and words of the commands that are put to the test."""
+    """Silence the output of the commands under test."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         yield
 
@@ -116,12 +116,12 @@ def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
         [(area, AREAS[area], *(str(count[verdict]) for verdict in Verdict)) for area, count in counts.items()],
     )
     verdict = (
-        f"{total.total()} extremes were handed to the public functions: {total[Verdict.RIGHT]} were answered rightly, "
-        f"{total[Verdict.REFUSED]} refused with an error that says why, {total[Verdict.FAILED]} failed."
+        f"{total.total()} extreme inputs: {total[Verdict.RIGHT]} gave the right answer, "
+        f"{total[Verdict.REFUSED]} were refused with a clear error, {total[Verdict.FAILED]} failed."
     )
     rules = (
-        "A right answer is one that was known beforehand: by hand, from a law, or by brute force. An error must be of "
-        "the stated type, and its message must match the stated pattern. Warnings count as failures."
+        "Right answers are known in advance. Errors must be of the stated type, and their message must match the "
+        "stated pattern. Warnings are failures."
     )
     sections = [Section("Verdict", [verdict, rules], [summary])]
     for area in findings:

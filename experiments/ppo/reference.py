@@ -1,8 +1,8 @@
-"""What a test of one object can return at best: references for a learned policy.
+"""Reference returns for a learned policy: upper bound, best thresholds, and free touches.
 
-The upper bound is certified for the discretised sensor model, repeats at the price that the observation model gives
-them; it loses what the table merges. Thresholds on the posterior, the best pair of them, with the least used pose next,
-are what is certainly there. All touches for nothing, poses in turn, say how much there is to be known.
+The upper bound is certified for the discretised sensor model with discounted repeats. The best pair of thresholds on
+the posterior, which probes the least used pose, is an attainable return. The return with free touches, in all poses in
+turn, shows how much information there is.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""``activetouch touch-bank``: from objects touched again and again to banks that policies learn from."""
+"""``activetouch touch-bank``: convert a collection with repeated touches into banks to train policies on."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TRAINING, TEST = "calibration", "test"
 
 @dataclass(frozen=True)
 class MakeTouchBank:
-    """Read recorded touches with the sensor's network and keep logits and features: a bank to learn policies from.
+    """Convert recorded touches into a bank of logits and features to train policies on.
 
     The classifier saw none of these objects. Policies learn from those of the calibration split, and are measured on
     those of the test split.
@@ -33,7 +33,7 @@ class MakeTouchBank:
     """
 
     scene: str = "gel"
-    """The scene it is for: decides the next three where they are not given."""
+    """Name of the scene, which gives the defaults of the next three."""
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None

@@ -1,6 +1,6 @@
-"""``activetouch explain``: what a scene models, why, and what that costs, beside the next leaner and richer scene.
+"""``activetouch explain``: contents of a scene and their cost, compared with the next simpler and next richer scene.
 
-And how many touches its sensor needs at the least to tell shapes apart, whoever decides.
+It also prints a lower bound on the number of touches that the sensor needs to distinguish shapes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _HARDEST = 6  # pairs of shapes to show
 
 @dataclass(frozen=True)
 class Explain:
-    """Say what a scene models and why, and measure what it costs next to the next leaner and next richer scene.
+    """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
 
     For example:
 
@@ -42,10 +42,10 @@ class Explain:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     presses: Count = 60
-    """Presses to measure in each scene."""
+    """Number of presses to measure in each scene."""
 
     def run(self) -> None:
-        """Print three tables; that of limits where the scene comes with a sensor."""
+        """Print the tables; the lower bounds only if the scene has a shipped sensor."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
@@ -67,7 +67,7 @@ class Explain:
 
 
 def hidden_variables(named: NamedScene) -> list[Entry]:
-    """What the belief about the scene is a distribution over."""
+    """The hidden variables of the belief about the scene."""
     shapes, objects = len(named.scene.shapes), named.num_objects
     if named.composition is Composition.DISTINCT:
         return [
@@ -85,7 +85,7 @@ def hidden_variables(named: NamedScene) -> list[Entry]:
 
 
 def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float = 0.01) -> Table:
-    """The pairs of shapes that are hardest to tell apart, and how many touches that takes at least."""
+    """The pairs of shapes that are hardest to distinguish, and lower bounds on the touches that this takes."""
     limits = touch_count_bounds(table, error)
     pairs = sorted(combinations(range(table.num_shapes), 2), key=lambda pair: limits.chernoff[pair])[:_HARDEST]
     rows = [

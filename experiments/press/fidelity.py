@@ -1,9 +1,8 @@
-"""``activetouch fidelity``: how far the cheap ways to press agree with each other, and with a soft pad.
+"""``activetouch fidelity``: agreement of the fast ways to press with each other and with a soft pad.
 
-The same placements are pressed with the same target force in every fidelity, and compared by image and by force. A
-second question is what the two numbers a press ends with, force and depth, give away about the shape without any image:
-for the stepped presses it must not be more than for those without physics engine, whose depth follows from geometry and
-force alone.
+The same placements are pressed with the same target force in every fidelity and compared by image and by force. The
+command also measures how much force and depth reveal about the shape without an image: this must not be more for
+dynamic presses than for quasistatic ones, whose depth follows from geometry and force alone.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ from experiments.sensor.baseline import neighbour_accuracy
 Floats = NDArray[np.float64]
 _PER_TASK = 25
 FORCES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
-"""Of the force-depth curves [N]."""
+"""Forces of the force-depth curves [N]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,15 +98,15 @@ class Fidelity:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world; its own fidelity is not used."""
     presses: Count = 500
-    """Of every shape, quasistatic and dynamic."""
+    """Number of presses of every shape, quasistatic and dynamic."""
     soft_presses: CountOrNone = 40
-    """Of every shape, on the soft pad; 0 to leave it out."""
+    """Number of presses of every shape on the soft pad; 0 for none."""
     seed: Seed = 0
-    """Of the placements."""
+    """Seed of the placements."""
     out: JSONFile = Path("runs/fidelity.json")
-    """File for the numbers."""
+    """File for the results (JSON)."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Press, compare, print and write."""

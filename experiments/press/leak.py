@@ -1,13 +1,12 @@
-"""``activetouch leak``: how much of an accuracy is owed to the depth and force of a press, not to the shape it shows.
+"""``activetouch leak``: how much of the accuracy comes from the depth and force of a press instead of its geometry.
 
-How hard something was pressed is no shape, but may follow from one, and an image shows it. So beside the classifier's
-accuracy stand:
+Force and depth may depend on the shape, and an image shows them. So the classifier's accuracy is compared with:
 
-* guesses from force, from depth and from both, without an image;
+* predictions from force, from depth and from both, without an image;
 * the *exchange*: every touch is shown once more, with its own geometry and the force and depth of another, drawn from
   all touches. Force and depth tell nothing about whose geometry that image shows (depth is shuffled), nor does the
   geometry about whose force and depth (geometry is removed). A sensor that owes its accuracy to geometry keeps it;
-* small networks trained on each kind of image, because one may fail at exchanged images only for never having seen any.
+* small networks trained on each kind of image, because a network may fail on exchanged images it was not trained on.
 """
 
 from __future__ import annotations
@@ -90,7 +89,7 @@ class Exchanged:
 
 @dataclass(frozen=True)
 class Leak:
-    """Measure what force and depth give away about the shape, and whether images owe their accuracy to that.
+    """Measure how much force and depth reveal about the shape, and how much of the accuracy of images comes from them.
 
     For example:
 
@@ -101,26 +100,26 @@ class Leak:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     sensor: Path | None = None
-    """Folder of a classifier; the one that comes with the scene by default, if it is for these images and shapes."""
+    """Folder of a classifier; the scene's shipped one by default, if it is for these images and shapes."""
     objects: Annotated[int, Within(2, 10**8)] = 150
-    """To measure on, of every shape; each is touched once in every pose."""
+    """Number of objects of every shape to measure on; each is touched once in every pose."""
     train: CountOrNone = 0
-    """Objects of every shape to train small networks on; 0 to train none."""
+    """Number of objects of every shape to train small networks on; 0 for no training."""
     input_size: Pixels = 32
-    """Edge the images are averaged down to before a small network sees them [pixels]."""
+    """Edge of the averaged images that small networks see [pixels]."""
     change: Changes = field(default_factory=Changes)
-    """What to change about how to train them: the recipe ``large`` in single precision, to its end."""
+    """Changes to their training recipe, which is ``large`` in single precision, without early stopping."""
     seed: Seed = 0
-    """Of objects, presses, exchange and intervals."""
+    """Seed of objects, presses, exchange and intervals."""
     out: Path | None = None
     """Folder for leak.json and leak.md; runs/leak-SCENE by default."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes that press; the results do not depend on it."""
+    """Number of processes that press; the results do not depend on it."""
 
     def run(self) -> None:
-        """Touch, read, train if asked to, print and write."""
+        """Touch, classify, train if requested, print and write."""
         check_arguments(self)
         scene = self.choice.named.scene
         if self.train:

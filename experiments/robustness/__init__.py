@@ -1,1 +1,1 @@
-"""``robustness``: the sensor under faults, shifted objects and other presses."""
+"""``robustness``: measure a sensor under faults, other objects, other presses and unseen shapes."""

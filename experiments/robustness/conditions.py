@@ -1,4 +1,4 @@
-"""What may be other than in the world a sensor was trained in, one thing at a time.
+"""Conditions of ``robustness``: changes to the world that a sensor was trained in, one at a time.
 
 To add a condition, write a line in :data:`CONDITIONS`.
 """
@@ -21,14 +21,14 @@ from experiments.scene_choice import FIDELITIES, PRESENTATIONS
 Change: TypeAlias = Callable[[Scene], Scene]
 
 
-class MeansNothing(Exception):
-    """A condition that changes nothing in a scene, or nothing that scene has; the message says why."""
+class DoesNotApply(Exception):
+    """A condition does not apply to a scene; the message says why."""
 
 
 def _fault(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
     def changed(scene: Scene) -> Scene:
         if isinstance(scene.renderer, rendering.ForcePatchRenderer):
-            raise MeansNothing("its images are drawings of one force, not readings of taxels")
+            raise DoesNotApply("its images are drawings of one force, not readings of taxels")
         return replace(scene, faults=change(scene.faults))
 
     return changed
@@ -37,21 +37,21 @@ def _fault(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
 def _every(kind: type[Fault], change: Callable[[Fault], Fault]) -> Change:
     def changed(scene: Scene) -> Scene:
         if not any(isinstance(fault, kind) for fault in scene.faults):
-            raise MeansNothing(f"its sensor has no {kind.__name__.lower()}")
+            raise DoesNotApply(f"its sensor has no {kind.__name__.lower()}")
         return replace(scene, faults=tuple(change(f) if isinstance(f, kind) else f for f in scene.faults))
 
     return changed
 
 
 def _dead(share: float) -> Change:
-    """More dead taxels: those of a sensor that already has some stay dead."""
+    """More dead taxels, in addition to those of the sensor."""
 
     def changed(scene: Scene) -> Scene:
         number = scene.image_shape[0] ** 2
         dead = next((fault for fault in scene.faults if isinstance(fault, DeadTaxels)), DeadTaxels(0.0))
         more = replace(dead, share=min(dead.share + share, 1.0))
         if round(more.share * number) == round(dead.share * number):
-            raise MeansNothing(f"{100 * share:g} % of its {number} taxels is less than one")
+            raise DoesNotApply(f"{100 * share:g} % of its {number} taxels is less than one")
         return _fault(lambda faults: (*(f for f in faults if not isinstance(f, DeadTaxels)), more))(scene)
 
     return changed
@@ -62,11 +62,11 @@ def _varied(**changes: Uniform | LogUniform) -> Change:
 
 
 def _sized(low: float, high: float) -> Change:
-    """Sizes outside those trained: ``low`` and ``high`` are added to the smallest, or to the largest, of these."""
+    """Sizes outside the training range: ``low`` and ``high`` are added to its lower, or to its upper, end."""
 
     def changed(scene: Scene) -> Scene:
         if not isinstance(scene.variation.size, Uniform):
-            raise MeansNothing("its sizes have no ends")
+            raise DoesNotApply("its sizes have no range")
         end = scene.variation.size.high if high > 0.0 else scene.variation.size.low
         return _varied(size=Uniform(end + low, end + high))(scene)
 
@@ -75,7 +75,7 @@ def _sized(low: float, high: float) -> Change:
 
 def _rubbing(scene: Scene) -> Scene:
     if not scene.press_model.moves:
-        raise MeansNothing("nothing slides in a quasistatic press")
+        raise DoesNotApply("nothing slides in a quasistatic press")
     return _varied(friction=Uniform(0.3, 1.0))(scene)
 
 
@@ -100,15 +100,15 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
-        "friction .3 to 1": _rubbing,
-        "stiffness × .5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
+        "friction 0.3 to 1": _rubbing,
+        "stiffness × 0.5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
-        "force .5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
+        "force 0.5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
         "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
         **{f"press {name}": _pressed(press) for name, press in FIDELITIES.items()},
         **{f"objects {name}": _shown(presentation) for name, presentation in PRESENTATIONS.items()},
         "all taxels dead": _dead(1.0),
     }
 )
-"""What is changed about a scene, one thing at a time; smaller and larger than any size that was trained, relative to
-nominal. The last is the floor: a sensor that tells nothing."""
+"""Change of a scene by name. Smaller and larger are relative to the nominal size. The last one is the lower bound: a
+sensor without information."""

@@ -1,4 +1,4 @@
-"""Tables and figure of ``activetouch robustness``."""
+"""Tables and figure of ``robustness``."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 def tables(numbers: Mapping[str, Any]) -> list[Table]:
     """Tables of a report."""
-    name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects a shape, {numbers['num_poses']} touches each"
+    name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects of every shape, {numbers['num_poses']} poses"
     rows = []
     for condition, row in numbers["conditions"].items():
         fewer = row["num_objects"] < numbers["conditions"][AS_TRAINED]["num_objects"]
@@ -54,7 +54,7 @@ def tables(numbers: Mapping[str, Any]) -> list[Table]:
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
     """Draw the errors of one touch and of all touches fused in every condition; the endings decide the formats.
 
-    The scale is logarithmic above one in a hundred, and linear below, where zero has its place.
+    The scale is logarithmic above 1 % and linear below, so that zero can be shown.
     """
     rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
     with figure((9, 1.3 + 0.24 * len(rows)), *paths) as drawn:
@@ -68,7 +68,7 @@ def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
             axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
             reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
             axes.errorbar(values, list(rows), xerr=reach, fmt="o", color=PALETTE[0], markersize=4, elinewidth=1)
-            axes.set(title=title, xlabel="misread (line: as trained; dotted: chance)")
+            axes.set(title=title, xlabel="error rate (line: as trained; dotted: chance)")
             axes.set_xscale("symlog", linthresh=0.01, linscale=0.7)
             axes.set(
                 xlim=(-0.001, 1.0), xticks=_TICKS, xticklabels=[f"{100 * tick:g}" for tick in _TICKS[:-1]] + ["100 %"]

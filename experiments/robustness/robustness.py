@@ -1,8 +1,8 @@
-"""``activetouch robustness``: what a sensor still tells when the world is not the one it was trained in.
+"""``activetouch robustness``: accuracy and calibration of a sensor outside the world it was trained in.
 
-The same objects are touched in every pose under many conditions, one thing changed at a time, so that the difference to
-the world as trained is paired. Last come objects of shapes that were never learned: the sensor must name one that it
-knows, but do its scores say that it cannot know?
+The same objects are touched in every pose under many conditions, with one change at a time, so differences to the
+training world are paired. Objects of unseen shapes follow: the classifier must predict a shape that it knows, and two
+out-of-distribution scores are measured by their AUROC.
 """
 
 from __future__ import annotations
@@ -27,7 +27,13 @@ from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.robustness.shifted_touches import AS_TRAINED, Felt, Series, choose, feel
+from experiments.robustness.shifted_touches import (
+    AS_TRAINED,
+    ClassifierOutputs,
+    ShiftedScene,
+    applicable_conditions,
+    measure_touches,
+)
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor
 
@@ -51,17 +57,17 @@ class Robustness:
     sensor: Path | None = None
     """Folder from ``activetouch calibrate``; the scene's shipped sensor by default."""
     objects: Annotated[int, Within(2, 10**8)] = 100
-    """Of every shape, each touched once in every pose, in every condition; at least two."""
+    """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     deformable: CountOrNone = 0
-    """How many of them to press into the soft pad too, where a press takes seconds."""
+    """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
     seed: Seed = 0
-    """Of the objects, their touches and the bootstrap."""
+    """Seed of the objects, their touches and the bootstrap."""
     out: Path | None = None
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes that press; the results do not depend on it."""
+    """Number of processes that press; the results do not depend on it."""
     anyway: bool = False
-    """Use the sensor for a scene that it was not made for, as the world it was trained in."""
+    """Use the sensor in a scene that it was not made for, and take this scene as the training world."""
 
     def run(self) -> None:
         """Touch, measure, print and write."""
@@ -72,23 +78,26 @@ class Robustness:
         out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
         require_writable(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
-        series, left_out = choose(scene, self.objects, self.deformable)
-        conditions, novel = list(series), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
+        shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)
+        conditions, novel = list(shifted), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
         if novel:
-            series[_REFERENCE] = Series(scene, self.objects, stream=1)
-            series[_UNSEEN] = Series(replace(scene, shapes=novel), self.objects)
+            shifted[_REFERENCE] = ShiftedScene(scene, self.objects, stream=1)
+            shifted[_UNSEEN] = ShiftedScene(replace(scene, shapes=novel), self.objects)
         else:
-            left_out[_UNSEEN] = "it was trained on all that there are"
-        felt = feel(sensor, series, self.seed, self.jobs)
-        trained = felt[AS_TRAINED]
+            left_out[_UNSEEN] = "the sensor was trained on all known shapes"
+        outputs = measure_touches(sensor, shifted, self.seed, self.jobs)
+        trained = outputs[AS_TRAINED]
+        unseen: dict[str, Any] = {}
+        if novel:
+            unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))
         numbers = {
             "scene": name,
             "seed": self.seed,
             "objects_per_shape": self.objects,
             "num_poses": len(scene.poses),
             "chance": 1.0 / len(scene.shapes),
-            "conditions": {c: measure(felt[c], trained, sensor.model, self.seed) for c in conditions},
-            "unseen": tell_apart(felt[_REFERENCE], trained, felt[_UNSEEN], sensor.model, tuple(novel)) if novel else {},
+            "conditions": {c: measure(outputs[c], trained, sensor.model, self.seed) for c in conditions},
+            "unseen": unseen,
             "left_out": left_out,
             "shift": list(sensor.shift),
         }
@@ -101,7 +110,7 @@ class Robustness:
         print(f"wrote {out}")
 
 
-def measure(felt: Felt, trained: Felt, model: ArrayModel, seed: int) -> dict[str, Any]:
+def measure(outputs: ClassifierOutputs, trained: ClassifierOutputs, model: ArrayModel, seed: int) -> dict[str, Any]:
     """How well the sensor does in a condition, and how that differs from the world as trained; intervals at 95 %.
 
     Returns:
@@ -110,14 +119,14 @@ def measure(felt: Felt, trained: Felt, model: ArrayModel, seed: int) -> dict[str
         interval tells; ``nll`` and ``ece`` of single touches by the sensor's own observation model; ``fused_accuracy``
         of all touches of an object together, with its exact binomial interval.
     """
-    (num_objects, num_poses, num_shapes), rng = felt.logits.shape, np.random.default_rng(seed)
-    right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (felt, trained))
-    accuracy, *interval = cluster_bootstrap(right, felt.numbers, rng)
-    _, here, there = np.intersect1d(felt.numbers, trained.numbers, return_indices=True)
+    (num_objects, num_poses, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
+    right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (outputs, trained))
+    accuracy, *interval = cluster_bootstrap(right, outputs.numbers, rng)
+    _, here, there = np.intersect1d(outputs.numbers, trained.numbers, return_indices=True)
     difference, *difference_interval = paired_bootstrap(right[here], right_trained[there], rng)
-    probs, labels = _read_alone(felt, model).reshape(-1, num_shapes), felt.shapes.repeat(num_poses)
-    touches = TouchBatch(np.tile(np.arange(num_poses), (num_objects, 1)), felt.logits)
-    num_found = int((log_posteriors(model, touches).argmax(axis=1) == felt.shapes).sum())
+    probs, labels = _read_alone(outputs, model).reshape(-1, num_shapes), outputs.shapes.repeat(num_poses)
+    touches = TouchBatch(np.tile(np.arange(num_poses), (num_objects, 1)), outputs.logits)
+    num_found = int((log_posteriors(model, touches).argmax(axis=1) == outputs.shapes).sum())
     return {
         "num_objects": num_objects,
         "accuracy": accuracy,
@@ -132,16 +141,20 @@ def measure(felt: Felt, trained: Felt, model: ArrayModel, seed: int) -> dict[str
     }
 
 
-def tell_apart(
-    fit: Felt, known: Felt, novel: Felt, model: ArrayModel, novel_labels: tuple[str, ...]
+def out_of_distribution(
+    fit: ClassifierOutputs,
+    known: ClassifierOutputs,
+    novel: ClassifierOutputs,
+    model: ArrayModel,
+    novel_labels: tuple[str, ...],
 ) -> dict[str, dict[str, Any]]:
-    """Whether shapes that were never learned are told from those that were, by shape and for all of them together.
+    """How well two scores separate unseen from known shapes, for each unseen shape and for all together.
 
     Args:
-        fit: touches of known shapes that the Mahalanobis score is fitted to.
-        known: of other objects of known shapes.
-        novel: of objects of unseen shapes.
-        model: says how sure the sensor is of one touch.
+        fit: outputs for known shapes that the Mahalanobis score is fitted to.
+        known: outputs for other objects of known shapes.
+        novel: outputs for objects of unseen shapes.
+        model: gives the calibrated confidence of one touch.
         novel_labels: names of the unseen shapes.
 
     Returns:
@@ -151,17 +164,18 @@ def tell_apart(
     """
     mahalanobis = MahalanobisScore.fit(np.concatenate(fit.features), fit.shapes.repeat(fit.features.shape[1]))
     scores = {
-        "energy": [energy_score(felt.logits) for felt in (known, novel)],
+        "energy": [energy_score(outputs.logits) for outputs in (known, novel)],
         "mahalanobis": [
-            mahalanobis.score(np.concatenate(felt.features)).reshape(felt.features.shape[:2]) for felt in (known, novel)
+            mahalanobis.score(np.concatenate(outputs.features)).reshape(outputs.features.shape[:2])
+            for outputs in (known, novel)
         ],
     }
     taken, confidence = novel.logits.argmax(axis=2), _read_alone(novel, model).max(axis=2)
     every = {label: novel.shapes == k for k, label in enumerate(novel_labels)} | {"all": novel.shapes >= 0}
-    told = {}
+    results = {}
     for label, rows in every.items():
         counts = np.bincount(taken[rows].ravel(), minlength=len(model.shape_labels))
-        told[label] = {
+        results[label] = {
             "num_objects": int(rows.sum()),
             "auroc": {
                 name: {
@@ -174,12 +188,12 @@ def tell_apart(
             "share": float(counts.max() / counts.sum()),
             "confidence": float(confidence[rows].mean()),
         }
-    return told
+    return results
 
 
-def _read_alone(felt: Felt, model: ArrayModel) -> NDArray[np.float64]:
-    """Posterior of every touch by itself, all shapes equally likely beforehand, ``(N, P, K)``."""
-    num_objects, num_poses, num_shapes = felt.logits.shape
+def _read_alone(outputs: ClassifierOutputs, model: ArrayModel) -> NDArray[np.float64]:
+    """Posterior of every single touch under a uniform prior, ``(N, P, K)``."""
+    num_objects, num_poses, num_shapes = outputs.logits.shape
     poses = np.tile(np.arange(num_poses), num_objects)
-    alone = TouchBatch(poses[:, None], felt.logits.reshape(-1, 1, num_shapes))
-    return np.exp(log_posteriors(model, alone)).reshape(felt.logits.shape)
+    alone = TouchBatch(poses[:, None], outputs.logits.reshape(-1, 1, num_shapes))
+    return np.exp(log_posteriors(model, alone)).reshape(outputs.logits.shape)

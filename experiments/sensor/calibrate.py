@@ -1,4 +1,4 @@
-"""``activetouch calibrate``: choose and fit the observation model, and measure the sensor on objects it never saw."""
+"""``activetouch calibrate``: select and fit the observation model, and evaluate the sensor on held-out objects."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from experiments.sensor_choice import open_collection, require_collection
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Fit observation models on objects the classifier never saw, keep the best, and report on yet other objects.
+    """Fit observation models to held-out objects, keep the best one, and evaluate the sensor on other objects.
 
     The collection should touch its objects several times in every pose (``collect --plan.repeats 6``): how far touches
-    repeat each other can be learned from nothing else. Which model is best is decided by cross-validation on the
-    calibration split. Writes the classifier, the observation model and ``evaluation.json`` into one folder that the
+    repeat each other can be learned from nothing else. Cross-validation on the calibration split selects the model.
+    Writes the classifier, the observation model and ``evaluation.json`` into one folder that the
     other commands use.
 
     For example:
@@ -48,7 +48,7 @@ class Calibrate:
     """
 
     scene: str = "gel"
-    """The scene it is for: decides the next three where they are not given."""
+    """Name of the scene, which gives the defaults of the next three."""
     classifier: Path | None = None
     """Checkpoint from ``activetouch train``; runs/train-SCENE/classifier.safetensors by default."""
     data: Path | None = None
@@ -58,7 +58,7 @@ class Calibrate:
     observation_model: tuple[str, ...] = ()
     """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
     seed: Seed = 0
-    """Of the bootstrap intervals."""
+    """Seed of the bootstrap intervals."""
     anyway: bool = False
     """Use a collection of another scene than the classifier's."""
 
@@ -67,7 +67,7 @@ class Calibrate:
         check_arguments(self)
         from activetouch.perception.classifier import TouchClassifier  # loads torch
 
-        named_scene(self.scene)  # or say which there are
+        named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
         candidates = {name: fit_named(name) for name in self.observation_model or OBSERVATION_MODELS}

@@ -39,22 +39,22 @@ BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
 
 @dataclass(frozen=True)
 class Changes:
-    """What to change about a named recipe."""
+    """Changes to a named recipe."""
 
     epochs: Count | None = None
     """Passes over the training split."""
     batch_size: Count | None = None
-    """Images a step."""
+    """Images per step."""
     learning_rate: Positive | None = None
     """Peak of the cosine schedule."""
     weight_decay: NotNegative | None = None
-    """Of AdamW."""
+    """Weight decay of AdamW."""
     patience: Count | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
-    """Of initialisation, shuffling and augmentation."""
+    """Seed of initialisation, shuffling and augmentation."""
 
     def of(self, recipe: TrainingRecipe) -> TrainingRecipe:
         """The recipe with these changes."""
@@ -63,7 +63,9 @@ class Changes:
 
 @dataclass(frozen=True)
 class Train:
-    """Train a classifier on a collection; after every epoch the state is saved, from which the same command goes on.
+    """Train a classifier on a collection.
+
+    The state is saved after every epoch; the same command continues from it.
 
     With tensorboard installed (the extra of that name), the losses are written to OUT/tensorboard.
 
@@ -75,7 +77,7 @@ class Train:
     """
 
     scene: str = "gel"
-    """The scene it is for: decides the next four where they are not given."""
+    """Name of the scene, which gives the defaults of the next four."""
     data: Path | None = None
     """Folder of the collection; data/SCENE by default."""
     out: Path | None = None
@@ -217,7 +219,7 @@ def _features(card: ClassifierCard, weights: str) -> nn.Module:
         return found.network.backbone
     kind = BACKBONES[card.backbone]
     if not isinstance(kind, ConvNeXt):
-        raise MissingWeights(f"{weights} is no checkpoint, and nobody publishes weights of {card.backbone!r}")
+        raise MissingWeights(f"{weights} is no checkpoint, and there are no published weights of {card.backbone!r}")
     return kind.build_pretrained(weights, card.channels)
 
 

@@ -14,11 +14,19 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
-from experiments.robustness import shifted_touches as felt_module
+from experiments.robustness import shifted_touches
 from experiments.robustness.conditions import CONDITIONS
 from experiments.robustness.report import tables
-from experiments.robustness.robustness import Robustness, measure, tell_apart
-from experiments.robustness.shifted_touches import AS_TRAINED, Felt, Part, Series, choose, feel, part_rng
+from experiments.robustness.robustness import Robustness, measure, out_of_distribution
+from experiments.robustness.shifted_touches import (
+    AS_TRAINED,
+    ClassifierOutputs,
+    Quantity,
+    ShiftedScene,
+    applicable_conditions,
+    measure_touches,
+    quantity_rng,
+)
 from experiments.scene_choice import SceneChoice
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
@@ -31,20 +39,22 @@ def sensor():
 
 def measured(sensor, scenes, num_objects=4):
     """Figures of all scenes, the first being the one trained in."""
-    felt = feel(sensor, {name: Series(scene, num_objects) for name, scene in scenes.items()}, seed=5, jobs=1)
-    trained = next(iter(felt.values()))
-    return felt, {name: measure(some, trained, sensor.model, seed=5) for name, some in felt.items()}
+    outputs = measure_touches(
+        sensor, {name: ShiftedScene(scene, num_objects) for name, scene in scenes.items()}, seed=5, jobs=1
+    )
+    trained = next(iter(outputs.values()))
+    return outputs, {name: measure(some, trained, sensor.model, seed=5) for name, some in outputs.items()}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
     scene = SCENES[name].scene
-    series, left_out = choose(scene, num_objects=7, num_deformable=3)
-    assert series.keys() | left_out.keys() == {AS_TRAINED, *CONDITIONS}
-    assert not series.keys() & left_out.keys()
-    assert series[AS_TRAINED].scene is scene
-    assert [label for label, some in series.items() if some.scene == scene] == [AS_TRAINED]
-    assert series["press deformable"].num_objects == 3
+    shifted, left_out = applicable_conditions(scene, num_objects=7, num_deformable=3)
+    assert shifted.keys() | left_out.keys() == {AS_TRAINED, *CONDITIONS}
+    assert not shifted.keys() & left_out.keys()
+    assert shifted[AS_TRAINED].scene is scene
+    assert [label for label, some in shifted.items() if some.scene == scene] == [AS_TRAINED]
+    assert shifted["press deformable"].num_objects == 3
     assert all(left_out.values())
 
 
@@ -55,13 +65,13 @@ def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
         (SCENES["paper"].scene, "4 bits", "not readings of taxels"),
         (SCENES["hard"].scene, "size ± 25 %", "trained so"),
         (SCENES["coarse"].scene, "1 % more dead", "1 % of its 16 taxels"),
-        (COARSE, "friction .3 to 1", "nothing slides"),
+        (COARSE, "friction 0.3 to 1", "nothing slides"),
         (SCENES["gel"].scene, "press deformable", "--deformable"),
     ],
 )
 def test_what_means_nothing_in_a_scene_is_left_out(scene, condition, reason):
-    series, left_out = choose(scene, num_objects=7)
-    assert condition not in series
+    shifted, left_out = applicable_conditions(scene, num_objects=7)
+    assert condition not in shifted
     assert reason in left_out[condition]
 
 
@@ -94,9 +104,9 @@ def test_a_condition_that_changes_nothing_makes_no_difference_at_all(sensor):
     # The first is pressed anew and draws a friction; the second reads the same presses through one more fault.
     drawn = replace(COARSE, variation=replace(COARSE.variation, friction=Uniform(1.0, 1.0)))
     idle = replace(COARSE, faults=(Hysteresis(0.0), *COARSE.faults))
-    felt, numbers = measured(sensor, {AS_TRAINED: COARSE, "drawn": drawn, "idle": idle})
+    outputs, numbers = measured(sensor, {AS_TRAINED: COARSE, "drawn": drawn, "idle": idle})
     for name in ("drawn", "idle"):
-        np.testing.assert_array_equal(felt[name].logits, felt[AS_TRAINED].logits)
+        np.testing.assert_array_equal(outputs[name].logits, outputs[AS_TRAINED].logits)
         assert (numbers[name]["difference"], *numbers[name]["difference_interval"]) == (0.0, 0.0, 0.0)
         assert numbers[name] | {"difference": 0.0} == numbers[AS_TRAINED]
 
@@ -134,11 +144,11 @@ class Fragile(Press):
 
 @pytest.mark.torch
 def test_objects_that_cannot_be_pressed_are_missing_and_the_others_still_paired(sensor):
-    felt, numbers = measured(sensor, {AS_TRAINED: COARSE, "fragile": replace(COARSE, press_model=Fragile(1.02))})
-    kept = np.isin(felt[AS_TRAINED].numbers, felt["fragile"].numbers)
+    outputs, numbers = measured(sensor, {AS_TRAINED: COARSE, "fragile": replace(COARSE, press_model=Fragile(1.02))})
+    kept = np.isin(outputs[AS_TRAINED].numbers, outputs["fragile"].numbers)
     assert 0 < numbers["fragile"]["num_objects"] == kept.sum() < 16
     # Not bit by bit: batches of another size are multiplied in another order.
-    np.testing.assert_allclose(felt["fragile"].logits, felt[AS_TRAINED].logits[kept], atol=1e-3)
+    np.testing.assert_allclose(outputs["fragile"].logits, outputs[AS_TRAINED].logits[kept], atol=1e-3)
     assert numbers["fragile"]["difference"] == 0.0
 
 
@@ -150,8 +160,8 @@ def test_a_condition_in_which_nothing_can_be_pressed_is_named(sensor):
 
 def test_parts_objects_poses_streams_and_seeds_have_chance_of_their_own():
     keys = [((seed, stream), number, part, pose) for seed in (0, 1, 2**32) for stream in (0, 1) for number in (0, 1)
-            for part in Part for pose in (0, 1)]  # fmt: skip
-    assert len({part_rng(*key).integers(2**62) for key in keys}) == len(keys)
+            for part in Quantity for pose in (0, 1)]  # fmt: skip
+    assert len({quantity_rng(*key).integers(2**62) for key in keys}) == len(keys)
 
 
 def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
@@ -167,14 +177,14 @@ def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
         return real_place(scene, thing, pose, rng)
 
     real_place = type(COARSE).place
-    monkeypatch.setattr(felt_module.np.random, "default_rng", spy)
+    monkeypatch.setattr(shifted_touches.np.random, "default_rng", spy)
     monkeypatch.setattr(type(COARSE), "place", place)
     vary = replace(COARSE.variation, friction=Uniform(0.3, 1.0), stiffness=Uniform(0.5, 2.0))
     scene = replace(COARSE, variation=vary)
-    felt_module._press_some(scene, {"as it is": scene.faults}, range(2), (3, 0))
+    shifted_touches._press_some(scene, {"as it is": scene.faults}, range(2), (3, 0))
     assert len(drawn) == len(set(drawn)) == 2 * (4 + 3 * len(scene.poses))
     for number, thing in ((0, objects[0]), (1, objects[-1])):
-        size, friction, stiffness, orientation = (part_rng((3, 0), number, part) for part in list(Part)[:4])
+        size, friction, stiffness, orientation = (quantity_rng((3, 0), number, part) for part in list(Quantity)[:4])
         expected = (vary.size.sample(size), vary.friction.sample(friction), vary.stiffness.sample(stiffness))
         assert (thing.scale, thing.friction, thing.stiffness) == expected
         np.testing.assert_array_equal(thing.orientation, scene.presentation.rest(orientation))
@@ -182,9 +192,11 @@ def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
 
 @pytest.mark.torch
 def test_another_stream_has_other_objects(sensor):
-    felt = feel(sensor, {"here": Series(COARSE, 2), "there": Series(COARSE, 2, stream=1)}, seed=5, jobs=1)
-    np.testing.assert_array_equal(felt["here"].shapes, felt["there"].shapes)
-    assert not np.isclose(felt["here"].logits, felt["there"].logits).all(axis=(1, 2)).any()
+    outputs = measure_touches(
+        sensor, {"here": ShiftedScene(COARSE, 2), "there": ShiftedScene(COARSE, 2, stream=1)}, seed=5, jobs=1
+    )
+    np.testing.assert_array_equal(outputs["here"].shapes, outputs["there"].shapes)
+    assert not np.isclose(outputs["here"].logits, outputs["there"].logits).all(axis=(1, 2)).any()
 
 
 def clouds(rng, number, shift=0.0):
@@ -192,21 +204,21 @@ def clouds(rng, number, shift=0.0):
     shapes = np.arange(number) % 3
     centres = 9.0 * np.eye(3, 8)[shapes][:, None]
     features = (centres + rng.normal(size=(number, 1, 8)) + rng.normal(size=(number, 4, 8)) + shift).astype(np.float32)
-    return Felt(np.arange(number), shapes, features[:, :, :3].astype(float), features)
+    return ClassifierOutputs(np.arange(number), shapes, features[:, :, :3].astype(float), features)
 
 
 def test_what_lies_apart_is_told_apart_and_what_is_alike_is_not(model):
     rng = np.random.default_rng(0)
     model = replace(model, shape_labels=("a", "b", "c"), probs=np.full((4, 3, 3), 1 / 3), confidence_edges=())
     fit, known, alike = (clouds(rng, 300) for _ in range(3))
-    told = tell_apart(fit, known, alike, model, ("x", "y", "z"))["all"]["auroc"]
+    told = out_of_distribution(fit, known, alike, model, ("x", "y", "z"))["all"]["auroc"]
     # 300 against 300 objects: standard deviation at most .024 (whole objects alike); five of them happen once in a
     # million.
     for score in told.values():
         for value, low, high in score.values():
             assert abs(value - 0.5) < 0.12
             assert low < value < high
-    apart = tell_apart(fit, known, clouds(rng, 30, shift=-40.0), model, ("x", "y", "z"))
+    apart = out_of_distribution(fit, known, clouds(rng, 30, shift=-40.0), model, ("x", "y", "z"))
     assert list(apart) == ["x", "y", "z", "all"]
     assert [row["num_objects"] for row in apart.values()] == [10, 10, 10, 30]
     for row in apart.values():
