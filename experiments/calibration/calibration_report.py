@@ -1,4 +1,4 @@
-"""``activetouch calibration-report``: can a sensor's probabilities be trusted, of one touch, of many, at the stop?"""
+"""``activetouch calibration-report``: calibration of a sensor for one touch, fused touches, and stopped searches."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ if TYPE_CHECKING:
 
 
 class NoRepeats(ActiveTouchError, ValueError):
-    """A collection touches no object twice in a pose."""
+    """A collection has no repeated touches of an object in one pose."""
 
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """Measure how far single touches, fused touches, and searches that stop when they are sure can be trusted.
+    """Measure the calibration of a sensor: single touches, fused touches, and searches that stop at a confidence.
 
     Fits all calibrations and observation models to the calibration split of a collection whose objects were touched
-    several times in every pose, and measures all of them on the test split. The first paragraph is the verdict.
+    several times in every pose, and evaluates them on the test split. The first paragraph is the verdict.
 
     For example:
 
@@ -52,7 +52,7 @@ class CalibrationReport:
     """
 
     scene: str = "coarse"
-    """The scene it is for: decides the next three where they are not given."""
+    """Name of the scene, which gives the defaults of the next three."""
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
@@ -60,13 +60,13 @@ class CalibrationReport:
     out: Path | None = None
     """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
     confidence_level: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] = 0.95
-    """Posterior at which a search stops."""
+    """Posterior probability at which a search stops."""
     resamples: Count = 500
-    """Of objects, behind the interval of a calibration error."""
+    """Bootstrap samples of objects for the interval of a calibration error."""
     seed: Seed = 0
-    """Of sequences, chance and intervals."""
+    """Seed of sequences, null distributions and intervals."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
     anyway: bool = False
     """Use a collection of another scene than the classifier's."""
 
@@ -75,14 +75,14 @@ class CalibrationReport:
         check_arguments(self)
         from experiments.calibration.sections import sections  # loads matplotlib
 
-        named_scene(self.scene)  # or say which there are
+        named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         folder = self.out if self.out is not None else Path(f"runs/calibration-{in_file_names(self.scene)}")
         require_writable(folder)
         manifest = open_collection(data, self.scene, repeats=True)
         if manifest.plan.repeats < 2:
             raise NoRepeats(
-                f"{data} touches every object once in a pose, so how far touches repeat each other cannot be seen. "
+                f"{data} touches every object once per pose, so the dependence of repeated touches cannot be measured. "
                 f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
                 f"{repeats_folder(self.scene)}"
             )
@@ -106,14 +106,14 @@ class CalibrationReport:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
         found = []
-        for split in ("calibration", "test"):  # in turn, since their images take a gigabyte
+        for split in ("calibration", "test"):  # one after the other: the images take a gigabyte
             touches = read_split(data, split)
             logits = read_logits(classifier, touches.images, f"reading {split} touches")
             found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
         return found
 
     def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
-        """All numbers, from what a classifier read."""
+        """All numbers, from the logits of both splits."""
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
         touches = self._in_order(
@@ -163,7 +163,7 @@ class CalibrationReport:
         return keyed_rng([self.seed, *key], is_fixed_length=True)
 
     def _in_order(self, tasks: list, description: str) -> list:
-        """Results of tasks that say their name, in the order of the tasks whatever came first."""
+        """Results of tasks in the order of the tasks; a result's ``name`` is the first argument of its task."""
         found = {result.name: result for result in run_tasks(tasks, self.jobs, description)}
         return [found[task.args[0]] for task in tasks]
 

@@ -1,4 +1,4 @@
-"""All that a calibration report measures, and which calibration and model cross-validation chose."""
+"""Measurements of a calibration report, and the calibration and model that cross-validation chose."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Scores = TypeVar("Scores", TouchScores, ModelScores)
 
 @dataclass(frozen=True)
 class Measurements:
-    """All of a report.
+    """All numbers of a calibration report.
 
     Attributes:
         scene: name of the scene.
-        seed: of chance.
-        confidence: at which searches stop.
+        seed: of all randomness.
+        confidence: posterior at which searches stop.
         num_objects: in each split.
-        num_rounds: of poses that every object was touched in.
+        num_rounds: rounds of all poses in which every object was touched.
         touches: by calibration, the raw softmax first.
         models: in the order of the table of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
         correlation: ρ of the ratio model.
@@ -42,20 +42,20 @@ class Measurements:
 
     @property
     def calibration(self) -> TouchScores:
-        """The one of least cross-validated NLL."""
+        """The one with the least cross-validated NLL."""
         return _best(self.touches)
 
     @property
     def model(self) -> ModelScores:
-        """The one of least cross-validated NLL."""
+        """The one with the least cross-validated NLL."""
         return _best(self.models)
 
     @property
     def raw(self) -> TouchScores:
-        """The softmax as it is."""
+        """The scores of the raw softmax."""
         return next(scores for scores in self.touches if scores.name == RAW)
 
 
 def _best(candidates: Sequence[Scores]) -> Scores:
-    """Of those that were cross-validated, the one of least loss."""
+    """Of those that were cross-validated, the one with the least loss."""
     return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll or 0.0)

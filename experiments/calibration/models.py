@@ -1,4 +1,4 @@
-"""How far a sensor's probabilities can be trusted when touches are fused, and when a search stops as it is sure."""
+"""Calibration of fused touches, and of searches that stop at a confidence."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from experiments.calibration.touches import classwise_error, top_error
 Floats = NDArray[np.float64]
 
 INDEPENDENT = "independent"
-"""The ratio model without its discount: touches in one pose are taken for as independent as any."""
+"""Name of the ratio model without its discount: touches in one pose are taken as independent."""
 NUM_OUTCOMES = (4, 8, 12, 24, 48)
-_FUSED = 6  # touches, at most, that scores are given for
+_FUSED = 6  # largest number of touches with scores
 
 
 @dataclass(frozen=True)
 class Fused:
-    """Posteriors after so many touches of one kind of sequence, under a uniform prior."""
+    """Scores of the posterior after a number of touches of one kind of sequence, under a uniform prior."""
 
     num_touches: int
     accuracy: float
@@ -40,12 +40,12 @@ class Fused:
 
 @dataclass(frozen=True)
 class StopScores:
-    """Sequences of one kind that stop when they are sure.
+    """Scores at stopping of one kind of sequence.
 
     Attributes:
-        num_sequences: that might have stopped.
-        claims: claim against right, with Clopper-Pearson intervals; None if none stopped.
-        right: share right and its interval, resampling objects, whose sequences err together; None if none stopped.
+        num_sequences: number of sequences.
+        claims: stated confidence and accuracy, with Clopper-Pearson intervals; None if none stopped.
+        right: accuracy and its interval, resampling objects; None if none stopped.
     """
 
     num_sequences: int
@@ -61,7 +61,7 @@ class ModelScores:
         name: of the model.
         cross_validated_nll: of sequences of the calibration split [nats]; None for :data:`INDEPENDENT`.
         fused: after one touch, two, …
-        stops: where searches stop.
+        stops: scores at stopping.
     """
 
     name: str
@@ -72,14 +72,14 @@ class ModelScores:
 
 @dataclass(frozen=True)
 class Weight:
-    """Of the mean evidence of n touches in one pose, in touches.
+    """Weight of the mean evidence of n touches in one pose, in touches.
 
     Attributes:
         num_touches: n.
-        free: that makes the true shapes likeliest.
-        low: bound of its 95 % interval, in which touches of one object may depend on each other.
-        high: the upper one.
-        discounted: n / (1 + (n - 1) ρ), what the ratio model takes.
+        free: weight that maximises the likelihood of the true shapes.
+        low: lower bound of its 95 % interval, clustered by object.
+        high: upper bound.
+        discounted: n / (1 + (n - 1) ρ), the weight of the ratio model.
     """
 
     num_touches: int
@@ -91,11 +91,11 @@ class Weight:
 
 @dataclass(frozen=True)
 class Kept:
-    """Information about the shape, mean over poses, uniform prior [nats].
+    """Mutual information of touch and shape, mean over poses, uniform prior [nats].
 
     Attributes:
-        touch: in a touch itself.
-        tables: in its outcome, in tables of so many outcomes.
+        touch: of the touch itself.
+        tables: of its outcome, by number of outcomes of the table.
     """
 
     touch: float
@@ -103,7 +103,14 @@ class Kept:
 
 
 def fit_model(name: str, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
-    """An observation model by name, fitted to touches of the calibration split, and its NLL on objects out of fold."""
+    """An observation model fitted to single touches of the calibration split, and its cross-validated NLL.
+
+    Args:
+        name: a key of ``OBSERVATION_MODELS``.
+        touches: single touches.
+        shape_labels: names of the shapes.
+        num_poses: number of poses.
+    """
     batch = touches.batch
     return choose_observation_model(
         [Touch(int(pose), row) for pose, row in zip(batch.poses[:, 0], batch.logits[:, 0], strict=True)],
@@ -123,7 +130,16 @@ def score_model(
     confidence: float,
     rng: np.random.Generator,
 ) -> ModelScores:
-    """Posteriors of a model by number of touches, and at the stop, for every kind of sequence."""
+    """Scores of a model by number of touches and at stopping, for every kind of sequence.
+
+    Args:
+        name: of the model.
+        model: the fitted model.
+        loss: its cross-validated NLL, or None.
+        sequences: test sequences by kind.
+        confidence: posterior at which a search stops.
+        rng: for null quantiles and intervals.
+    """
     fused, stopped = {}, {}
     for kind, some in sequences.items():
         log_probs = some.log_posteriors(model)
@@ -147,7 +163,7 @@ def _stops(log_probs: Floats, sequences: Sequences, confidence: float, rng: np.r
 
 
 def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
-    """What touches in one pose are worth in these sequences, beside what the model takes them for.
+    """Best weights of repeated touches in these sequences, beside the weights of the model.
 
     Intervals are those of a maximum-likelihood estimate from clusters, the objects (White 1982; Liang & Zeger 1986).
     """
@@ -170,6 +186,6 @@ def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
 
 
 def kept_information(model: ArrayModel) -> Kept:
-    """How much of what a touch tells is left in tables of few outcomes."""
+    """Information about the shape that outcome tables of several sizes keep."""
     tables = {m: float(model.outcome_table(m).information().mean()) for m in NUM_OUTCOMES}
     return Kept(float(information_of_touch(model).mean()), tables)

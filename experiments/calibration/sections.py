@@ -1,4 +1,4 @@
-"""A calibration report in words, tables and figures, from its measurements."""
+"""Sections of the calibration report: sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from experiments.calibration.figures import claims, discount, fused_error, fused
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, Fused
 from experiments.calibration.targets import decimals, judge_model, judge_touches, verdict
-from experiments.calibration.touches import Part, TouchScores
+from experiments.calibration.touches import GroupScores, TouchScores
 from experiments.reporting.page import Section
 from experiments.reporting.tables import Table
 
 
 def sections(found: Measurements) -> list[Section]:
-    """The whole report, the verdict first."""
+    """All sections of the report, the verdict first."""
     return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found), _tables(found)]
 
 
@@ -50,18 +50,18 @@ def _verdict(found: Measurements) -> Section:
 
 
 def _without_discount(found: Measurements) -> list[str]:
-    """What searches claim, and keep, if touches in one pose are taken for independent, and if not."""
+    """Accuracy and stated confidence at stopping, with repeats taken as independent and with the chosen model."""
     naive = next(scores for scores in found.models if scores.name == INDEPENDENT)
     claims_of = [scores.stops["one pose"].claims for scores in (naive, found.model)]
     if not all(claims_of):
         return []
     kept = [
-        f"{decimals(some.overall.share_right)} of those that claim {decimals(some.overall.mean_stated)}"
+        f"{decimals(some.overall.share_right)} at a stated confidence of {decimals(some.overall.mean_stated)}"
         for some in claims_of
         if some is not None
     ]
     return [
-        f"Of searches in one pose that took its touches for independent, {kept[0]} would be right; with "
+        f"The accuracy of searches in one pose that take its touches as independent is {kept[0]}; with "
         f"{found.model.name} it is {kept[1]}."
     ]
 
@@ -70,12 +70,12 @@ def _what_was_measured(found: Measurements) -> str:
     known, test = found.num_objects["calibration"], found.num_objects["test"]
     sequences = ", ".join(f"{stopped.num_sequences} of {kind}" for kind, stopped in found.model.stops.items())
     return (
-        f"Scene {found.scene}, seed {found.seed}. All was fitted to {known} objects and measured on {test} others, "
+        f"Scene {found.scene}, seed {found.seed}. Models were fitted to {known} objects and measured on {test} others, "
         f"each touched in {found.num_rounds} rounds of all poses. Sequences: {sequences}; all have a uniform prior. "
-        f"“{INDEPENDENT}” is the ratio model with touches in one pose taken for independent. What chance gives is the "
-        "95 % quantile of the error of a perfectly calibrated model with the same predictions, its labels drawn one by "
-        "one. Touches of one object err together, so real chance is larger than that; only what is said to resample "
-        "objects knows it."
+        f"“{INDEPENDENT}” is the ratio model with touches in one pose taken as independent. The error by chance is the "
+        "95 % quantile of the error of a perfectly calibrated model with the same predictions and independent labels. "
+        "Errors of touches of one object are correlated, so the true quantile is larger; only intervals that resample "
+        "objects account for this."
     )
 
 
@@ -90,7 +90,7 @@ def _touches(found: Measurements) -> Section:
         [_touch_row(found, scores) for scores in found.touches],
     )
 
-    def parts(title: str, parts_of: Callable[[TouchScores], Mapping[str, Part]], error: str) -> Table:
+    def parts(title: str, parts_of: Callable[[TouchScores], Mapping[str, GroupScores]], error: str) -> Table:
         headings = (title, "accuracy", "NLL, raw", "NLL, calibrated", f"{error}, raw", f"{error}, calibrated")
         before, after = parts_of(raw), parts_of(calibrated)
         rows = [

@@ -1,4 +1,4 @@
-"""What calibrated probabilities should keep, and who keeps it: the verdict of a calibration report."""
+"""Targets of calibrated probabilities, and the verdict of a calibration report."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from experiments.calibration.models import Fused, ModelScores, StopScores
 from experiments.calibration.touches import TouchScores
 
 CLASSWISE = 0.02
-"""Of the calibration error of a touch, mean over shapes."""
+"""Limit of the calibration error of one touch, mean over shapes."""
 CLASSWISE_UPPER = 0.025
-"""Of the upper 95 % bound of that error."""
+"""Limit of the upper 95 % bound of that error."""
 FUSED = 0.02
-"""Of the calibration error after any number of touches."""
+"""Limit of the calibration error after any number of touches."""
 GAP = 0.02
-"""Between claim and right at the stop, after any number of touches with enough stops."""
+"""Limit of the difference between stated confidence and accuracy at stopping, by number of touches."""
 ENOUGH_STOPS = 200
-"""For the gap after one number of touches to be judged."""
+"""Least number of stops for which the gap after a number of touches is judged."""
 ENOUGH_IN_ALL = 2_000
-"""Stops, for their share right to be judged."""
+"""Least number of stops for which their accuracy is judged."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One target and how near it came.
+    """One target and its outcome.
 
     Attributes:
-        name: with its limit, for the head of a table.
-        target: the same in words.
-        value: the worst there was, as text.
-        missed_by: how far beyond the limit; zero or less if the target holds, None if there was too little to tell.
-        detail: where the worst was, and what chance has to do with it.
+        name: with its limit, for the heading of a table.
+        target: description.
+        value: the worst value, as text.
+        missed_by: excess over the limit; zero or less if the target is met, None if there is too little data.
+        detail: where the worst value is, and the error by chance.
     """
 
     name: str
@@ -48,9 +48,9 @@ class Check:
 
     @property
     def outcome(self) -> str:
-        """The value and whether that is good enough, for a table."""
+        """The value and whether it meets the target, for a table."""
         if self.missed_by is None:
-            return f"{self.value} too few to tell".strip()
+            return f"{self.value} too few stops".strip()
         return f"{self.value} {'✓' if self.holds else f'✗ by {decimals(self.missed_by)}'}"
 
 
@@ -62,8 +62,8 @@ def judge_touches(scores: TouchScores) -> Check:
         f"classwise error of a touch ≤ {decimals(CLASSWISE)}, its 95 % bound ≤ {decimals(CLASSWISE_UPPER)}",
         decimals(error.value),
         max(error.value - CLASSWISE, high - CLASSWISE_UPPER),
-        f"without the bias of chance within [{decimals(low)}, {decimals(high)}]; "
-        f"chance alone gives up to {decimals(error.null_quantile)}",
+        f"bias-corrected interval [{decimals(low)}, {decimals(high)}]; "
+        f"95 % quantile by chance {decimals(error.null_quantile)}",
     )
 
 
@@ -86,13 +86,13 @@ def _judge_fused(fused: Sequence[Fused]) -> Check:
         f"calibration error ≤ {decimals(FUSED)} after every number of touches",
         decimals(worst.ece.value),
         worst.ece.value - FUSED,
-        f"after {_touches(worst.num_touches)}; chance alone gives up to {decimals(worst.ece.null_quantile)}",
+        f"after {_touches(worst.num_touches)}; 95 % quantile by chance {decimals(worst.ece.null_quantile)}",
     )
 
 
 def _judge_right(stopped: StopScores, confidence: float) -> Check:
-    name = f"right ≥ {decimals(confidence)}"
-    target = f"right at ≥ {decimals(confidence)} of stops (lower Clopper-Pearson bound)"
+    name = f"accuracy ≥ {decimals(confidence)}"
+    target = f"accuracy at stopping ≥ {decimals(confidence)} (lower Clopper-Pearson bound)"
     if stopped.claims is None or stopped.claims.overall.count < ENOUGH_IN_ALL:
         count = 0 if stopped.claims is None else stopped.claims.overall.count
         return Check(name, target, "", None, f"{count} stops, {ENOUGH_IN_ALL} are needed")
@@ -102,14 +102,18 @@ def _judge_right(stopped: StopScores, confidence: float) -> Check:
         target,
         decimals(overall.low),
         confidence - overall.low,
-        f"{overall.count} stops claim {decimals(overall.mean_stated)} and {decimals(overall.share_right)} are right, "
+        f"{overall.count} stops: stated confidence {decimals(overall.mean_stated)}, "
+        f"accuracy {decimals(overall.share_right)}, "
         f"[{decimals(low)}, {decimals(high)}] if objects are resampled",
     )
 
 
 def _judge_gaps(stopped: StopScores) -> Check:
     name = f"gap ≤ {decimals(GAP)}"
-    target = f"claim within {decimals(GAP)} of right after every number of touches with ≥ {ENOUGH_STOPS} stops"
+    target = (
+        f"stated confidence within {decimals(GAP)} of accuracy after every number of touches with ≥ {ENOUGH_STOPS} "
+        "stops"
+    )
     judged = [] if stopped.claims is None else [s for s in stopped.claims.by_num_touches if s.count >= ENOUGH_STOPS]
     if not judged:
         return Check(name, target, "", None, f"no number of touches has {ENOUGH_STOPS} stops")
@@ -120,8 +124,9 @@ def _judge_gaps(stopped: StopScores) -> Check:
         target,
         decimals(_gap(worst)),
         _gap(worst) - GAP,
-        f"after {_touches(worst.num_touches)}, where {worst.count} stops claim {decimals(worst.mean_stated)} and "
-        f"{decimals(worst.share_right)} are right; the claim is {chance} "
+        f"after {_touches(worst.num_touches)}, with {worst.count} stops: stated confidence "
+        f"{decimals(worst.mean_stated)}, accuracy "
+        f"{decimals(worst.share_right)}; the confidence is {chance} "
         f"[{decimals(worst.low)}, {decimals(worst.high)}]",
     )
 
@@ -131,7 +136,7 @@ def _gap(score: StopScore) -> float:
 
 
 def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: str, model: str) -> str:
-    """Which targets hold for the calibration and the model that were chosen.
+    """The targets that the chosen calibration and the chosen model meet, in words.
 
     Args:
         touches: check of single touches under the chosen calibration.
@@ -140,17 +145,17 @@ def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: s
         model: the chosen one's name.
     """
     if touches.holds:
-        sentences = [f"A single touch, calibrated by {calibration}, can be taken at its word: "]
+        sentences = [f"A single touch, calibrated by {calibration}, meets its target: "]
     else:
         missed = decimals(touches.missed_by or 0.0)
         sentences = [f"A single touch, calibrated by {calibration}, misses its target by {missed}: "]
-    sentences[0] += f"its probabilities are off by {touches.value}, on average over shapes; {touches.detail}."
+    sentences[0] += f"its mean calibration error over shapes is {touches.value}; {touches.detail}."
     checks = [(kind, check) for kind, some in fused.items() for check in some]
     judged = [(kind, check) for kind, check in checks if check.missed_by is not None]
     kept = sum(check.holds for _, check in judged)
     unknown = f" ({len(checks) - len(judged)} more could not be judged)" if len(judged) < len(checks) else ""
     sentences.append(
-        f"Fused by {model}, the model that cross-validation chose, they keep {kept} of {len(judged)} targets{unknown}."
+        f"Fused by {model}, the cross-validated choice, touches meet {kept} of {len(judged)} targets{unknown}."
     )
     sentences += [
         f"Missed by {decimals(check.missed_by or 0.0)} on {kind}: {check.target}; it is {check.value}, {check.detail}."
@@ -165,10 +170,9 @@ def _touches(number: int | None) -> str:
 
 
 def decimals(value: float, digits: int = 3) -> str:
-    """A number below one as tables have it, without the zero before the point.
+    """A number with a fixed number of decimals.
 
-    >>> decimals(0.0214), decimals(1.0), decimals(-0.5)
-    ('.021', '1.000', '-.500')
+    >>> decimals(0.0214), decimals(1.0)
+    ('0.021', '1.000')
     """
-    text = f"{value:.{digits}f}"
-    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
+    return f"{value:.{digits}f}"

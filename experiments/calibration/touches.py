@@ -1,4 +1,4 @@
-"""How far a sensor's probabilities can be trusted when it touches once."""
+"""Calibration of single touches."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from experiments.calibration.sequences import Sequences
 
 Floats = NDArray[np.float64]
 Predict: TypeAlias = Callable[[Sequences], Floats]
-"""Probabilities ``(S, K)`` of touches by themselves."""
+"""Function from single touches to probabilities ``(S, K)``."""
 
 NULL_RESAMPLES = 200
-"""Sets of labels behind every null quantile."""
+"""Number of sets of labels drawn for every null quantile."""
 _FOLDS = 5
 
 
 @dataclass(frozen=True)
-class Part:
-    """The touches in one pose, or of one shape.
+class GroupScores:
+    """Scores of the touches in one pose, or of one shape.
 
     Attributes:
-        accuracy: share read right.
-        nll: [nats].
-        ece: for a pose, of the top shape; for a shape, of its own probability among all touches.
+        accuracy: of the touches.
+        nll: mean negative log-likelihood [nats].
+        ece: for a pose, of the most likely shape; for a shape, of its own probability over all touches.
     """
 
     accuracy: float
@@ -51,13 +51,13 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class TouchScores:
-    """Single test touches under one calibration.
+    """Scores of single test touches under one calibration.
 
     Attributes:
         name: of the calibration.
         cross_validated_nll: on the calibration split [nats]; None for the raw softmax, for which nothing is fitted.
-        report: scores, errors and their chance, and the reliability curve.
-        classwise: calibration error without the upward bias of chance, and its 95 % interval, which resamples objects.
+        report: scores, calibration errors with their null quantiles, and the reliability curve.
+        classwise: bias-corrected calibration error and its 95 % interval, which resamples objects.
         poses: by name.
         shapes: by name.
     """
@@ -66,24 +66,24 @@ class TouchScores:
     cross_validated_nll: float | None
     report: CalibrationReport
     classwise: tuple[float, float, float]
-    poses: Mapping[str, Part]
-    shapes: Mapping[str, Part]
+    poses: Mapping[str, GroupScores]
+    shapes: Mapping[str, GroupScores]
 
 
 def fit_raw(touches: Sequences) -> tuple[Predict, None]:
-    """The classifier as it is."""
+    """The softmax of the classifier, without calibration."""
     return lambda some: TemperatureScaling().predict_proba(some.batch.logits[:, 0]), None
 
 
 def fit_pooled(name: str, touches: Sequences) -> tuple[Predict, float]:
-    """The calibration of that name, for touches in all poses alike, and its NLL on objects out of fold."""
+    """The calibration of that name, fitted to all poses together, and its cross-validated NLL over objects."""
     candidates = {name: CALIBRATIONS[name]()}
     choice = choose_calibration(touches.batch.logits[:, 0], touches.shapes, touches.object_ids, candidates, _FOLDS)
     return lambda some: choice.calibration.predict_proba(some.batch.logits[:, 0]), choice.losses[name]
 
 
 def fit_by_pose(touches: Sequences) -> tuple[Predict, float]:
-    """A calibration for each pose, and its NLL on objects out of fold."""
+    """One calibration per pose, and its cross-validated NLL over objects."""
     logits, poses, shapes = touches.batch.logits[:, 0], touches.batch.poses[:, 0], touches.shapes
     num_poses, losses = int(poses.max()) + 1, np.empty(len(shapes))
     folds = object_folds(shapes, touches.object_ids, _FOLDS)
@@ -102,7 +102,7 @@ CALIBRATION_FITS: Mapping[str, Callable[[Sequences], tuple[Predict, float | None
     **{name: partial(fit_pooled, name) for name in CALIBRATIONS},
     "structured_matrix, by pose": fit_by_pose,
 }
-"""By name, what makes probabilities of touches from a calibration split."""
+"""Functions that fit a calibration to the calibration split, by name."""
 
 
 def score_touches(
@@ -113,15 +113,15 @@ def score_touches(
     rng: np.random.Generator,
     num_resamples: int,
 ) -> TouchScores:
-    """Fit a calibration to known touches and score it on others.
+    """Fit a calibration to known touches and score it on test touches.
 
     Args:
         name: a key of :data:`CALIBRATION_FITS`.
-        known: touches of the calibration split, each by itself.
-        test: of other objects.
+        known: single touches of the calibration split.
+        test: single touches of other objects.
         labels: of shapes and of poses.
-        rng: of null quantiles and intervals.
-        num_resamples: behind an interval.
+        rng: for null quantiles and intervals.
+        num_resamples: bootstrap samples of an interval.
     """
     predict, loss = CALIBRATION_FITS[name](known)
     probs, poses, shapes = predict(test), test.batch.poses[:, 0], test.shapes
@@ -146,17 +146,17 @@ def score_touches(
     )
 
 
-def _part(probs: Floats, shapes: NDArray[np.int64], error: CalibrationError) -> Part:
-    return Part(accuracy(probs, shapes), negative_log_likelihood(probs, shapes), error)
+def _part(probs: Floats, shapes: NDArray[np.int64], error: CalibrationError) -> GroupScores:
+    return GroupScores(accuracy(probs, shapes), negative_log_likelihood(probs, shapes), error)
 
 
 def top_error(probs: Floats, labels: NDArray[np.int64], rng: np.random.Generator) -> CalibrationError:
-    """Expected calibration error of the top shape, beside what chance makes of it."""
+    """Expected calibration error of the most likely shape, with its null quantile."""
     return _against_chance(expected_calibration_error, probs, labels, rng)
 
 
 def classwise_error(probs: Floats, labels: NDArray[np.int64], rng: np.random.Generator) -> CalibrationError:
-    """Calibration error of every shape, on average, beside what chance makes of it."""
+    """Mean calibration error over shapes, with its null quantile."""
     return _against_chance(classwise_calibration_error, probs, labels, rng)
 
 
