@@ -12,6 +12,7 @@ from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.extremes.cases import Case, refuses
 
 _NEEDED = {
+    "export": {"target": "cone", "out": Path("none")},
     "frontier": {"checkpoints": (Path("none.safetensors"),)},
     "merge": {"folders": (Path("none"),)},
 }
