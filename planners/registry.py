@@ -209,7 +209,7 @@ def make_decider(
             f"model must be an observation model, such as TactileSensor.shipped('gel').model; got {_what(model)}"
         )
     found, reference = find_decider(name)
-    offered = {"table": table, "model": model, "policies": policies}
+    offered: dict[str, Any] = {"table": table, "model": model, "policies": policies}
     if simulations is not None:
         offered["simulations"] = simulations
     try:
