@@ -71,7 +71,7 @@ def run_lazily(
     with _backend(scheduler), progress_bar() as progress:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         bar = progress.add_task(description, total=total)
-        results: Any = (task for task in ())
+        results: Any = (None for _ in range(0))
         try:
             with born_deaf():
                 results = parallel(joblib.delayed(task)() for task in tasks)

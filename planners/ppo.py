@@ -99,7 +99,7 @@ class Policy:
         if sizes[-1] != num_poses + 2:
             raise BadPolicy(f"{num_poses} poses, CONFIRM and REJECT need {num_poses + 2} scores, got {sizes[-1]}")
 
-    def scores(self, states: Floats) -> Floats:
+    def scores(self, states: NDArray[np.floating]) -> Floats:
         """Logits of the poses, CONFIRM and REJECT, ``(B, P + 2)``, of states ``(B, S)``."""
         hidden = np.asarray(states, np.float64)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):

@@ -110,7 +110,7 @@ def share(right: NDArray[np.bool_]) -> dict[str, Any]:
     return {"value": float(right.mean()), "interval": wilson_interval(int(right.sum()), len(right))}
 
 
-def paired_difference(first: NDArray, second: NDArray, seed: int) -> dict[str, Any]:
+def paired_difference(first: NDArray[Any], second: NDArray[Any], seed: int) -> dict[str, Any]:
     """Mean of ``first - second`` over the same touches, with its 95 % bootstrap interval."""
     mean, low, high = paired_bootstrap(first.astype(float), second.astype(float), np.random.default_rng(seed))
     return {"value": mean, "interval": (low, high)}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ def held_out_touch(scene: Scene, seed: int, stream: Stream, number: int) -> Held
     rng = keyed_rng([seed, stream, number], is_fixed_length=True)
     shape, pose = number % len(scene.shapes), number // len(scene.shapes) % len(scene.poses)
     pressed = replace(scene, faults=()).press(scene.sample_object(shape, rng), pose, rng)
-    clean = pressed.ideal
+    clean: NDArray[Any] = pressed.ideal
     before, after = split_at_noise(scene.faults)
     for fault in before:
         clean = fault(clean, rng)

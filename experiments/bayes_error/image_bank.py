@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,7 @@ def ideal_symmetry(scene: Scene) -> Symmetry:
     return replace(scene, faults=()).symmetry
 
 
-def symmetric_views(images: Floats, symmetry: Symmetry) -> Floats:
+def symmetric_views(images: NDArray[Any], symmetry: Symmetry) -> NDArray[Any]:
     """All equally likely views ``(B, V, n, n)`` of images ``(B, n, n)``; V is 1, 4 or 8, the given view comes first."""
     quarters = 1 if symmetry is Symmetry.NONE else 4
     views = [np.rot90(images, turns, axes=(1, 2)) for turns in range(quarters)]

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from activetouch.world import CLASSIFIER_FILE, MODELS
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel
-from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
@@ -162,7 +162,7 @@ class CalibrationReport:
     def _rng(self, *key: int) -> np.random.Generator:
         return keyed_rng([self.seed, *key], is_fixed_length=True)
 
-    def _in_order(self, tasks: list, description: str) -> list:
+    def _in_order(self, tasks: list[Any], description: str) -> list[Any]:
         """Results of tasks in the order of the tasks; a result's ``name`` is the first argument of its task."""
         found = {result.name: result for result in run_tasks(tasks, self.jobs, description)}
         return [found[task.args[0]] for task in tasks]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from belief.metrics import ReliabilityCurve
 from belief.observation_model.repeat_discount import effective_touches
@@ -13,7 +15,7 @@ from experiments.calibration.models import INDEPENDENT, ModelScores, Weight
 from experiments.calibration.targets import FUSED
 from experiments.reporting.style import INK, PALETTE, Picture
 
-_CHANCE = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
+_CHANCE: dict[str, Any] = {"color": "#8a97a5", "alpha": 0.3, "linewidth": 0}
 _ENOUGH = 20  # stops, for a share of them to be shown
 
 
@@ -69,7 +71,7 @@ def fused_nll(models: Sequence[ModelScores], chosen: str) -> Picture:
 
 
 def _by_number(
-    models: Sequence[ModelScores], chosen: str, label: str, value: Callable, *, shows_chance: bool
+    models: Sequence[ModelScores], chosen: str, label: str, value: Callable[[Any], float], *, shows_chance: bool
 ) -> list[Callable[[Axes], None]]:
     colours = model_colours([scores.name for scores in models])
     largest = max(value(some) for scores in models for fused in scores.fused.values() for some in fused)
@@ -124,7 +126,7 @@ def claims(models: Sequence[ModelScores], shown: Sequence[str], confidence: floa
                 )
                 axes.errorbar(x, right, reach, fmt="o", color=colour, markersize=4, elinewidth=1)
             axes.set(title=kind, xlabel="touches at the stop", ylabel="share", ylim=(lowest - 0.02, 1.01))
-            axes.xaxis.get_major_locator().set_params(integer=True)
+            axes.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))
 
         return draw
 

@@ -13,8 +13,9 @@ from scipy.special import softmax
 from belief import Touch
 from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
 from belief.observation_model import ArrayModel, RatioModel, information_of_touch
+from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.observation_model.repeat_discount import effective_touches
-from belief.observation_model.selection import OBSERVATION_MODELS, ModelChoice, choose_observation_model
+from belief.observation_model.selection import ModelChoice, choose_observation_model
 from belief.statistics import cluster_bootstrap
 from experiments.calibration.sequences import Sequences, stops
 from experiments.calibration.touches import classwise_error, top_error

@@ -236,8 +236,8 @@ def _stops(found: Measurements) -> Section:
             ]
         headings = ("model", "stops", "touches", "claim", "right", "Clopper-Pearson ≥", "objects resampled")
         overall.append(Table(f"Stops at {found.confidence:g}, {kind}", headings, rows))
-        headings = ("model", "touches", "stops", "claim", "right [Clopper-Pearson]")
-        by_touches.append(Table(f"By touches at the stop, {kind}", headings, numbered, is_long=True))
+        columns = ("model", "touches", "stops", "claim", "right [Clopper-Pearson]")
+        by_touches.append(Table(f"By touches at the stop, {kind}", columns, numbered, is_long=True))
     sentences = [
         f"A search that touches until a shape has {found.confidence:g} of the posterior stops where luck, and a "
         "model's faith in it, are greatest. What it then claims must be true after few touches and after many, not "

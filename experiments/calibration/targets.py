@@ -96,6 +96,7 @@ def _judge_right(stopped: StopScores, confidence: float) -> Check:
     if stopped.claims is None or stopped.claims.overall.count < ENOUGH_IN_ALL:
         count = 0 if stopped.claims is None else stopped.claims.overall.count
         return Check(name, target, "", None, f"{count} stops, {ENOUGH_IN_ALL} are needed")
+    assert stopped.right is not None, "there are stops"
     overall, (_, low, high) = stopped.claims.overall, stopped.right
     return Check(
         name,

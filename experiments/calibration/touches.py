@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,6 +160,8 @@ def classwise_error(probs: Floats, labels: NDArray[np.int64], rng: np.random.Gen
     return _against_chance(classwise_calibration_error, probs, labels, rng)
 
 
-def _against_chance(metric: Callable, probs: Floats, labels: NDArray, rng: np.random.Generator) -> CalibrationError:
+def _against_chance(
+    metric: Callable[..., float], probs: Floats, labels: NDArray[Any], rng: np.random.Generator
+) -> CalibrationError:
     chance = null_quantile(probs, metric, rng, num_resamples=NULL_RESAMPLES)
     return CalibrationError(metric(probs, labels), chance)

@@ -39,7 +39,7 @@ def _compare(folder: Path, **how: object) -> Compare:
         "out": folder / "run",
         "jobs": 1,
     }
-    return Compare(**{**asked, **how})  # type: ignore[arg-type]
+    return Compare(**{**asked, **how})
 
 
 def _played(**how: object) -> Callable[[], object]:

@@ -330,7 +330,7 @@ def _mesh(lines: list[str], name: str = "it.obj", scale: float = 1.0) -> Callabl
 def _radius(mirrored: bool) -> float:
     faces = [f"f {a} {b} {c}" for a, b, c in ((1, 2, 3), (1, 4, 2), (2, 4, 3), (1, 3, 4))]
     mesh = _mesh([*_TETRAHEDRON[:4], *(faces if mirrored else _TETRAHEDRON[4:])])()
-    return float(mesh.bounding_radius)  # type: ignore[attr-defined]
+    return float(mesh.bounding_radius)
 
 
 def _of_meshes() -> list[Case]:

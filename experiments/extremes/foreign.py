@@ -137,7 +137,7 @@ def _deciders() -> list[Case]:
         "nothing": None,
         "a number": 3,
         "a pose that does not exist": Decision(Probe(9)),
-        "a decision on a word": Decision("confirm"),  # type: ignore[arg-type]
+        "a decision on a word": Decision("confirm"),
         "a score of NaN": Decision(Confirm(), {"value": float("nan")}),
     }
     return [

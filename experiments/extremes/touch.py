@@ -56,7 +56,7 @@ def _of_presses() -> list[Case]:
     for name, press in _PRESSES.items():
 
         def case(given: str, expected: Expectation, press: Press = press, name: str = name, **how: object) -> Case:
-            return answers(f"{name} press", given, lambda: press_once(press, **how), expected)  # type: ignore[arg-type]
+            return answers(f"{name} press", given, lambda: press_once(press, **how), expected)
 
         cases += [
             case("an object beside the pad", MISS, offset=(0.2, 0.0)),

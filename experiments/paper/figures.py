@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from activetouch.data.dataset import TouchSet
 from belief.statistics import wilson_interval
@@ -81,7 +82,7 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
         drawn.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
 
 
-def _confusion(axes, confusion: Sequence[Sequence[int]]) -> None:
+def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
     labels = list(table1.PAPER)
     matrix = np.array(confusion, float)
     order = [_SHAPES.index(label) for label in labels]
@@ -98,7 +99,7 @@ def _confusion(axes, confusion: Sequence[Sequence[int]]) -> None:
 _SHAPES = ("sphere", "cube", "cylinder", "cone")
 
 
-def _success(axes, columns: Sequence[Column]) -> None:
+def _success(axes: Axes, columns: Sequence[Column]) -> None:
     """Bars by target: the paper's, hatched, and ours with 95 % Wilson intervals."""
     targets = list(PAPER["PPO"])
     width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))

@@ -140,4 +140,4 @@ def table(columns: Sequence[Column]) -> Table:
 
 
 def _success(successes: int, trials: int, spec: str = ".2f") -> str:
-    return interval(successes / trials, *wilson_interval(successes, trials), spec)
+    return interval(successes / trials, *wilson_interval(successes, trials), spec=spec)

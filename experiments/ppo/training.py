@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,7 +245,7 @@ def _learner_class(masked: bool) -> type[PPO]:
         from sb3_contrib import MaskablePPO
     except ImportError as error:
         raise MissingPackage("masked recipes need sb3-contrib: pip install activetouch[contrib]") from error
-    return MaskablePPO
+    return cast("type[PPO]", MaskablePPO)  # no subclass, but of the same use
 
 
 def _callback(report: Callable[[int], None]) -> Any:

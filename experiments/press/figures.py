@@ -27,7 +27,7 @@ _PHASE_COLOURS = {
 def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path) -> None:
     """Write a picture of one press: the scene, force over time, height map, and every renderer's image."""
     with figure((10, 6.4), path) as drawn:
-        top, bottom = drawn.subfigures(2, 1, height_ratios=(1.15, 1))
+        top, bottom = np.asarray(drawn.subfigures(2, 1, height_ratios=(1.15, 1)))
         scene, trace = top.subplots(1, 2)
         height_map, *rendered = bottom.subplots(1, 1 + len(RENDERERS))
         drawn.suptitle(title)
@@ -51,7 +51,7 @@ def _draw_trace(axes: Axes, trace: Trace | None) -> None:
         axes.text(0.5, 0.5, "no time was stepped", ha="center", va="center", transform=axes.transAxes)
         return
     phases = np.array([list(_PHASE_COLOURS).index(phase) for phase in trace.phase])
-    starts = np.flatnonzero(np.diff(phases, prepend=-1))
+    starts = np.flatnonzero(np.diff(phases, prepend=-1)).tolist()
     for start, end in zip(starts, [*starts[1:], len(phases) - 1], strict=True):
         phase = trace.phase[start]
         axes.axvspan(trace.time[start], trace.time[end], color=_PHASE_COLOURS[phase], linewidth=0)

@@ -40,7 +40,7 @@ def inventory(scene: Scene) -> list[Entry]:
         Entry(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
-    model = scene.press_model.compiled(scene.setup, next(iter(scene.shapes.values())))
+    model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
         entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
     return [entry for entry in entries if entry.number]
@@ -49,7 +49,7 @@ def inventory(scene: Scene) -> list[Entry]:
 def _rigid_bodies(model: mujoco.MjModel) -> list[Entry]:
     names = [model.geom(index).name for index in range(model.ngeom)]
     robot = np.array([name.startswith("robot_") for name in names])
-    meeting = np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0))
+    meeting = int(np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0)))
     return [
         Entry(2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"),
         Entry(1, "slide joint", "the guide's, along x"),
@@ -61,7 +61,7 @@ def _rigid_bodies(model: mujoco.MjModel) -> list[Entry]:
         Entry(model.nsensor, "sensor", "force vector and contact point in every step"),
         Entry(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
         Entry(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
-        Entry(np.count_nonzero(robot), "robot parts", "to be seen and bumped into; they stand still"),
+        Entry(int(np.count_nonzero(robot)), "robot parts", "to be seen and bumped into; they stand still"),
     ]
 
 

@@ -50,7 +50,7 @@ Images = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 Shares = dict[str, dict[str, Floats]]  # of right answers for every object, by who answers and what it is shown
 Key = tuple[int, int]
-Readings = Mapping[str, Callable[[Images], NDArray]]
+Readings = Mapping[str, Callable[[Images], NDArray[Any]]]
 
 PLAIN, SHUFFLED, REMOVED = "touch as it is", "force and depth of another touch", "geometry of another touch"
 NO_IMAGE, CLASSIFIER, _SMALL = "nearest neighbours, no image", "classifier", "small network, trained on: "
@@ -77,8 +77,8 @@ class Exchanged:
     poses: Integers
     lenders: Integers
     numbers: Floats
-    plain: Mapping[str, NDArray]
-    lent: Mapping[str, NDArray]
+    plain: Mapping[str, NDArray[Any]]
+    lent: Mapping[str, NDArray[Any]]
 
     def labelled(self, kind: str) -> TouchSet:
         """The images of one kind, which must have been kept as the reading "image", with the touches they tell of."""
@@ -127,7 +127,7 @@ class Leak:
         out = self.out if self.out is not None else Path(f"runs/leak-{in_file_names(self.choice.scene)}")
         require_writable(out)
         classifier = self._classifier(scene)
-        readings = {"image": partial(averaged, size=self.input_size)} if self.train else {}
+        readings: dict[str, Any] = {"image": partial(averaged, size=self.input_size)} if self.train else {}
         if classifier is not None:
             readings[CLASSIFIER] = lambda images: classifier.read(images).labels
         touched = exchange(scene, self.objects, (self.seed, _TEST), readings, self.jobs)
@@ -215,23 +215,25 @@ def exchange(scene: Scene, num_objects: int, key: Key, readings: Readings, jobs:
         partial(_touch_some, scene, key, touches[first : first + _PER_TASK], lenders[first : first + _PER_TASK])
         for first in range(0, len(touches), _PER_TASK)
     ]
-    parts = []
+    parts: list[tuple[Any, ...]] = []
     for first, numbers, *images in run_tasks(tasks, jobs, "touching, each touch for itself and with a lender"):
         parts.append((first, numbers, *({name: read(seen) for name, read in readings.items()} for seen in images)))
-    _, numbers, plain, lent = zip(*sorted(parts, key=lambda part: part[0]), strict=True)
+    _, values, plain, lent = zip(*sorted(parts, key=lambda part: part[0]), strict=True)
     object_ids = touches // len(scene.poses)
     return Exchanged(
         object_ids % len(scene.shapes),
         object_ids,
         touches % len(scene.poses),
         lenders,
-        np.concatenate(numbers),
+        np.concatenate(values),
         *({name: np.concatenate([part[name] for part in seen]) for name in readings} for seen in (plain, lent)),
     )
 
 
 def _touch_some(scene: Scene, key: Key, touches: Integers, lenders: Integers) -> tuple[int, Floats, Images, Images]:
-    numbers, plain, lent = [], [], []
+    numbers: list[tuple[float, float]] = []
+    plain: list[Any] = []
+    lent: list[Any] = []
     for touch, lender in zip(touches.tolist(), lenders.tolist(), strict=True):
         (contact, stiffness), (other, _) = _press(scene, key, touch), _press(scene, key, lender)
         numbers.append((contact.force, contact.depth))
@@ -289,7 +291,7 @@ def _write(result: dict[str, Any], out: Path) -> None:
     compared = Table(
         "Differences",
         ("difference", "right [95 %]"),
-        [(name, interval(*difference, "+.3f")) for name, difference in result["differences"].items()],
+        [(name, interval(*difference, spec="+.3f")) for name, difference in result["differences"].items()],
     )
     heading = (
         f"{result['scene']['scene']}, {result['renderer']}, seed {result['seed']}: share of right answers, of "

@@ -166,7 +166,7 @@ class Record:
 def _require_viewer() -> ModuleType:
     """MuJoCo's viewer, or an error that says what is missing; without a display it would end the process."""
     try:
-        import glfw
+        import glfw  # type: ignore[import-not-found]  # of an extra
         from mujoco import viewer
     except ImportError as error:
         raise MissingPackage(

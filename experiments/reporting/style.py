@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -21,7 +22,7 @@ from belief.files import atomic_path
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 INK = "#010203"
 """Stands for the page's text colour; :func:`svg` replaces it by currentColor."""
-STYLE = {
+STYLE: Any = {
     "font.size": 10.0,
     "font.family": "sans-serif",
     "axes.spines.top": False,

@@ -42,7 +42,7 @@ class Table:
     """
 
     title: str
-    columns: Sequence[str | tuple[str, str]]
+    columns: Sequence[Sequence[str]]
     rows: Sequence[Sequence[Value]]
     note: str = ""
     name: str = ""
@@ -115,7 +115,7 @@ class Table:
     def csv(self) -> str:
         """The values for other programs: intervals in two columns, numbers to the last digit, nothing for None."""
         pairs = [any(isinstance(row[place], tuple) for row in self.rows) for place in range(len(self.columns))]
-        headings = [
+        headings: list[list[str]] = [
             [f"{heading} low", f"{heading} high"] if pair else [heading]
             for heading, pair in zip(self.headings, pairs, strict=True)
         ]
@@ -126,7 +126,7 @@ class Table:
             )
             for row in self.rows
         ]
-        return csv_text(map(tuple, [chain.from_iterable(headings), *rows]))
+        return csv_text([tuple(chain.from_iterable(headings)), *map(tuple, rows)])
 
     def write_csv(self, path: Path) -> None:
         """Write the CSV, atomically.
@@ -137,7 +137,7 @@ class Table:
         write_text(path, self.csv())
 
 
-def interval(value: float, low: float, high: float, spec: str = ".3f") -> str:
+def interval(value: float, low: float, high: float, *, spec: str = ".3f") -> str:
     """A number with its interval, in one cell.
 
     >>> interval(0.8125, 0.7, 0.9)

@@ -25,7 +25,9 @@ def tables(numbers: Mapping[str, Any]) -> list[Table]:
             (
                 f"{condition} ({row['num_objects']} objects)" if fewer else condition,
                 interval(row["accuracy"], *row["accuracy_interval"]) + (" (chance)" if row["is_chance"] else ""),
-                interval(row["difference"], *row["difference_interval"], "+.3f") if condition != AS_TRAINED else "",
+                interval(row["difference"], *row["difference_interval"], spec="+.3f")
+                if condition != AS_TRAINED
+                else "",
                 f"{row['nll']:.3f}",
                 f"{row['ece']:.3f}",
                 interval(row["fused_accuracy"], *row["fused_interval"]),
@@ -35,7 +37,7 @@ def tables(numbers: Mapping[str, Any]) -> list[Table]:
     found = [Table(f"{name}: accuracy in other conditions than trained ({of})", headings, rows)]
     if numbers["unseen"]:
         pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
-        rows = [
+        unseen = [
             (
                 label,
                 *(interval(*row["auroc"][score][unit]) for score, unit in pairs),
@@ -44,8 +46,8 @@ def tables(numbers: Mapping[str, Any]) -> list[Table]:
             )
             for label, row in numbers["unseen"].items()
         ]
-        headings = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
-        found.append(Table(f"{name}: AUROC of unseen against known shapes ({of})", headings, rows))
+        columns = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
+        found.append(Table(f"{name}: AUROC of unseen against known shapes ({of})", columns, unseen))
     if numbers["left_out"]:
         found.append(Table("left out", ("condition", ("because", "")), list(numbers["left_out"].items())))
     return found

@@ -10,6 +10,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,20 +110,20 @@ def measure_touches(
         for start in range(0, total, _PER_TASK):
             numbers = range(start, min(start + _PER_TASK, total))
             tasks.append(partial(_press_some, first.scene, faults, numbers, (seed, first.stream)))
-    parts: dict[str, list[tuple]] = {name: [] for name in shifted}
-    for numbers, images in run_tasks(tasks, jobs, "touching objects"):
-        for name, some in images.items():
-            if numbers:
-                logits, features = sensor.classifier.read(some.reshape(-1, *some.shape[2:]))  # as many as one task has
-                shape = (len(numbers), some.shape[1], -1)
-                parts[name].append((numbers, logits.reshape(shape), features.reshape(shape)))
+    parts: dict[str, list[tuple[Any, ...]]] = {name: [] for name in shifted}
+    for pressed, images in run_tasks(tasks, jobs, "touching objects"):
+        for name, seen in images.items():
+            if pressed:
+                logits, features = sensor.classifier.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
+                shape = (len(pressed), seen.shape[1], -1)
+                parts[name].append((pressed, logits.reshape(shape), features.reshape(shape)))
     outputs = {}
-    for name, some in parts.items():
-        if not some:
+    for name, of_condition in parts.items():
+        if not of_condition:
             raise UnstablePress(f"no object could be pressed under the condition {name!r}")
-        columns = zip(*sorted(some, key=lambda part: part[0]), strict=True)
-        numbers, logits, features = (np.concatenate(column) for column in columns)
-        outputs[name] = ClassifierOutputs(numbers, numbers % len(shifted[name].scene.shapes), logits, features)
+        columns = zip(*sorted(of_condition, key=lambda part: part[0]), strict=True)
+        kept, logits, features = (np.concatenate(column) for column in columns)
+        outputs[name] = ClassifierOutputs(kept, kept % len(shifted[name].scene.shapes), logits, features)
     return outputs
 
 
@@ -148,7 +149,8 @@ def _press_some(
     scene: Scene, faults: Mapping[str, tuple[Fault, ...]], numbers: range, key: tuple[int, int]
 ) -> tuple[list[int], dict[str, NDArray[np.uint8]]]:
     """Numbers of the n objects that could be pressed in all poses, and images ``(n, P, …)`` by condition."""
-    without_faults, kept, images = replace(scene, faults=()), [], {name: [] for name in faults}
+    without_faults, kept = replace(scene, faults=()), []
+    images: dict[str, list[NDArray[np.uint8]]] = {name: [] for name in faults}
     for number in numbers:
         vary = scene.variation
         thing = WorldObject(

@@ -6,7 +6,7 @@ import re
 import textwrap
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -98,7 +98,9 @@ class Compare:
         file = path / "run.json" if path.is_dir() else path
         try:
             recorded = unsealed_json(file.read_text(encoding="utf-8"))["arguments"]
-            given = {key: tuple(value) if isinstance(value, list) else value for key, value in recorded.items()}
+            given: dict[str, Any] = {
+                key: tuple(value) if isinstance(value, list) else value for key, value in recorded.items()
+            }
             del given["jobs"]
             setting = Setting.from_dict(given["setting"])
             return cls(**{**given, "setting": setting, "out": file.parent, "config": path})

@@ -108,9 +108,10 @@ def gap(
     Returns:
         None if the bound of some target is not known.
     """
-    best = [bounds.get(target) for target, some in episodes.items() for _ in some]
-    if None in best:
+    known = {target: bound for target, bound in bounds.items() if bound is not None}
+    if not episodes.keys() <= known.keys():
         return None
+    best = [known[target] for target, some in episodes.items() for _ in some]
     return paired_bootstrap(best, [e.reward(problem) for some in episodes.values() for e in some], rng)
 
 

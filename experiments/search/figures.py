@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,7 +53,7 @@ def success(axes: Axes, comparison: Comparison) -> None:
     groups = [*comparison.targets, ALL]
     _reference_lines(axes.axvline, comparison)
     for index, decider in enumerate(comparison.deciders):
-        y = np.arange(len(groups)) + _offset(index, len(comparison.deciders))
+        y = (np.arange(len(groups)) + _offset(index, len(comparison.deciders))).tolist()
         cells = [comparison.cells[decider, group] for group in groups]
         _whiskers(axes, [c.success for c in cells], y, [c.success_interval for c in cells], index, decider)
     axes.set(xlabel="success", xlim=(-0.02, 1.02), yticks=np.arange(len(groups)), yticklabels=groups)
@@ -101,9 +102,10 @@ def touches(axes: Axes, comparison: Comparison) -> None:
 
 def stated_confidence(axes: Axes, comparison: Comparison) -> None:
     """Stated and observed error of confirmations."""
-    names = [name for name, found in comparison.claims.items() if found is not None]
+    found = {name: claims for name, claims in comparison.claims.items() if claims is not None}
+    names = list(found)
     for y, name in enumerate(names):
-        score, index = comparison.claims[name].overall, comparison.deciders.index(name)
+        score, index = found[name].overall, comparison.deciders.index(name)
         observed = max(1.0 - score.share_right, _SMALLEST_ERROR)
         bounds = (max(1.0 - score.high, _SMALLEST_ERROR), max(1.0 - score.low, _SMALLEST_ERROR))
         _whiskers(axes, [observed], [y], [bounds], index, name)
@@ -143,7 +145,7 @@ def _whiskers(
     axes.errorbar(x, y, xerr=[x - low, high - x], **_style(index), label=label)
 
 
-def _style(index: int) -> dict[str, object]:
+def _style(index: int) -> dict[str, Any]:
     """Colour and marker of a decider; the marker helps readers who cannot tell the colours apart."""
     marker = _MARKERS[index % len(_MARKERS)]
     return {"color": _colour(index), "marker": marker, "linestyle": "none", "markersize": 5, "linewidth": 1.3}

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -133,7 +133,7 @@ class OverprobingCommand:
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         shares = ("probed again", "revised", "first wrong", "wrong")
         columns = ["decider", ("objects", "d"), ("touches after", ".2f"), *shares]
-        rows = [
+        rows: list[tuple[Any, ...]] = [
             (
                 *(one.decider, one.objects, one.late_touches),
                 *(interval(*share) for share in (one.went_on, one.doubted, one.first_wrong, one.wrong)),

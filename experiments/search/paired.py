@@ -66,7 +66,7 @@ def _difference(
         mcnemar=pairs,
         p_value=pairs.mid_p_value,
         episodes_for_success=episodes_for_success(pairs),
-        episodes_for_reward=episodes_for_mean(np.subtract(rewards, base_rewards)),
+        episodes_for_reward=episodes_for_mean(np.subtract(rewards, base_rewards).tolist()),
     )
 
 

@@ -68,15 +68,15 @@ class Replay:
                 if (key.decider, key.target) == (self.decider, self.target) and self.number in numbers:
                     return run.lines(key)[self.number - numbers.start]
                 there.setdefault((key.decider, key.target), []).extend(numbers)
-        numbers = sorted(there.get((self.decider, self.target), []))
-        if numbers:
+        held = sorted(there.get((self.decider, self.target), []))
+        if held:
             raise NoSuchEpisode(
-                f"--number {self.number}: {self.folder} holds {len(numbers)} searches of {self.decider} for a "
-                f"{self.target}, numbers {numbers[0]} to {numbers[-1]}. To play more, repeat the command that played "
+                f"--number {self.number}: {self.folder} holds {len(held)} searches of {self.decider} for a "
+                f"{self.target}, numbers {held[0]} to {held[-1]}. To play more, repeat the command that played "
                 f"them with --episodes {max(self.number, 0) + 1}"
             )
-        held = ", ".join(f"{decider} for {target}" for decider, target in there) or "none"
+        others = ", ".join(f"{decider} for {target}" for decider, target in there) or "none"
         raise NoSuchEpisode(
-            f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. It holds: {held}. Name one with "
-            "--decider and --target"
+            f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. It holds: {others}. Name one "
+            "with --decider and --target"
         )

@@ -34,6 +34,7 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
         grid = drawn.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
         for column, number in enumerate(touched):
             frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
+            assert frame.step.touch is not None, "it was chosen so"
             pose = problem.pose_labels[frame.step.touch.pose]
             top, bottom = grid[0, column], grid[1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")

@@ -63,7 +63,7 @@ def neighbour_guesses(known: Floats, known_shapes: Integers, test: Floats, num_n
     """
     scale = known.std(axis=0) + np.finfo(float).tiny
     tree = KDTree(known / scale)
-    last, _ = tree.query(test / scale, k=[min(num_neighbours, len(known))])  # (m, 1)
+    last, _ = np.asarray(tree.query(test / scale, k=[min(num_neighbours, len(known))]))  # (m, 1)
     within = np.nextafter(last[:, 0] * (1 + 1e-12), np.inf)  # distances are computed twice, in different order
     num_shapes = known_shapes.max() + 1
     voters = tree.query_ball_point(test / scale, within)

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -134,7 +135,7 @@ def again(manifest: Manifest, data: Path) -> str:
     return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
 
 
-def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.random.Generator) -> dict[str, object]:
+def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:
     """Accuracy and calibration of single touches, and of an object's first round of poses fused.
 
     Intervals of single-touch figures resample objects, because touches of one object err together.
@@ -167,7 +168,7 @@ def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.ran
     }
 
 
-def _show(evaluation: dict, choice: ModelChoice) -> None:
+def _show(evaluation: dict[str, Any], choice: ModelChoice) -> None:
     console = plain_console()
     low, high = evaluation["accuracy_interval"]
     fused_low, fused_high = evaluation["fused_accuracy_interval"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from experiments.sensor.scores import Scores
 
 
-def draw_errors(axes: Axes, x: NDArray, scores: Sequence[Scores], colour: str, label: str = "") -> NDArray[np.float64]:
+def draw_errors(
+    axes: Axes, x: NDArray[Any], scores: Sequence[Scores], colour: str, label: str = ""
+) -> NDArray[np.float64]:
     """Draw errors as dots with intervals on logarithmic axes.
 
     Args:

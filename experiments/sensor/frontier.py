@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,7 +98,7 @@ class Frontier:
         manifest = open_collection(data, self.scene, repeats=False)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
-            test = test.select(slice(self.touches))
+            test = test.select(np.arange(min(self.touches, len(test.images))))
         variants: list[tuple[Path, str, TouchClassifier]] = []
         for path in self.checkpoints:
             single = TouchClassifier.load(path)
@@ -143,7 +144,7 @@ class Frontier:
 
     def _time(self, classifiers: list[TouchClassifier], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
         """Seconds of one batch, by round and classifier, ``(rounds, classifiers)``."""
-        calls: list[Callable[[], object]] = [lambda c=c: c.read(images[:batch], batch) for c in classifiers]
+        calls: list[Callable[[], object]] = [partial(c.read, images[:batch], batch) for c in classifiers]
         for call in calls:
             call()
         seconds = np.empty((self.rounds, len(calls)))

@@ -63,7 +63,7 @@ def make_sensor(
     record(named.scene, plan, touches, jobs)
     record(named.scene, repeated, again, jobs)
     if not (trained / CLASSIFIER_FILE).exists():
-        sizes = {"backbone": named.backbone, "input_size": named.input_size}
+        sizes: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
         changes = Changes(**{"seed": seed, **change})
         Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **sizes).run()
     if not (folder / "evaluation.json").exists():

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -30,7 +31,8 @@ from experiments.sensor_choice import open_collection, require_named_scene
 if TYPE_CHECKING:
     from torch import nn
 
-    from activetouch.perception.classifier import ClassifierCard, TouchClassifier
+    from activetouch.perception.card import ClassifierCard
+    from activetouch.perception.classifier import TouchClassifier
     from activetouch.perception.training import Trainer
 
 STATE_FILE = "state.safetensors"
@@ -174,7 +176,7 @@ def card_for(
     train: TouchSet, backbone: str, input_size: int, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]
 ) -> ClassifierCard:
     """The card of a classifier to be trained on these images: it knows their channels, mean and spread."""
-    from activetouch.perception.classifier import ClassifierCard
+    from activetouch.perception.card import ClassifierCard
 
     sample = train.images[:: max(1, len(train.images) // 1000)] / 255.0
     return ClassifierCard(
@@ -229,7 +231,7 @@ def run_to_the_end(trainer: Trainer, log: Path) -> None:
     with progress_bar() as progress:
         while not trainer.is_finished:
             bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
-            report = trainer.run_epoch(lambda n, bar=bar: progress.advance(bar, n))
+            report = trainer.run_epoch(partial(progress.advance, bar))
             progress.console.print(report.words, highlight=False)
             if writer is not None:
                 for name, value in asdict(report).items():
@@ -237,7 +239,7 @@ def run_to_the_end(trainer: Trainer, log: Path) -> None:
                 writer.flush()
 
 
-def _tensorboard(log: Path):
+def _tensorboard(log: Path) -> Any:
     """A writer of TensorBoard's event files, or None where it is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter

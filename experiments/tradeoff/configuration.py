@@ -17,7 +17,7 @@ from typing import Literal
 
 from activetouch.named_scenes import SCENES
 from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
-from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
 from planners import DECIDERS
@@ -144,7 +144,7 @@ class Configuration:
     @property
     def setting(self) -> Setting:
         """The search, as a comparison has it."""
-        return Setting(SceneChoice(self.scene, self.fidelity), touch_cost=self.touch_cost)  # type: ignore[arg-type]
+        return Setting(SceneChoice(self.scene, self.fidelity), touch_cost=self.touch_cost)
 
     def command(self, sensor: Path | None) -> str:
         """The comparison that plays it; ``sensor`` is a folder with its classifier and its observation model."""

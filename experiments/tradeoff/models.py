@@ -15,7 +15,7 @@ from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import write_text
 from belief.observation_model import ArrayModel, read_observation_model
-from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import repeats_folder
 from experiments.sensor.scores import read_logits
 from experiments.sensor_choice import open_collection, require_collection

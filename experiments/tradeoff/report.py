@@ -150,7 +150,7 @@ def _difference(point: Point, default: Point | None) -> str:
     if default is None or point.num_searches != default.num_searches:
         return "–"
     mine, other = (np.array(p.result.successes, float) for p in (point, default))
-    return interval(*paired_bootstrap(mine, other, np.random.default_rng(0)), "+.3f")
+    return interval(*paired_bootstrap(mine, other, np.random.default_rng(0)), spec="+.3f")
 
 
 def _entry(point: Point, prob: float) -> dict[str, object]:
