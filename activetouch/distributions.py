@@ -1,7 +1,7 @@
 """Probability distributions of the nuisances of a scene: ``distribution.sample(rng)`` draws one number.
 
 >>> import numpy as np
->>> Uniform(1.5, 3.0).sample(np.random.default_rng(0))
+>>> round(Uniform(1.5, 3.0).sample(np.random.default_rng(0)), 4)
 2.4554
 >>> Constant(2.0).sample(np.random.default_rng(0))     # draws nothing from the generator
 2.0

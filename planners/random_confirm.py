@@ -12,7 +12,10 @@ from planners.decider import Decision, InformationState
 
 @dataclass(frozen=True)
 class RandomConfirm:
-    """Confirms each of the N objects with probability 1/N; with K shapes equally likely it succeeds once in K."""
+    """Confirms one object at random, without touching: the no-touch baseline.
+
+    Each of the N objects is confirmed with probability 1/N; with K shapes equally likely it succeeds once in K.
+    """
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""

@@ -54,10 +54,11 @@ def _tree_search() -> ModuleType:
     return pomdp_py_adapter
 
 
-def _sequential(stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
+def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
     """A builder of a sequential decider, whose settings are those of its stopping rule.
 
     Args:
+        summary: of the decider, in one line.
         stopping: makes the rule from its settings.
         probing: makes the probe selector from what it needs of ``table`` and ``model``.
     """
@@ -70,44 +71,52 @@ def _sequential(stopping: Callable[..., StoppingRule], probing: Callable[..., Pr
         )
 
     parameters = [p.replace(kind=p.KEYWORD_ONLY) for p in (*selector.values(), *rule.values())]
+    sequential.__doc__ = summary
     sequential.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return sequential
 
 
 def _pouct(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    """Tree search by POUCT of pomdp-py, from the belief as a histogram."""
     decider: Decider = _tree_search().Pouct(table, simulations)
     return decider
 
 
 def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
+    """Tree search by POMCP of pomdp-py, from particles drawn from the belief."""
     decider: Decider = _tree_search().Pomcp(table, simulations)
     return decider
 
 
 def _point_based(table: OutcomeTable, model: ObservationModel | None, rounds: Sequence[int] = ROUNDS) -> Decider:
+    """Point-based value iteration on the whole search: the default planner."""
     return PointBased(table, repeat_discount(model), rounds)
 
 
 def _value_of_one_touch(table: OutcomeTable, model: ObservationModel | None, max_touches: int | None = None) -> Decider:
+    """Value of information, looking one touch ahead."""
     return ValueOfInformation(table, 1, repeat_discount(model), max_touches)
 
 
 def _value_of_information(
     table: OutcomeTable, model: ObservationModel | None, depth: int = 2, max_touches: int | None = None
 ) -> Decider:
+    """Value of information, looking two touches ahead."""
     return ValueOfInformation(table, depth, repeat_discount(model), max_touches)
 
 
 def _ppo(policies: Path | None) -> Decider:
+    """PPO policies on the state of the paper, one per target."""
     return PPODecider(policies)
 
 
 def _ppo_posterior(policies: Path | None) -> Decider:
+    """PPO policies on the posterior, one per target."""
     return PPODecider(policies, "posterior")
 
 
 def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
-    """The poses of the paper's policies, and a stop when the posterior is beyond a threshold."""
+    """Posterior thresholds, with the poses of the PPO policies."""
     ppo = PPODecider(policies)
     return StopOverride(PosteriorThresholds(confirm, reject, max_touches), ppo, fallback=ppo)
 
@@ -115,17 +124,37 @@ def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 
 DECIDERS: Mapping[str, Builder] = MappingProxyType(
     {
         "random_confirm": RandomConfirm,
-        "threshold": _sequential(ThresholdRule, FixedOrder),
-        "random_poses": _sequential(PosteriorThresholds, RandomOrder),
-        "fixed_poses": _sequential(PosteriorThresholds, FixedOrder),
-        "information_gain": _sequential(PosteriorThresholds, lambda table: TargetInformationGain(table)),
-        "shape_information_gain": _sequential(PosteriorThresholds, lambda table: ShapeInformationGain(table)),
+        "threshold": _sequential(
+            "The threshold rule of the paper: two confident touches in a row.", ThresholdRule, FixedOrder
+        ),
+        "random_poses": _sequential(
+            "Posterior thresholds, with poses in random order.", PosteriorThresholds, RandomOrder
+        ),
+        "fixed_poses": _sequential(
+            "Posterior thresholds, with poses in a fixed order.", PosteriorThresholds, FixedOrder
+        ),
+        "information_gain": _sequential(
+            "Posterior thresholds, with the pose that tells most about the target.",
+            PosteriorThresholds,
+            lambda table: TargetInformationGain(table),
+        ),
+        "shape_information_gain": _sequential(
+            "Posterior thresholds, with the pose that tells most about the shape.",
+            PosteriorThresholds,
+            lambda table: ShapeInformationGain(table),
+        ),
         "repeat_aware": _sequential(
-            PosteriorThresholds, lambda table, model: TargetInformationGain(table, repeat_discount(model))
+            "Information gain that discounts poses used before.",
+            PosteriorThresholds,
+            lambda table, model: TargetInformationGain(table, repeat_discount(model)),
         ),
         "value_of_one_touch": _value_of_one_touch,
         "value_of_information": _value_of_information,
-        "sequential_test": _sequential(SequentialTest, lambda table: TargetInformationGain(table)),
+        "sequential_test": _sequential(
+            "Wald's sequential probability ratio test, with poses by information gain.",
+            SequentialTest,
+            lambda table: TargetInformationGain(table),
+        ),
         "ppo": _ppo,
         "ppo_posterior": _ppo_posterior,
         "ppo_confident": confident_ppo,
@@ -140,6 +169,15 @@ TRAINED: Mapping[str, str] = MappingProxyType({"ppo": "paper", "ppo_posterior": 
 """Those that follow trained policies, and what the policies see (a key of :data:`belief.policy_state.ENCODINGS`)."""
 
 _GIVEN = ("table", "model", "policies")
+
+
+def summary_of(name: str) -> str:
+    """First line of the description of a decider of the registry.
+
+    >>> summary_of("point_based")
+    'Point-based value iteration on the whole search: the default planner.'
+    """
+    return (DECIDERS[name].__doc__ or "").strip().partition("\n")[0]
 
 
 def find_decider(name: str) -> tuple[Any, Reference]:

@@ -27,7 +27,13 @@ from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict
 from experiments.sensor_choice import command, require_policies, tell_shift
-from planners.registry import DECIDERS, find_decider
+from planners.registry import DECIDERS, find_decider, summary_of
+
+_DECIDERS_HELP = (
+    "Deciders to compare, with settings where wanted, such as 'information_gain(confirm=0.97)'; or module:attribute of "
+    "your own, such as 'mine:TwoLooks(touches=4)'. Known are:\n"
+    + "\n".join(f"{name}: {summary_of(name)}" for name in DECIDERS)
+)
 
 
 @dataclass(frozen=True)
@@ -49,9 +55,12 @@ class Compare:
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
     """
 
-    deciders: tuple[str, ...] = ("point_based", "information_gain", "threshold", "random_confirm")
-    """Who searches: names of deciders, with settings where wanted, such as 'information_gain(confirm=0.97)'; or
-    module:attribute of your own, such as 'mine:TwoLooks(touches=4)'."""
+    deciders: Annotated[tuple[str, ...], tyro.conf.arg(help=_DECIDERS_HELP)] = (
+        "point_based",
+        "information_gain",
+        "threshold",
+        "random_confirm",
+    )
     reference: str | None = None
     """The decider that differences are taken to; the first by default."""
     targets: tuple[str, ...] = ()

@@ -9,7 +9,7 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
-from planners.registry import TRAINED, WrongType
+from planners.registry import TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
@@ -202,3 +202,9 @@ def test_the_papers_rule_reads_the_logits_of_a_perfect_table():
     assert stop(certain, certain) == ("Confirm", 1.0)
     assert stop(certain, even) is None
     assert stop(other) == ("Reject", 0.0)
+
+
+@pytest.mark.parametrize("name", DECIDERS)
+def test_every_decider_says_in_a_line_what_it_is(name):
+    assert 10 < len(summary_of(name)) < 90
+    assert summary_of(name).endswith(".")
