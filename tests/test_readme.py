@@ -130,9 +130,14 @@ def test_every_section_a_page_links_to_exists(page):
             assert section in [anchor(line) for line in re.findall(r"^#+ (.*)$", text, flags=re.M)]
 
 
+ENTRY_POINTS = {f"activetouch.{part}" for part in ("deciders", "scenes", "renderers", "observation_models")}
+
+
 @pytest.mark.parametrize("page", PROSE)
 def test_every_module_a_page_names_can_be_imported(page):
     for name in re.findall(r"`((?:belief|planners|activetouch|experiments)(?:\.\w+)+)`", (ROOT / page).read_text()):
+        if name in ENTRY_POINTS:
+            continue
         parts = name.split(".")
         places = [ROOT.joinpath(*parts[:n]) for n in range(len(parts), 0, -1)]
         found = next(place for place in places if place.is_dir() or place.with_suffix(".py").exists())
