@@ -81,9 +81,7 @@ class Reference:
         """
         module_name, _, attribute = self.name.rpartition(":")
         here = str(Path.cwd())
-        if here not in sys.path:
-            sys.path.insert(0, here)
-        importlib.invalidate_caches()
+        look_in(here)
         try:
             found: Any = importlib.import_module(module_name)
         except ModuleNotFoundError as error:
@@ -113,6 +111,18 @@ class Reference:
         return build(self.name, self.load(), self.settings, offered, self.is_called)
 
 
+def look_in(folder: str) -> None:
+    """Have modules of a folder found before all others.
+
+    >>> look_in(str(Path.cwd()))
+    >>> str(Path.cwd()) in sys.path
+    True
+    """
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    importlib.invalidate_caches()
+
+
 def build(
     name: str, found: Any, settings: Mapping[str, Any], offered: Mapping[str, Any], is_called: bool = True
 ) -> Any:
@@ -127,6 +137,9 @@ def build(
 
     Raises:
         BadReference: a setting is unknown or missing, or settings are given for a finished object.
+
+    >>> build("power", pow, {"exp": 3}, {"base": 2, "colour": "red"})
+    8
     """
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
@@ -179,5 +192,9 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
 
 
 def entry_point_names(group: str) -> dict[str, str]:
-    """What installed packages offer under an entry-point group: ``module:attribute`` by name."""
+    """What installed packages offer under an entry-point group: ``module:attribute`` by name.
+
+    >>> entry_point_names("console_scripts")["activetouch"]
+    'experiments.cli:main'
+    """
     return {entry.name: entry.value for entry in entry_points(group=group)}

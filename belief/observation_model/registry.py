@@ -43,7 +43,11 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
 
 
 def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
-    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by the names that their files bear."""
+    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by the names that their files bear.
+
+    >>> kinds()["ratio"].__name__
+    'RatioModel'
+    """
     all_fits = (OBSERVATION_MODELS if fits is None else fits).values()
     found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in all_fits]
     return {kind.name: kind for kind in found if inspect.isclass(kind) and issubclass(kind, ArrayModel)}
@@ -57,6 +61,9 @@ def class_named(kind: str) -> type[ArrayModel]:
 
     Raises:
         ValueError: neither the registry nor an installed package has it.
+
+    >>> class_named("ratio").__name__
+    'RatioModel'
     """
     known = kinds()
     if kind in known:
@@ -75,6 +82,10 @@ def require_readable(model: ArrayModel) -> None:
 
     Raises:
         BadReference: nothing would know its class.
+
+    >>> from belief.synthetic import random_model
+    >>> import numpy as np
+    >>> require_readable(random_model(np.random.default_rng(0)))
     """
     try:
         class_named(model.name)

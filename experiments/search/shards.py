@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import socket
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from activetouch.scene_description import scene_fields
 from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
 from belief.errors import ActiveTouchError
+from belief.references import look_in
 from experiments.search.bound import best_expected_return
 from experiments.search.fingerprint import files_digest, fingerprint, modules_of
 from experiments.search.oracle import solved_by_full_information
@@ -82,6 +84,7 @@ class ShardTask:
         setting: of the run.
         seed: of the run.
         wanted: the run's identity and versions, and who is to play, as this task's maker sees them, as JSON.
+        folder: working folder of this task's maker, in which modules of the user's own are found.
     """
 
     key: ShardKey
@@ -89,6 +92,7 @@ class ShardTask:
     setting: Setting
     seed: int
     wanted: str
+    folder: str = field(default_factory=os.getcwd)
 
     @classmethod
     def of(cls, key: ShardKey, setting: Setting, seed: int, size: int | None = None) -> ShardTask:
@@ -104,6 +108,7 @@ class ShardTask:
             WorkerMismatch: this machine has other versions, another sensor, or other code, than the one that asks.
         """
         with _PLAYING:
+            look_in(self.folder)
             player = _require_same(self.setting, self.seed, self.key.decider, self.key.target, self.wanted)
             target = list(self.setting.problem.shape_labels).index(self.key.target)
             if self.key.decider == BOUND:

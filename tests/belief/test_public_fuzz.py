@@ -240,6 +240,7 @@ CALLS = {
     "require": lambda a: validation.require(a >= 0.0, a, "a", "what is below zero"),
     "normalise_log_probs": validation.normalise_log_probs,
     "normalise_probs": validation.normalise_probs,
+    "renormalised": lambda a: validation.renormalised(validation.normalise_probs(a)),
     "log_posteriors": lambda a: selection.log_posteriors(world(np.full((3, 3), 1 / 3)), TouchBatch.of([touches(a)])),
     "grouped": lambda a: [index for _, index in selection.grouped(TouchBatch.of([touches(np.eye(4, 3))]), a[:, 0])],
     "sequence_nll": lambda a: selection.sequence_nll(
@@ -273,6 +274,7 @@ CALLS = {
     "wilson_interval": lambda a: statistics.wilson_interval(a[0, 0], a[0, 1], a[0, 2]),
 }
 NO_NUMBERS = {
+    "check_observation_model": "of a model",
     "SceneView": "of a scene",
     "at": "an index",
     "read_origin": "text",

@@ -15,6 +15,7 @@ from belief import Composition, Counts, ImpossibleObservation, Probe, SearchProb
 from belief.calibration import TemperatureScaling
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
+from belief.references import BadReference
 from belief.seeding import keyed_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
@@ -168,7 +169,7 @@ CASES: tuple[Case, ...] = (
         UnknownName,
         "Did you mean 'information_gain'",
     ),
-    refuses("make_decider", "no name", lambda: make_decider("", _NOISY.outcome_table()), UnknownName, "Known: "),
+    refuses("make_decider", "no name", lambda: make_decider("", _NOISY.outcome_table()), BadReference, "no name"),
     answers(
         "search",
         "a decider that never stops",

@@ -3,6 +3,7 @@
 import math
 import sys
 from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
 from typing import Annotated, get_args, get_origin, get_type_hints
 
 import joblib
@@ -14,12 +15,17 @@ from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
 from experiments.press.fidelity import Fidelity
 from experiments.press.touch import Gallery, Touch
+from experiments.search.export import Export
 from experiments.search.merge import Merge
 from experiments.search.replay import Replay
 from experiments.sensor.frontier import Frontier
 from experiments.tradeoff.tradeoff import Tradeoff
 
-_NEEDED = {Frontier: {"checkpoints": ("none.safetensors",)}, Merge: {"folders": ("none",)}}
+_NEEDED = {
+    Export: {"target": "cone", "out": Path("none")},
+    Frontier: {"checkpoints": ("none.safetensors",)},
+    Merge: {"folders": ("none",)},
+}
 
 
 def _kinds(annotation):

@@ -24,7 +24,7 @@ WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "Ob
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
 WORDS |= {"CalibrationAtStop", "CalibrationReport", "Choice", "Calibration", "PerPose", "CALIBRATIONS"}
 WORDS |= {"calibration_from_json", "GaussianModel", "PLDAModel", "RatioModel", "SignatureModel"}
-WORDS |= {"FeatureEmbedding", "LogitEmbedding", "SceneView", "TouchHistory", "read_origin"}
+WORDS |= {"FeatureEmbedding", "LogitEmbedding", "SceneView", "TouchHistory", "read_origin", "check_observation_model"}
 
 
 @pytest.mark.mujoco

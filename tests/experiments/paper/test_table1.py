@@ -108,7 +108,7 @@ def test_the_command_goes_on_where_it_stopped_and_writes_its_files(tmp_path):
     assert np.sum(first["splits"]["by object"]["held-out objects"]["confusion"]) == 160
     by_image = first["splits"]["by image"]  # near copies help where there are some
     assert by_image["held out"]["nearest"] > by_image["held-out objects"]["nearest"] + 0.1
-    assert (tmp_path / "table1.md").read_text().startswith("| | paper | by image, held out |")
+    assert (tmp_path / "table1.md").read_text().startswith("|  | paper | by image, held out |")
     assert (tmp_path / "table1.svg").read_text().count("<svg") == 1
 
 

@@ -328,7 +328,7 @@ def test_several_worlds_are_shown_side_by_side(tmp_path, capsys):
     ).run()
     with (tmp_path / "overview.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert [(row["world"], row["decider"]) for row in rows] == [
+    assert [(row["scene"], row["decider"]) for row in rows] == [
         ("coarse", "threshold"),
         ("coarse", "random_confirm"),
         ("gel", "threshold"),

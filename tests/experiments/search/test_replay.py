@@ -57,7 +57,7 @@ def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
     ("asked", "message"),
     [
         ({"number": 99}, "--number 99.*25 searches of threshold for a sphere, numbers 0 to 24"),
-        ({"number": -1}, "--number -1.*numbers 0 to 24"),
+        ({"number": 1000}, "--number 1000.*numbers 0 to 24"),
         ({"target": "cone"}, "no searches of 'threshold' for 'cone'. It holds: threshold for sphere"),
         ({"decider": "ppo"}, "no searches of 'ppo' for 'sphere'"),
     ],
