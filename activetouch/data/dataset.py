@@ -17,7 +17,7 @@ import hashlib
 import io
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
-from activetouch.scene import PressedObject, Scene
+from activetouch.scene import PressedObject, Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path
 from belief.seeding import keyed_rng
@@ -45,19 +45,34 @@ __all__ = [
     "write_manifest",
 ]
 
+_BODY = {
+    "rests": np.float64,
+    "orientations": np.float64,
+    "sizes": np.float64,
+    "offsets": np.float64,
+    "frictions": np.float64,
+    "stiffnesses": np.float64,
+}
+_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; one number in all others
 _NUMBERS = {
     "shapes": np.int64,
     "object_ids": np.int64,
     "poses": np.int64,
     "forces": np.float64,
     "depths": np.float64,
+    **_BODY,
 }
 _MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
 
 
+def _unknown() -> NDArray[np.float64]:
+    """Stands for a column that is not given."""
+    return np.array(np.nan)
+
+
 @dataclass(frozen=True, eq=False)
 class TouchSet:
-    """Touches of one split, N of them.
+    """N touches, and what is known about the body that was touched.
 
     Attributes:
         images: ``(N, H, W)`` or ``(N, H, W, 3)`` uint8.
@@ -66,6 +81,14 @@ class TouchSet:
         poses: pose index, ``(N,)``.
         forces: normal force in the pause [N], ``(N,)``.
         depths: indentation of the deepest taxel [m], ``(N,)``.
+        rests: orientation in which the object lies on its guide, unit quaternions ``wxyz``, ``(N, 4)``.
+        orientations: the same after the pose has turned it, as the pad meets it, ``(N, 4)``.
+        sizes: size factor of the object, ``(N,)``.
+        offsets: of the object's centre from the approach axis, along y and z [m], ``(N, 2)``.
+        frictions: friction coefficient of the object, ``(N,)``.
+        stiffnesses: of the object's skin together with the pad's layer, relative to the layer's alone, ``(N,)``.
+
+    The last six are NaN where they are not given: touches from elsewhere come without them.
     """
 
     images: NDArray[np.uint8]
@@ -74,6 +97,17 @@ class TouchSet:
     poses: NDArray[np.int64]
     forces: NDArray[np.float64]
     depths: NDArray[np.float64]
+    rests: NDArray[np.float64] = field(default_factory=_unknown)
+    orientations: NDArray[np.float64] = field(default_factory=_unknown)
+    sizes: NDArray[np.float64] = field(default_factory=_unknown)
+    offsets: NDArray[np.float64] = field(default_factory=_unknown)
+    frictions: NDArray[np.float64] = field(default_factory=_unknown)
+    stiffnesses: NDArray[np.float64] = field(default_factory=_unknown)
+
+    def __post_init__(self) -> None:
+        for name in _BODY:
+            if np.ndim(getattr(self, name)) == 0:
+                object.__setattr__(self, name, np.full((len(self.images), *_WIDTHS.get(name, ())), np.nan))
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.integer]) -> TouchSet:
         """Some of the touches, by mask or by index."""
@@ -107,34 +141,30 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     Raises:
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
     """
-    images, rows, redrawn = [], [], []
+    rows: list[tuple[object, ...]] = []
+    redrawn = []
     for number in objects:
-        draw, shape, touches = _touch_object(scene, plan, split, number)
+        draw, thing, touches = _touch_object(scene, plan, split, number)
         redrawn.append(draw)
         for pose, pressed in touches:
-            images.append(pressed.image)
-            rows.append((shape, number, pose, pressed.contact.force, pressed.contact.depth))
-    shapes, object_ids, poses, forces, depths = (np.array(column) for column in zip(*rows, strict=True))
+            contact, placed = pressed.contact, pressed.placement
+            felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
+            surface = (placed.scale, placed.offset, placed.friction, placed.stiffness)
+            rows.append((*felt, thing.orientation, placed.orientation, *surface))
+    names = TouchSet.__dataclass_fields__
+    arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}  # type: ignore[arg-type]
+    arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
     with atomic_path(path) as temporary:
-        np.savez(
-            temporary,
-            images=np.stack(images),
-            shapes=shapes,
-            object_ids=object_ids,
-            poses=poses,
-            forces=forces,
-            depths=depths,
-            **({"redrawn": np.array(redrawn)} if any(redrawn) else {}),  # type: ignore[arg-type]  # numpy takes it
-        )
+        np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it
 
 
 def _touch_object(
     scene: Scene, plan: CollectionPlan, split: str, number: int
-) -> tuple[int, int, list[tuple[int, PressedObject]]]:
+) -> tuple[int, WorldObject, list[tuple[int, PressedObject]]]:
     """Touch an object in all planned poses and rounds, or the next one drawn for its place.
 
     Returns:
-        How many were drawn in vain, the shape, and pose and result of each press.
+        How many were drawn in vain, the object, and pose and result of each press.
     """
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)
@@ -142,7 +172,7 @@ def _touch_object(
         rng = object_rng(plan, split, number, draw)
         thing = scene.sample_object(shape, rng)
         try:
-            return draw, shape, [(pose, scene.press(thing, pose, rng, attempts=1)) for pose in poses]
+            return draw, thing, [(pose, scene.press(thing, pose, rng, attempts=1)) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(
@@ -206,7 +236,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
         )
     per_object = manifest.touches_per_object
     total = shards[-1][1].stop * per_object
-    columns = {name: np.empty(total, dtype) for name, dtype in _NUMBERS.items()}
+    columns = {name: np.empty((total, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
     columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
     for shard, objects in shards:
         touches, digest = read_shard(folder, manifest, split, shard, objects)
@@ -239,7 +269,7 @@ def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path
     per_object = manifest.touches_per_object
     num_touches = len(objects) * per_object
     expected: dict[str, tuple[tuple[int, ...], Any]] = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
-    expected |= {name: ((num_touches,), dtype) for name, dtype in _NUMBERS.items()}
+    expected |= {name: ((num_touches, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
     for name, (shape, dtype) in expected.items():
         column = getattr(touches, name)
         if column.shape != shape or column.dtype != dtype:

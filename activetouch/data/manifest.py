@@ -25,7 +25,7 @@ from belief.errors import CorruptFile
 from belief.files import sealed_json, unsealed_json, write_text
 
 SPLITS = ("train", "calibration", "test")
-FORMAT = 3
+FORMAT = 4  # 3 did not record orientation, size and offset
 _OBJECTS_PER_SHARD = 48
 
 
@@ -251,14 +251,14 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
     if isinstance(found.get("format"), int) and found["format"] > FORMAT:
         raise CorruptFile(f"{path} has format {found['format']}, this version reads {FORMAT}; a newer activetouch does")
     try:
-        if found["format"] != FORMAT:
-            raise ValueError(f"format {found['format']!r}, known is {FORMAT}")
         told = {field.name: found[field.name] for field in fields(Manifest) if field.name != "sha256"}
         told["sha256"] = digests = found["shards"]
         for name in ("shape_labels", "pose_labels", "image_shape"):
             told[name] = tuple(told[name])
         told["plan"], told["symmetry"] = CollectionPlan(**told["plan"]), Symmetry(told["symmetry"])
         manifest = Manifest(**told)
+        if type(found["format"]) is not int:
+            raise TypeError(f"format is {found['format']!r}")
         for name in ("scene", "versions", "contact_model"):
             if not isinstance(told[name], Mapping):
                 raise TypeError(f"{name} is {told[name]!r}")
@@ -275,6 +275,12 @@ def _parse(found: Mapping[str, Any], path: Path) -> Manifest:
             raise TypeError(f"redrawn is {redrawn!r}")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _damaged(path, f"{type(error).__name__}: {error}") from error
+    if found["format"] != FORMAT:
+        raise CorruptFile(
+            f"{path} has format {found['format']}, this version reads {FORMAT}, which records the orientation, "
+            f"size and offset of every touch. Record the touches anew, after deleting {path.parent}, "
+            f"{manifest.how(path.parent)}"
+        )
     return manifest
 
 

@@ -27,6 +27,7 @@ from activetouch.data.manifest import NoCollection, seal
 from activetouch.distributions import Constant
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.placement import Placement
+from activetouch.poses import multiply
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.pad import Pad
@@ -283,9 +284,28 @@ def test_a_digest_that_is_none_is_a_damaged_manifest(folder):
         read_manifest(folder)
 
 
+def test_a_collection_without_orientations_is_refused_with_the_command_for_a_new_one(folder):
+    change_manifest(folder, format=3)
+    with pytest.raises(CorruptFile, match=r"orientation, size and offset.*Record the touches anew"):
+        read_manifest(folder)
+
+
+def test_touches_record_where_the_body_was(folder):
+    touches = read_split(folder, "train")
+    assert np.allclose(np.linalg.norm(touches.orientations, axis=1), 1.0)
+    poses = np.array(list(SCENE.poses.values()))
+    shown = [multiply(poses[pose], rest) for pose, rest in zip(touches.poses, touches.rests, strict=True)]
+    assert np.allclose(shown, touches.orientations)
+    for column in (touches.rests, touches.sizes[:, None], touches.stiffnesses[:, None]):
+        for number in np.unique(touches.object_ids):
+            assert len(np.unique(column[touches.object_ids == number], axis=0)) == 1
+    low, high = SCENE.variation.offset.support
+    assert ((touches.offsets >= low) & (touches.offsets <= high)).all()
+
+
 def test_a_manifest_of_a_later_format_asks_for_a_later_version(folder):
     change_manifest(folder, format=99)
-    with pytest.raises(CorruptFile, match="format 99, this version reads 3; a newer"):
+    with pytest.raises(CorruptFile, match="format 99, this version reads 4; a newer"):
         read_manifest(folder)
 
 
