@@ -1,9 +1,10 @@
 """Train the sensor on a shape from a mesh file, a cup, and search for it among the four built-in shapes.
 
-Run: python examples/04_a_mesh_of_your_own.py          (five minutes on two idle cores; everything goes to runs/cup)
+Run: python examples/04_a_mesh_of_your_own.py          (84 s on two cores; writes to runs/cup)
 
 A new shape needs new touches, a classifier trained on them, and an observation model fitted to both. This example
-takes a twentieth of the default number of objects; with all of them the sensor becomes as good as the shipped one.
+trains on 120 objects of each shape instead of the default 2 700, so its sensor is weak: it reads 0.68 [0.64, 0.72] of
+single touches correctly.
 """
 
 import shlex
