@@ -5,10 +5,11 @@ from __future__ import annotations
 import pickle
 import shutil
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch import Quasistatic, Scene, TactileSensor
 from activetouch.data.dataset import CollectionPlan, read_split, record_shard, shard_path, write_manifest
@@ -23,7 +24,7 @@ from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 from experiments.extremes.cases import Case, answers, equal_to, in_folder, refusals, refuses
 
-Damage = Callable[[Path], None]
+Damage = Callable[[Path], object]
 _SHIPPED = MODELS / "coarse"
 _SCENE = Scene(press_model=Quasistatic(), pad=Pad(num_taxels=8))
 _PLAN = CollectionPlan(train=0, calibration=1, test=1)
@@ -37,39 +38,19 @@ class _Boom:
         return Path.touch, (_BOOM,)
 
 
-def _half(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def _empty(path: Path) -> None:
-    path.write_bytes(b"")
-
-
 def _flipped(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-100] ^= 1
     path.write_bytes(bytes(data))
 
 
-def _pickled(path: Path) -> None:
-    path.write_bytes(pickle.dumps(_Boom()))
-
-
-def _text(path: Path) -> None:
-    path.write_text("I am no file of yours\n")
-
-
-def _gone(path: Path) -> None:
-    path.unlink()
-
-
 _DAMAGES: dict[str, Damage] = {
-    "cut in half": _half,
-    "empty": _empty,
-    "one bit flipped": _flipped,
-    "a pickle": _pickled,
-    "a text": _text,
-    "missing": _gone,
+    "truncated": lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
+    "empty": lambda path: path.write_bytes(b""),
+    "changed in one bit": _flipped,
+    "a pickle": lambda path: path.write_bytes(pickle.dumps(_Boom())),
+    "a text": lambda path: path.write_text("I am no file of yours\n"),
+    "missing": lambda path: path.unlink(),
 }
 
 
@@ -96,74 +77,47 @@ def _changed(**changes: object) -> Damage:
     return damage
 
 
+def _temperature_of_zero() -> object:
+    text = TemperatureScaling(2.0, "ok").to_json(["a"])
+    return TemperatureScaling.from_json(sealed_json(unsealed_json(text) | {"temperature": 0.0}), ["a"])
+
+
+def _read(images: NDArray[Any]) -> Callable[[], object]:
+    return lambda: TactileSensor.shipped("coarse").read(images, [0])
+
+
 def _of_sensors() -> list[Case]:
-    cases = [
-        refuses(
-            "TactileSensor.load",
-            f"a checkpoint that is {given}",
-            _sensor(damage, CLASSIFIER_FILE),
-            CorruptFile,
-            CLASSIFIER_FILE,
-        )
-        for given, damage in _DAMAGES.items()
-    ]
-    cases += [
-        refuses(
-            "TactileSensor.load",
-            f"an observation model that is {given}",
-            _sensor(damage, OBSERVATION_FILE),
-            CorruptFile,
-            OBSERVATION_FILE,
-        )
-        for given, damage in _DAMAGES.items()
-    ]
+    load = "TactileSensor.load"
     other = SCENES["hard"].scene
+    changes: dict[str, tuple[dict[str, object], type[Exception], str]] = {
+        "an observation model of an unknown kind": ({"model": "oracle"}, CorruptFile, "unknown kind 'oracle'"),
+        "an observation model of other shapes": ({"shape_labels": [*"abcd"]}, LabelMismatch, "the scene has"),
+        "an observation model without shapes": ({"shape_labels": None}, CorruptFile, "no observation model"),
+    }
     return [
-        *cases,
-        refuses(
-            "TactileSensor.load",
-            "an observation model of an unknown kind",
-            _sensor(_changed(model="oracle"), OBSERVATION_FILE),
-            CorruptFile,
-            "unknown kind 'oracle'",
+        *(
+            refuses(load, f"{file} that is {given}", _sensor(damage, file), CorruptFile, file)
+            for file in (CLASSIFIER_FILE, OBSERVATION_FILE)
+            for given, damage in _DAMAGES.items()
+        ),
+        *(
+            refuses(load, given, _sensor(_changed(**fields), OBSERVATION_FILE), error, pattern)
+            for given, (fields, error, pattern) in changes.items()
         ),
         refuses(
-            "TactileSensor.load",
-            "an observation model of other shapes",
-            _sensor(_changed(shape_labels=["a", "b", "c", "d"]), OBSERVATION_FILE),
-            LabelMismatch,
-            "the scene has",
-        ),
-        refuses(
-            "TactileSensor.load",
-            "an observation model without shapes",
-            _sensor(_changed(shape_labels=None), OBSERVATION_FILE),
-            CorruptFile,
-            "no observation model",
-        ),
-        refuses(
-            "TactileSensor.load",
+            load,
             "the sensor of another scene",
             lambda: TactileSensor.load(_SHIPPED, other),
             LabelMismatch,
             "classifier of its own",
         ),
-        refuses(
-            "TactileSensor.load",
-            "a folder that is not there",
-            lambda: TactileSensor.load(Path("nowhere"), other),
-            CorruptFile,
-            "nowhere",
-        ),
+        refuses(load, "a missing folder", lambda: TactileSensor.load(Path("nowhere"), other), CorruptFile, "nowhere"),
         *refusals(
             "TactileSensor.read",
             ValueError,
             {
-                "an image of floats": (lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 4, 4)), [0]), "uint8"),
-                "an image of 7 × 7 for a network of 16 × 16": (
-                    lambda: TactileSensor.shipped("coarse").read(np.zeros((1, 7, 7), np.uint8), [0]),
-                    "multiple",
-                ),
+                "an image of floats": (_read(np.zeros((1, 4, 4))), "uint8"),
+                "an image of 7 × 7 for a network of 16 × 16": (_read(np.zeros((1, 7, 7), np.uint8)), "multiple"),
             },
         ),
         *refusals(
@@ -174,15 +128,7 @@ def _of_sensors() -> list[Case]:
                     lambda: TemperatureScaling.from_json(sealed_json({"a": 1}), ["cube"]),
                     "not a calibration",
                 ),
-                "a temperature of zero": (
-                    lambda: TemperatureScaling.from_json(
-                        sealed_json(
-                            {**unsealed_json(TemperatureScaling(2.0, "ok").to_json(["a"])), "temperature": 0.0}
-                        ),
-                        ["a"],
-                    ),
-                    "temperature > 0",
-                ),
+                "a temperature of zero": (_temperature_of_zero, "temperature > 0"),
             },
         ),
     ]
@@ -210,22 +156,23 @@ def _shard(damage: Damage) -> Callable[[], object]:
     return in_folder(read)
 
 
+def _split(name: str) -> Callable[[], Any]:
+    return in_folder(lambda folder: read_split(_collection(folder), name))
+
+
 def _swapped(path: Path) -> None:
     shutil.copy(shard_path(path.parent.parent, "calibration", 0), path)
 
 
-def _relabelled(path: Path) -> None:
-    with np.load(path) as found:
-        arrays = dict(found)
-    arrays["shapes"] = arrays["shapes"][::-1]
-    np.savez(path, **arrays)
+def _with_array(name: str, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Damage:
+    """Change one array of a shard."""
 
+    def damage(path: Path) -> None:
+        with np.load(path) as found:
+            arrays = dict(found)
+        np.savez(path, **arrays | {name: change(arrays[name])})
 
-def _objects(path: Path) -> None:
-    with np.load(path) as found:
-        arrays = dict(found)
-    arrays["forces"] = np.array([_Boom()] * len(arrays["forces"]), object)
-    np.savez(path, **arrays)
+    return damage
 
 
 def _manifest(damage: Damage) -> Callable[[], object]:
@@ -236,74 +183,44 @@ def _manifest(damage: Damage) -> Callable[[], object]:
     return in_folder(read)
 
 
+def _another_plan(folder: Path) -> None:
+    write_manifest(_collection(folder), _SCENE, CollectionPlan(train=9))
+
+
 def _of_collections() -> list[Case]:
-    cases = [
-        refuses(
-            "read_split",
-            f"a shard that is {given}",
-            _shard(damage),
-            CorruptFile,
-            "Delete it and record it again|finish the collection",
-        )
-        for given, damage in _DAMAGES.items()
-    ]
-    cases += [
-        refuses("read_manifest", f"a manifest that is {given}", _manifest(damage), CorruptFile, "manifest.json")
-        for given, damage in _DAMAGES.items()
-    ]
+    reversed_labels = _with_array("shapes", lambda shapes: shapes[::-1])
+    pickles = _with_array("forces", lambda forces: np.array([_Boom()] * len(forces), object))
+    remedy = "Delete it and record it again|finish the collection"
     return [
-        *cases,
-        refuses(
-            "read_split", "a shard of another split", _shard(_swapped), CorruptFile, "was changed after it was recorded"
+        *(
+            refuses("read_split", f"a shard that is {given}", _shard(damage), CorruptFile, remedy)
+            for given, damage in _DAMAGES.items()
         ),
-        refuses("read_split", "a shard whose labels were reversed", _shard(_relabelled), LabelMismatch, "wrong labels"),
-        *refusals(
-            "read_split",
-            CorruptFile,
-            {
-                "a shard that holds pickled objects": (_shard(_objects), "Object arrays cannot"),
-                "a split that is not planned": (
-                    in_folder(lambda folder: read_split(_collection(folder), "train")),
-                    "planned without any train",
-                ),
-            },
+        *(
+            refuses("read_manifest", f"a manifest that is {given}", _manifest(damage), CorruptFile, "manifest.json")
+            for given, damage in _DAMAGES.items()
         ),
-        refuses(
-            "read_split",
-            "a split of an unknown name",
-            in_folder(lambda folder: read_split(_collection(folder), "tset")),
-            UnknownName,
-            "Did you mean 'test'",
-        ),
+        refuses("read_split", "a shard of another split", _shard(_swapped), CorruptFile, "was changed after it"),
+        refuses("read_split", "reversed labels", _shard(reversed_labels), LabelMismatch, "wrong labels"),
+        refuses("read_split", "a shard of pickled objects", _shard(pickles), CorruptFile, "Object arrays cannot"),
+        refuses("read_split", "a split without objects", _split("train"), CorruptFile, "planned without any train"),
+        refuses("read_split", "a misspelt split", _split("tset"), UnknownName, "Did you mean 'test'"),
         refuses(
             "write_manifest",
             "a folder of another plan",
-            in_folder(lambda folder: write_manifest(_collection(folder), _SCENE, CollectionPlan(train=9))),
+            in_folder(_another_plan),
             LabelMismatch,
             "(?i)plan|another collection",
         ),
-        *refusals(
-            "CollectionPlan",
-            ValueError,
-            {
-                "minus one object": (lambda: CollectionPlan(train=-1), "whole"),
-                "a seed of 2³²": (lambda: CollectionPlan(seed=2**32), "whole"),
-            },
-        ),
-        answers(
-            "read_split",
-            "one object of each shape",
-            in_folder(lambda folder: read_split(_collection(folder), "test").images.shape),
-            equal_to([24, 8, 8]),
-        ),
-        answers(
-            "atomic_path", "an error in the middle of writing: the old file stays", in_folder(_torn), equal_to([1, 1])
-        ),
+        refuses("CollectionPlan", "minus one object", lambda: CollectionPlan(train=-1), ValueError, "whole"),
+        refuses("CollectionPlan", "a seed of 2³²", lambda: CollectionPlan(seed=2**32), ValueError, "whole"),
+        answers("read_split", "one object of each shape", lambda: _split("test")().images.shape, equal_to([24, 8, 8])),
+        answers("atomic_path", "an error while writing: the old file stays", in_folder(_torn), equal_to([1, 1])),
     ]
 
 
 def _torn(folder: Path) -> tuple[bool, int]:
-    """Whether the old text is still there, and the number of files."""
+    """Whether the file has its old text, and the number of files."""
     file = folder / "it.txt"
     write_text(file, "old")
     try:
@@ -318,7 +235,7 @@ def _torn(folder: Path) -> tuple[bool, int]:
 _TETRAHEDRON = ["v 0 0 0", "v .02 0 0", "v 0 .02 0", "v 0 0 .02", "f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
 
 
-def _mesh(lines: list[str], name: str = "it.obj", scale: float = 1.0) -> Callable[[], object]:
+def _mesh(lines: list[str], name: str = "it.obj", scale: float = 1.0) -> Callable[[], Any]:
     def read(folder: Path) -> object:
         (folder / name).write_text("\n".join(lines) + "\n")
         return Mesh.from_file(folder / name, scale)
@@ -326,20 +243,19 @@ def _mesh(lines: list[str], name: str = "it.obj", scale: float = 1.0) -> Callabl
     return in_folder(read)
 
 
-@cache
-def _radius(mirrored: bool) -> float:
-    faces = [f"f {a} {b} {c}" for a, b, c in ((1, 2, 3), (1, 4, 2), (2, 4, 3), (1, 3, 4))]
-    mesh = _mesh([*_TETRAHEDRON[:4], *(faces if mirrored else _TETRAHEDRON[4:])])()
-    return float(mesh.bounding_radius)
+def _radius(*faces: str) -> float:
+    return float(_mesh([*_TETRAHEDRON[:4], *faces])().bounding_radius)
 
 
 def _of_meshes() -> list[Case]:
-    corners = _TETRAHEDRON[:4]
+    corners, faces = _TETRAHEDRON[:4], _TETRAHEDRON[4:]
+    inwards = ("f 1 2 3", "f 1 4 2", "f 2 4 3", "f 1 3 4")
+    flat = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 1 1 0"]
     return [
         answers(
             "Mesh.from_file",
             "faces that all look inwards: turned",
-            lambda: _radius(True) / _radius(False),
+            lambda: _radius(*inwards) / _radius(*faces),
             equal_to(1.0),
         ),
         *refusals(
@@ -349,13 +265,13 @@ def _of_meshes() -> list[Case]:
                 "an empty file": (_mesh([]), "it.obj|it"),
                 "corners and no faces": (_mesh(corners), "it"),
                 "a hole: a face is missing": (_mesh(_TETRAHEDRON[:-1]), "(?i)closed|hole|open|watertight"),
-                "all corners in one plane": (
-                    _mesh(["v 0 0 0", "v 1 0 0", "v 0 1 0", "v 1 1 0", *_TETRAHEDRON[4:]]),
-                    "(?i)volume|plane|flat",
-                ),
+                "all corners in one plane": (_mesh([*flat, *faces]), "(?i)volume|plane|flat"),
                 "corners of NaN": (_mesh(["v nan 0 0", *_TETRAHEDRON[1:]]), "(?i)finite|nan|read"),
                 "corners of 1e300": (_mesh(["v 1e300 0 0", *_TETRAHEDRON[1:]]), "it"),
                 "millimetres taken for metres": (_mesh(_TETRAHEDRON, scale=1000.0), "(?i)scale"),
+                "a face with a corner that does not exist": (_mesh([*_TETRAHEDRON, "f 1 2 99"]), "it"),
+                "words in an STL file": (_mesh(["solid nothing"], "it.stl"), "it"),
+                "a format that is not read": (_mesh(_TETRAHEDRON, "it.step"), ".stl, .obj"),
             },
         ),
         *refusals(
@@ -366,18 +282,9 @@ def _of_meshes() -> list[Case]:
                 "a scale of NaN": (_mesh(_TETRAHEDRON, scale=float("nan")), "scale must be positive"),
             },
         ),
-        *refusals(
-            "Mesh.from_file",
-            BadMesh,
-            {
-                "a face with a corner that is not there": (_mesh([*_TETRAHEDRON, "f 1 2 99"]), "it"),
-                "words in an STL file": (_mesh(["solid nothing"], "it.stl"), "it"),
-                "a format that is not read": (_mesh(_TETRAHEDRON, "it.step"), ".stl, .obj"),
-            },
-        ),
         refuses("Mesh.from_file", "no file", lambda: Mesh.from_file(Path("nowhere.stl")), FileNotFoundError, "nowhere"),
     ]
 
 
 CASES: tuple[Case, ...] = (*_of_sensors(), *_of_collections(), *_of_meshes())
-"""Cases of everything that is read from a file; unpickling a file would leave a trace."""
+"""Cases of files. Unpickling one of them would create the file ``_BOOM``."""

@@ -34,7 +34,7 @@ from planners import Decision, search
 from planners.answers import BadDecision
 
 _LABELS, _POSES = ("cube", "cone", "sphere"), ("front", "side")
-_DIFFERENCE = "made for another scene|made for other|knows the shapes|reads images"
+_OTHER = "made for another scene|made for other|knows the shapes|reads images"
 
 
 @dataclass(frozen=True)
@@ -77,61 +77,47 @@ def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
 
 def _sensors() -> list[Case]:
     pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
-    cases = [
-        refuses(
-            "compare",
-            f"--scene {scene} and the sensor of {sensor}",
-            _compared(scene, sensor),
-            ActiveTouchError,
-            _DIFFERENCE,
-        )
-        for scene, sensor in pairs
-        if scene != sensor
-    ]
     coarse, gel = SceneChoice("coarse"), MODELS / "gel"
     commands = {
         "limit": Limit(coarse, sensor=gel),
         "leak": Leak(coarse, sensor=gel),
         "robustness": Robustness(coarse, sensor=gel),
     }
-    return (
-        cases
-        + [
-            refuses(name, "--scene coarse and the sensor of gel", command.run, WrongScene, _DIFFERENCE)
+    other = SceneChoice("coarse", renderer="gelsight").named.scene
+    return [
+        *(
+            refuses("compare", f"--scene {one} and the sensor of {two}", _compared(one, two), ActiveTouchError, _OTHER)
+            for one, two in pairs
+            if one != two
+        ),
+        *(
+            refuses(name, "--scene coarse and the sensor of gel", command.run, WrongScene, _OTHER)
             for name, command in commands.items()
-        ]
-        + [
-            refuses(
-                "TactileSensor.load",
-                "images of another renderer",
-                lambda: TactileSensor.load(MODELS / "coarse", SceneChoice("coarse", renderer="gelsight").named.scene),
-                ActiveTouchError,
-                _DIFFERENCE,
-            )
-        ]
-    )
+        ),
+        refuses(
+            "TactileSensor.load",
+            "images of another renderer",
+            lambda: TactileSensor.load(MODELS / "coarse", other),
+            ActiveTouchError,
+            _OTHER,
+        ),
+    ]
 
 
 def _collections() -> list[Case]:
-    coarse = MODELS / "coarse"
+    classifier, pattern = MODELS / "coarse" / CLASSIFIER_FILE, "no collection of|of no use"
     commands: dict[str, Callable[[Path, Path], Any]] = {
-        "calibrate": lambda data, out: Calibrate("coarse", coarse / CLASSIFIER_FILE, data, out),
+        "calibrate": lambda data, out: Calibrate("coarse", classifier, data, out),
         "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
         "touch-bank": lambda data, out: MakeTouchBank("coarse", data, out=out),
     }
     return [
-        refuses(
-            name,
-            "--scene coarse and a collection of gel",
-            _with_gel(command),
-            ActiveTouchError,
-            "no collection of|of no use",
-        )
+        refuses(name, "--scene coarse and a collection of gel", _with_gel(command), ActiveTouchError, pattern)
         for name, command in commands.items()
     ]
 
 
-def _deciders() -> list[Case]:
+def _deciders() -> tuple[Case, ...]:
     answers = {
         "a word": "confirm",
         "nothing": None,
@@ -140,16 +126,10 @@ def _deciders() -> list[Case]:
         "a decision on a word": Decision("confirm"),
         "a score of NaN": Decision(Confirm(), {"value": float("nan")}),
     }
-    return [
-        refuses(
-            "search",
-            f"a user's decider that answers {words}",
-            _decides(answer),
-            BadDecision,
-            "_Decider answered",
-        )
-        for words, answer in answers.items()
-    ]
+    cases = {
+        f"a user's decider that answers {words}": (_decides(one), "_Decider ans") for words, one in answers.items()
+    }
+    return refusals("search", BadDecision, cases)
 
 
 @dataclass(frozen=True)
@@ -178,18 +158,12 @@ def _renderers() -> tuple[Case, ...]:
         "Scene",
         WrongRenderer,
         {
-            "a user's renderer that gives uint8": (
-                _touched(_Renderer(255.0, "uint8")),
-                "uint8; divide by 255",
-            ),
-            "a user's renderer with values up to 255": (
-                _touched(_Renderer(255.0, "float64")),
-                "values from 0",
-            ),
+            "a user's renderer that gives uint8": (_touched(_Renderer(255.0, "uint8")), "uint8; divide by 255"),
+            "a user's renderer with values up to 255": (_touched(_Renderer(255.0, "float64")), "values from 0"),
             "the name of a renderer instead of an object": (_touched("pressure"), "not the name 'pressure'"),
         },
     )
 
 
 CASES: tuple[Case, ...] = (*_sensors(), *_collections(), *_deciders(), *_renderers())
-"""Each must be refused before any work, and the message must name the difference."""
+"""Cases of foreign parts. Each must be refused before any work, with a message that names the difference."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.scene import Variation, WorldObject
 from activetouch.shapes import SHAPES, Box, Shape, Sphere
 from belief.errors import UnknownName
-from experiments.extremes.cases import Case, Expectation, answers, refusals, refuses, such_that
+from experiments.extremes.cases import Case, Expectation, answers, refuses, such_that
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _MOVING: dict[str, Press] = {"dynamic": Dynamic(), "guarded_move": GuardedMove()}
@@ -74,71 +75,45 @@ def _of_presses() -> list[Case]:
 
 
 def _after_the_last() -> None:
-    sensor = TactileSensor.shipped("coarse")
-    world = TouchWorld.sample(sensor, (0,), np.random.default_rng(0))
-    world.advance()
+    TouchWorld.sample(TactileSensor.shipped("coarse"), (0,), np.random.default_rng(0)).advance()
 
 
-def _misread() -> None:
+def _no_images() -> None:
     TactileSensor.shipped("coarse").read(np.zeros((0, 4, 4), np.uint8), [])
 
 
+def _pressed(scene: Scene, thing: WorldObject, pose: int) -> Callable[[], object]:
+    return lambda: scene.press(thing, pose, np.random.default_rng(0))
+
+
 def _of_scenes() -> list[Case]:
-    rng = np.random.default_rng(0)
-    upright = WorldObject(0, 1.0, UPRIGHT)
+    static, large = Scene(press_model=Quasistatic()), Scene(variation=Variation(size=Constant(5.0)))
+    upright, no_size = WorldObject(0, 1.0, UPRIGHT), WorldObject(0, 0.0, UPRIGHT)
     return [
-        *refusals(
-            "Scene",
-            ValueError,
-            {
-                "no shapes": (lambda: Scene(shapes={}), "at least one shape"),
-                "no poses": (lambda: Scene(poses={}), "at least one"),
-            },
-        ),
+        refuses("Scene", "no shapes", lambda: Scene(shapes={}), ValueError, "at least one shape"),
+        refuses("Scene", "no poses", lambda: Scene(poses={}), ValueError, "at least one"),
         refuses("Scene", "a robot that is not known", lambda: Scene(robot="panda"), UnknownName, "panda_allegro"),
         refuses(
             "Scene.sample_object",
-            "a shape that is not there",
-            lambda: Scene().sample_object(4, rng),
+            "a shape that does not exist",
+            lambda: static.sample_object(4, np.random.default_rng(0)),
             ValueError,
             r"\[0, 4\), got 4",
         ),
+        refuses("Scene.press", "a pose that does not exist", _pressed(static, upright, 6), ValueError, "pose"),
+        refuses("Scene.press", "a size of zero", _pressed(static, no_size, 0), ValueError, "(?i)size|scale"),
         refuses(
             "Scene.press",
-            "a pose that is not there",
-            lambda: Scene(press_model=Quasistatic()).press(upright, 6, rng),
-            ValueError,
-            "pose",
-        ),
-        refuses(
-            "Scene",
-            "a size of zero",
-            lambda: Scene(variation=Variation(size=Constant(0.0)), press_model=Quasistatic()).press(
-                Scene(variation=Variation(size=Constant(0.0))).sample_object(0, rng), 0, rng
-            ),
-            ValueError,
-            "(?i)size|scale",
-        ),
-        refuses(
-            "Scene.press",
-            "an object larger than the rig was made for",
-            lambda: Scene(variation=Variation(size=Constant(5.0))).press(WorldObject(0, 5.0, UPRIGHT), 0, rng),
+            "an object larger than the rig allows",
+            _pressed(large, WorldObject(0, 5.0, UPRIGHT), 0),
             ValueError,
             "(?i)scale|size",
         ),
-        refuses(
-            "TactileSensor.shipped",
-            "a scene without one",
-            lambda: TactileSensor.shipped("gell"),
-            UnknownName,
-            "Did you mean 'gel'",
-        ),
-        refuses("TactileSensor.read", "no images", _misread, ValueError, "nothing to read"),
-        refuses(
-            "TouchWorld.advance", "after the last object", _after_the_last, IndexError, "no object after the last of 1"
-        ),
+        refuses("TactileSensor", "a misspelt scene", lambda: TactileSensor.shipped("gell"), UnknownName, "mean 'gel'"),
+        refuses("TactileSensor.read", "no images", _no_images, ValueError, "nothing to read"),
+        refuses("TouchWorld.advance", "after the last object", _after_the_last, IndexError, "no object after the last"),
     ]
 
 
 CASES: tuple[Case, ...] = (*_of_presses(), *_of_scenes())
-"""Cases of the package ``activetouch``; those of files are in :mod:`experiments.extremes.files`."""
+"""Cases of touches."""
