@@ -18,15 +18,15 @@ class Measurements:
 
     Attributes:
         scene: name of the scene.
-        seed: of all randomness.
+        seed: seed of all random numbers.
         confidence: posterior at which searches stop.
-        num_objects: in each split.
-        num_rounds: rounds of all poses in which every object was touched.
-        touches: by calibration, the raw softmax first.
-        models: in the order of the table of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
+        num_objects: number of objects by split.
+        num_rounds: number of rounds of all poses in which every object was touched.
+        touches: scores by calibration, the raw softmax first.
+        models: scores in the order of the registry of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
         correlation: ρ of the ratio model.
-        weights: of touches in one pose, by split.
-        kept: information of the chosen model.
+        weights: weights of touches in one pose, by split.
+        kept: information in a touch under the chosen model.
     """
 
     scene: str
@@ -42,12 +42,12 @@ class Measurements:
 
     @property
     def calibration(self) -> TouchScores:
-        """The one with the least cross-validated NLL."""
+        """The calibration with the lowest cross-validated NLL."""
         return _best(self.touches)
 
     @property
     def model(self) -> ModelScores:
-        """The one with the least cross-validated NLL."""
+        """The observation model with the lowest cross-validated NLL."""
         return _best(self.models)
 
     @property
@@ -57,5 +57,5 @@ class Measurements:
 
 
 def _best(candidates: Sequence[Scores]) -> Scores:
-    """Of those that were cross-validated, the one with the least loss."""
+    """The candidate with the lowest cross-validated NLL, among those that have one."""
     return min((c for c in candidates if c.cross_validated_nll is not None), key=lambda c: c.cross_validated_nll or 0.0)

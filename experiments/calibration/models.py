@@ -44,7 +44,7 @@ class StopScores:
     """Scores at stopping of one kind of sequence.
 
     Attributes:
-        num_sequences: number of sequences.
+        num_sequences: number of sequences, stopped or not.
         claims: stated confidence and accuracy, with Clopper-Pearson intervals; None if none stopped.
         right: accuracy and its interval, resampling objects; None if none stopped.
     """
@@ -56,13 +56,13 @@ class StopScores:
 
 @dataclass(frozen=True)
 class ModelScores:
-    """An observation model on test sequences, by kind.
+    """Scores of an observation model on test sequences.
 
     Attributes:
-        name: of the model.
-        cross_validated_nll: of sequences of the calibration split [nats]; None for :data:`INDEPENDENT`.
-        fused: after one touch, two, …
-        stops: scores at stopping.
+        name: name of the model.
+        cross_validated_nll: loss on sequences of the calibration split [nats]; None for :data:`INDEPENDENT`.
+        fused: scores after 1, 2, … touches, by kind of sequence.
+        stops: scores at stopping, by kind of sequence.
     """
 
     name: str
@@ -95,8 +95,8 @@ class Kept:
     """Mutual information of touch and shape, mean over poses, uniform prior [nats].
 
     Attributes:
-        touch: of the touch itself.
-        tables: of its outcome, by number of outcomes of the table.
+        touch: information in the touch itself.
+        tables: information in its outcome, by number of outcomes of the table.
     """
 
     touch: float
@@ -104,7 +104,7 @@ class Kept:
 
 
 def fit_model(name: str, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
-    """An observation model fitted to single touches of the calibration split, and its cross-validated NLL.
+    """Fit an observation model to single touches of the calibration split, and compute its cross-validated NLL.
 
     Args:
         name: a key of ``OBSERVATION_MODELS``.
@@ -134,12 +134,12 @@ def score_model(
     """Scores of a model by number of touches and at stopping, for every kind of sequence.
 
     Args:
-        name: of the model.
+        name: name of the model.
         model: the fitted model.
         loss: its cross-validated NLL, or None.
         sequences: test sequences by kind.
         confidence: posterior at which a search stops.
-        rng: for null quantiles and intervals.
+        rng: random generator for null quantiles and intervals.
     """
     fused, stopped = {}, {}
     for kind, some in sequences.items():
@@ -164,9 +164,9 @@ def _stops(log_probs: Floats, sequences: Sequences, confidence: float, rng: np.r
 
 
 def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
-    """Best weights of repeated touches in these sequences, beside the weights of the model.
+    """Maximum-likelihood weights of repeated touches in these sequences, and the weights of the model.
 
-    Intervals are those of a maximum-likelihood estimate from clusters, the objects (White 1982; Liang & Zeger 1986).
+    Intervals are sandwich estimates with objects as clusters (White 1982; Liang & Zeger 1986).
     """
     alone, found = replace(model, correlation=0.0), []
     for n in range(1, sequences.batch.num_touches + 1):

@@ -8,10 +8,10 @@ from belief.metrics import CalibrationError
 from experiments.calibration.figures import claims, discount, fused_error, fused_nll, reliability
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, Fused
-from experiments.calibration.targets import decimals, judge_model, judge_touches, verdict
+from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import GroupScores, TouchScores
 from experiments.reporting.page import Section
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, interval
 
 
 def sections(found: Measurements) -> list[Section]:
@@ -36,12 +36,8 @@ def _verdict(found: Measurements) -> Section:
     return Section(
         "Verdict",
         [
-            " ".join(
-                [
-                    verdict(touches, checks[found.model.name], found.calibration.name, found.model.name),
-                    *_without_discount(found),
-                ]
-            ),
+            verdict(touches, checks[found.model.name], found.calibration.name, found.model.name)
+            + _without_discount(found),
             _what_was_measured(found),
             f"In the tables of targets, {legend}.",
         ],
@@ -49,21 +45,17 @@ def _verdict(found: Measurements) -> Section:
     )
 
 
-def _without_discount(found: Measurements) -> list[str]:
-    """Accuracy and stated confidence at stopping, with repeats taken as independent and with the chosen model."""
+def _without_discount(found: Measurements) -> str:
+    """Accuracy and stated confidence at stopping, with repeats assumed independent and with the chosen model."""
     naive = next(scores for scores in found.models if scores.name == INDEPENDENT)
-    claims_of = [scores.stops["one pose"].claims for scores in (naive, found.model)]
-    if not all(claims_of):
-        return []
-    kept = [
-        f"{decimals(some.overall.share_right)} at a stated confidence of {decimals(some.overall.mean_stated)}"
-        for some in claims_of
-        if some is not None
-    ]
-    return [
-        f"The accuracy of searches in one pose that take its touches as independent is {kept[0]}; with "
-        f"{found.model.name} it is {kept[1]}."
-    ]
+    both = [scores.stops["one pose"].claims for scores in (naive, found.model)]
+    words = [f"{c.overall.share_right:.3f} at a stated confidence of {c.overall.mean_stated:.3f}" for c in both if c]
+    if len(words) < 2:
+        return ""
+    return (
+        f" The accuracy of searches in one pose that assume independent touches is {words[0]}; with "
+        f"{found.model.name} it is {words[1]}."
+    )
 
 
 def _what_was_measured(found: Measurements) -> str:
@@ -72,7 +64,7 @@ def _what_was_measured(found: Measurements) -> str:
     return (
         f"Scene {found.scene}, seed {found.seed}. Models were fitted to {known} objects and measured on {test} others, "
         f"each touched in {found.num_rounds} rounds of all poses. Sequences: {sequences}; all have a uniform prior. "
-        f"“{INDEPENDENT}” is the ratio model with touches in one pose taken as independent. The error by chance is the "
+        f"“{INDEPENDENT}” is the ratio model with touches in one pose assumed independent. The error by chance is the "
         "95 % quantile of the error of a perfectly calibrated model with the same predictions and independent labels. "
         "Errors of touches of one object are correlated, so the true quantile is larger; only intervals that resample "
         "objects account for this."
@@ -85,7 +77,7 @@ def _touches(found: Measurements) -> Section:
         f"Single touches of the test split, {raw.report.num_rows} (in brackets: chance, or the 95 % interval)",
         (
             *("calibration", "NLL, cross-validated", "NLL", "Brier", "accuracy"),
-            *("ECE", "ECE, equal mass", "smooth", "classwise", "classwise, bias taken off"),
+            *("ECE", "ECE, equal mass", "smooth", "classwise", "classwise, bias-corrected"),
         ),
         [_touch_row(found, scores) for scores in found.touches],
     )
@@ -96,7 +88,7 @@ def _touches(found: Measurements) -> Section:
         rows = [
             (
                 label,
-                decimals(after[label].accuracy),
+                f"{after[label].accuracy:.3f}",
                 f"{part.nll:.4f}",
                 f"{after[label].nll:.4f}",
                 _error(part.ece),
@@ -107,10 +99,9 @@ def _touches(found: Measurements) -> Section:
         return Table(f"By {title}: {raw.name} and {calibrated.name}", headings, rows, is_long=True)
 
     sentence = (
-        f"Calibrated by {calibrated.name}, which has the least cross-validated NLL, a touch has an NLL of "
+        f"Calibrated by {calibrated.name}, which has the lowest cross-validated NLL, a touch has an NLL of "
         f"{calibrated.report.negative_log_likelihood:.4f} instead of {raw.report.negative_log_likelihood:.4f}, and a "
-        f"calibration error of {decimals(calibrated.report.ece_width.value, 4)} instead of "
-        f"{decimals(raw.report.ece_width.value, 4)}."
+        f"calibration error of {calibrated.report.ece_width.value:.4f} instead of {raw.report.ece_width.value:.4f}."
     )
     curves = {scores.name: scores.report.curve for scores in (raw, calibrated)}
     more = [
@@ -127,9 +118,9 @@ def _touch_row(found: Measurements, scores: TouchScores) -> tuple[str, ...]:
         "" if scores.cross_validated_nll is None else f"{scores.cross_validated_nll:.4f}",
         f"{report.negative_log_likelihood:.4f}",
         f"{report.brier.score:.4f}",
-        decimals(report.accuracy, 4),
+        f"{report.accuracy:.4f}",
         *map(_error, (report.ece_width, report.ece_mass, report.smooth, report.ece_classwise)),
-        f"{decimals(estimate, 4)} [{decimals(low, 4)}, {decimals(high, 4)}]",
+        f"{estimate:.4f} [{low:.4f}, {high:.4f}]",
     )
 
 
@@ -151,22 +142,22 @@ def _models(found: Measurements) -> Section:
     ]
     sentences = [
         f"Cross-validation on whole objects of the calibration split chose {found.model.name}: the loss is the mean "
-        "negative log posterior of the true shape after one touch, two, and so on, half of it of touches in the order "
-        "they came and half of touches in one pose.",
-        f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. Left free, the weight that n touches "
-        "in one pose should have differs from n / (1 + (n - 1) ρ) by at most "
-        + ", ".join(f"{decimals(value)} on the {split} split" for split, value in widest.items())
+        "negative log posterior of the true shape after one touch, two, and so on; half of the sequences have touches "
+        "in the order in which they were recorded, half stay in one pose.",
+        f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. The weight of n touches in one pose, "
+        "fitted freely, differs from n / (1 + (n - 1) ρ) by at most "
+        + ", ".join(f"{value:.3f} on the {split} split" for split, value in widest.items())
         + ".",
     ]
     grids = [
         Table("Sequence NLL out of fold [nats]", ("model", "loss"), rows),
         Table(
-            "What n touches in one pose are worth, in touches",
+            "Weight of n touches in one pose, in touches",
             ("n", "n / (1 + (n - 1) ρ)", *(f"best on the {split} split" for split in splits)),
             laws,
         ),
     ]
-    return Section("Which model, and why", sentences, grids, [discount(found.weights, found.correlation)])
+    return Section("Choice of the observation model", sentences, grids, [discount(found.weights, found.correlation)])
 
 
 def _fusion(found: Measurements) -> Section:
@@ -179,8 +170,7 @@ def _fusion(found: Measurements) -> Section:
 
     last = [(kind, found.model.fused[kind][-1]) for kind in kinds]
     sentence = "; ".join(
-        f"{kind}: accuracy {decimals(some.accuracy)}, NLL {some.nll:.3f}, error {decimals(some.ece.value, 4)}"
-        for kind, some in last
+        f"{kind}: accuracy {some.accuracy:.3f}, NLL {some.nll:.3f}, error {some.ece.value:.4f}" for kind, some in last
     )
     return Section(
         "Touches fused",
@@ -190,7 +180,7 @@ def _fusion(found: Measurements) -> Section:
             for title, words, is_long in (
                 ("Calibration error (chance)", lambda some: _error(some.ece), False),
                 ("NLL [nats]", lambda some: f"{some.nll:.4f}", True),
-                ("Accuracy", lambda some: decimals(some.accuracy), True),
+                ("Accuracy", lambda some: f"{some.accuracy:.3f}", True),
                 ("Classwise error (chance)", lambda some: _error(some.classwise), True),
             )
             for kind in kinds
@@ -200,55 +190,34 @@ def _fusion(found: Measurements) -> Section:
 
 
 def _stops(found: Measurements) -> Section:
-    kinds = list(found.model.stops)
     shown = list(dict.fromkeys([INDEPENDENT, "ratio", found.model.name]))
+    headings = ("model", "stops", "touches", "confidence", "accuracy", "Clopper-Pearson ≥", "objects resampled")
+    columns = ("model", "touches", "stops", "confidence", "accuracy [Clopper-Pearson]")
     overall, by_touches = [], []
-    for kind in kinds:
+    for kind in found.model.stops:
         rows, numbered = [], []
         for scores in found.models:
-            stopped = scores.stops[kind]
-            name = _named(found, scores.name)
+            stopped, name = scores.stops[kind], _named(found, scores.name)
             if stopped.claims is None or stopped.right is None:
                 rows.append((name, "0", *[""] * 5))
                 continue
-            every, (_, low, high) = stopped.claims.overall, stopped.right
-            mean = sum(s.count * (s.num_touches or 0) for s in stopped.claims.by_num_touches) / every.count
-            rows.append(
-                (
-                    name,
-                    f"{every.count} of {stopped.num_sequences}",
-                    f"{mean:.2f}",
-                    decimals(every.mean_stated, 4),
-                    decimals(every.share_right, 4),
-                    decimals(every.low, 4),
-                    f"[{decimals(low, 4)}, {decimals(high, 4)}]",
-                )
-            )
-            numbered += [
-                (
-                    name,
-                    str(score.num_touches),
-                    str(score.count),
-                    decimals(score.mean_stated),
-                    f"{decimals(score.share_right)} [{decimals(score.low)}, {decimals(score.high)}]",
-                )
-                for score in stopped.claims.by_num_touches
-            ]
-        headings = ("model", "stops", "touches", "claim", "right", "Clopper-Pearson ≥", "objects resampled")
+            every, (_, low, high), parts = stopped.claims.overall, stopped.right, stopped.claims.by_num_touches
+            mean = sum(part.count * (part.num_touches or 0) for part in parts) / every.count
+            stops = (f"{every.count} of {stopped.num_sequences}", f"{mean:.2f}")
+            rates = (f"{every.mean_stated:.4f}", f"{every.share_right:.4f}", f"{every.low:.4f}")
+            rows.append((name, *stops, *rates, f"[{low:.4f}, {high:.4f}]"))
+            for part in parts:
+                rate = interval(part.share_right, part.low, part.high)
+                numbered.append((name, str(part.num_touches), str(part.count), f"{part.mean_stated:.3f}", rate))
         overall.append(Table(f"Stops at {found.confidence:g}, {kind}", headings, rows))
-        columns = ("model", "touches", "stops", "claim", "right [Clopper-Pearson]")
-        by_touches.append(Table(f"By touches at the stop, {kind}", columns, numbered, is_long=True))
-    sentences = [
-        f"A search that touches until a shape has {found.confidence:g} of the posterior stops where luck, and a "
-        "model's faith in it, are greatest. What it then claims must be true after few touches and after many, not "
-        "just on average."
-    ]
-    return Section(
-        "Where a search stops",
-        sentences,
-        [*overall, *by_touches],
-        [claims(found.models, shown, found.confidence)],
+        by_touches.append(Table(f"By touches at stopping, {kind}", columns, numbered, is_long=True))
+    sentence = (
+        f"A search that touches until a shape has a posterior of {found.confidence:g} stops where favourable noise and "
+        "the model's confidence in it are greatest. The stated confidence must be right after few touches and after "
+        "many, not only on average."
     )
+    picture = claims(found.models, shown, found.confidence)
+    return Section("Stopping", [sentence], [*overall, *by_touches], [picture])
 
 
 def _tables(found: Measurements) -> Section:
@@ -256,12 +225,12 @@ def _tables(found: Measurements) -> Section:
     rows = [(str(m), f"{nats:.4f}", f"{nats / kept.touch:.1%}") for m, nats in kept.tables.items()]
     rows.append(("the touch itself", f"{kept.touch:.4f}", ""))
     sentence = (
-        f"Planners see a touch as one of M outcomes. Of what it tells about the shape by {found.model.name}, mean over "
-        "poses, a table keeps this much; the touch's own is a mean over sampled touches, accurate to about 0.01 nats."
+        "Planners see a touch as one of M outcomes. The table gives the mutual information of outcome and shape under "
+        f"{found.model.name}, mean over poses. That of the touch itself is a mean over sampled touches, accurate to "
+        "about 0.01 nats."
     )
-    return Section(
-        "What a table of outcomes keeps", [sentence], [Table("Information", ("M", "nats", "of the touch's"), rows)]
-    )
+    headings = ("M", "nats", "fraction of the touch's")
+    return Section("Information in a table of outcomes", [sentence], [Table("Information", headings, rows)])
 
 
 def _named(found: Measurements, name: str) -> str:
@@ -269,4 +238,4 @@ def _named(found: Measurements, name: str) -> str:
 
 
 def _error(error: CalibrationError) -> str:
-    return f"{decimals(error.value, 4)} ({decimals(error.null_quantile, 4)})"
+    return f"{error.value:.4f} ({error.null_quantile:.4f})"

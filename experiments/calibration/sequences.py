@@ -1,4 +1,4 @@
-"""Sequences of touches that a search might feel, put together from objects touched in every pose in several rounds."""
+"""Sequences of touches, assembled from objects that were touched in every pose in several rounds."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Rounds:
-    """What a classifier read of N objects, each touched in every one of P poses in each of R rounds.
+    """Logits of N objects that were touched in each of P poses in each of R rounds.
 
     Attributes:
-        logits: ``(N, R, P, K)``.
-        shapes: of the objects, ``(N,)``.
+        logits: logits over K shapes, ``(N, R, P, K)``.
+        shapes: true shapes of the objects, ``(N,)``.
     """
 
     logits: Floats
@@ -30,7 +30,7 @@ class Rounds:
 
     @classmethod
     def of(cls, touches: TouchSet, logits: Floats, num_poses: int) -> Rounds:
-        """The touches of a collection's split, whose objects lie one after the other, round by round."""
+        """Rounds of a collection's split, whose touches are ordered by object, round and pose."""
         num_objects = len(np.unique(touches.object_ids))
         by_object = (num_objects, -1, num_poses)
         return cls(logits.reshape(*by_object, logits.shape[1]), touches.shapes.reshape(by_object)[:, 0, 0])
@@ -51,31 +51,31 @@ class Rounds:
         return self.logits.shape[2]
 
     def singles(self) -> Sequences:
-        """Every touch by itself."""
+        """Sequences of one touch each."""
         touches, per_object = self.logits.reshape(-1, 1, self.logits.shape[3]), self.num_rounds * self.num_poses
         poses = np.tile(np.arange(self.num_poses), self.num_objects * self.num_rounds)
         return self._sequences(TouchBatch(poses[:, None], touches), per_object)
 
     def distinct_poses(self, rng: np.random.Generator) -> Sequences:
-        """Every pose once, in random order, from random rounds: R sequences an object, which share no touch."""
+        """R sequences per object, which share no touch: every pose once, in random order, from random rounds."""
         rounds, poses = self._shuffled_rounds(rng), self._poses(self.num_rounds)
         poses = rng.permuted(poses, axis=2)  # (N, R, P)
         return self._pick(np.take_along_axis(rounds.swapaxes(1, 2), poses, axis=2), poses)
 
     def one_pose(self, rng: np.random.Generator) -> Sequences:
-        """One pose again and again, rounds in random order: P sequences of R touches an object, one for each pose."""
+        """P sequences per object, one for each pose: R touches in this pose, rounds in random order."""
         rounds = self._shuffled_rounds(rng)  # (N, P, R)
         return self._pick(rounds, np.broadcast_to(np.arange(self.num_poses)[:, None], rounds.shape))
 
     def random_poses(self, rng: np.random.Generator, num_touches: int = 12) -> Sequences:
-        """Poses drawn with replacement, each at most R times, a fresh round each time: R sequences an object.
+        """R sequences per object: poses drawn with replacement, each at most R times, each time from another round.
 
         Args:
-            rng: chance.
-            num_touches: of a sequence, at most P · R.
+            rng: random generator.
+            num_touches: length of a sequence, at most P · R.
         """
         rounds, left = self._shuffled_rounds(rng), np.full(self._poses(self.num_rounds).shape, self.num_rounds)
-        rounds = np.broadcast_to(rounds[:, None], (*left.shape, self.num_rounds))  # (N, R, P, R): each starts anew
+        rounds = np.broadcast_to(rounds[:, None], (*left.shape, self.num_rounds))  # (N, R, P, R)
         poses, picked = [], []
         for _ in range(min(num_touches, self.num_poses * self.num_rounds)):
             pose = np.where(left > 0, rng.random(left.shape), -1.0).argmax(axis=2, keepdims=True)
@@ -90,7 +90,7 @@ class Rounds:
         return np.tile(np.arange(self.num_poses), (self.num_objects, num_sequences, 1))
 
     def _shuffled_rounds(self, rng: np.random.Generator) -> NDArray[np.int64]:
-        """For each object and pose, the rounds in random order, ``(N, P, R)``."""
+        """Rounds in random order for every object and pose, ``(N, P, R)``."""
         return rng.permuted(np.tile(np.arange(self.num_rounds), (self.num_objects, self.num_poses, 1)), axis=2)
 
     def _pick(self, rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> Sequences:
@@ -107,12 +107,12 @@ class Rounds:
 
 @dataclass(frozen=True, eq=False)
 class Sequences:
-    """S sequences of n touches, several of an object.
+    """S sequences of n touches; every sequence belongs to one object.
 
     Attributes:
-        batch: the touches.
-        shapes: of the touched object, ``(S,)``.
-        object_ids: which it is, ``(S,)``.
+        batch: touches.
+        shapes: true shapes of the objects, ``(S,)``.
+        object_ids: numbers of the objects, ``(S,)``.
     """
 
     batch: TouchBatch
@@ -124,7 +124,7 @@ class Sequences:
         return len(self.shapes)
 
     def log_posteriors(self, model: ArrayModel) -> Floats:
-        """Log posterior after one touch, two, …, under a uniform prior, ``(S, n, K)``."""
+        """Log posteriors after 1 to n touches under a uniform prior, ``(S, n, K)``."""
         found = [log_posteriors(model, self.batch.first(n)) for n in range(1, self.batch.num_touches + 1)]
         return np.stack(found, axis=1)
 
@@ -134,18 +134,18 @@ KINDS: Mapping[str, Callable[[Rounds, np.random.Generator], Sequences]] = {
     "one pose": Rounds.one_pose,
     "random poses": Rounds.random_poses,
 }
-"""Ways to go on touching an object, by name."""
+"""Ways to choose the poses of a sequence, by name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """The sequences that came to an end because one shape was likely enough, T of them.
+    """The T sequences in which one shape became sufficiently probable.
 
     Attributes:
-        sequences: which they are, rising, ``(T,)``.
-        claims: probability of the likeliest shape at the stop, ``(T,)``.
-        correct: whether it was the true one, ``(T,)``.
-        num_touches: made until then, ``(T,)``.
+        sequences: their indices in increasing order, ``(T,)``.
+        claims: stated confidence: probability of the most probable shape at stopping, ``(T,)``.
+        correct: whether this is the true shape, ``(T,)``.
+        num_touches: number of touches at stopping, ``(T,)``.
     """
 
     sequences: NDArray[np.int64]
@@ -155,12 +155,12 @@ class Stops:
 
 
 def stops(log_probs: Floats, shapes: NDArray[np.int64], confidence: float) -> Stops:
-    """Where searches stop that touch until the likeliest shape has at least this probability.
+    """Stops of searches that touch until the most probable shape has at least a given probability.
 
     Args:
-        log_probs: log posteriors after one touch, two, …, ``(S, n, K)``.
-        shapes: the true ones, ``(S,)``.
-        confidence: in (1/K, 1).
+        log_probs: log posteriors after 1 to n touches, ``(S, n, K)``.
+        shapes: true shapes, ``(S,)``.
+        confidence: this probability, in (1/K, 1).
     """
     reached = log_probs.max(axis=2) >= np.log(confidence)
     sequences = np.flatnonzero(reached.any(axis=1))

@@ -16,7 +16,7 @@ CLASSWISE_UPPER = 0.025
 FUSED = 0.02
 """Limit of the calibration error after any number of touches."""
 GAP = 0.02
-"""Limit of the difference between stated confidence and accuracy at stopping, by number of touches."""
+"""Limit of the difference between stated confidence and accuracy at stopping, after any number of touches."""
 ENOUGH_STOPS = 200
 """Least number of stops for which the gap after a number of touches is judged."""
 ENOUGH_IN_ALL = 2_000
@@ -28,7 +28,7 @@ class Check:
     """One target and its outcome.
 
     Attributes:
-        name: with its limit, for the heading of a table.
+        name: name with the limit, for the heading of a table.
         target: description.
         value: the worst value, as text.
         missed_by: excess over the limit; zero or less if the target is met, None if there is too little data.
@@ -51,24 +51,23 @@ class Check:
         """The value and whether it meets the target, for a table."""
         if self.missed_by is None:
             return f"{self.value} too few stops".strip()
-        return f"{self.value} {'✓' if self.holds else f'✗ by {decimals(self.missed_by)}'}"
+        return f"{self.value} {'✓' if self.holds else f'✗ by {self.missed_by:.3f}'}"
 
 
 def judge_touches(scores: TouchScores) -> Check:
-    """Single touches under a calibration."""
+    """Check the classwise error of single touches."""
     error, (_, low, high) = scores.report.ece_classwise, scores.classwise
     return Check(
-        f"classwise error ≤ {decimals(CLASSWISE)}",
-        f"classwise error of a touch ≤ {decimals(CLASSWISE)}, its 95 % bound ≤ {decimals(CLASSWISE_UPPER)}",
-        decimals(error.value),
+        f"classwise error ≤ {CLASSWISE:.3f}",
+        f"classwise error of a touch ≤ {CLASSWISE:.3f}, its 95 % bound ≤ {CLASSWISE_UPPER:.3f}",
+        f"{error.value:.3f}",
         max(error.value - CLASSWISE, high - CLASSWISE_UPPER),
-        f"bias-corrected interval [{decimals(low)}, {decimals(high)}]; "
-        f"95 % quantile by chance {decimals(error.null_quantile)}",
+        f"bias-corrected interval [{low:.3f}, {high:.3f}]; 95 % quantile by chance {error.null_quantile:.3f}",
     )
 
 
 def judge_model(scores: ModelScores, confidence: float) -> dict[str, list[Check]]:
-    """A model on every kind of sequence: fused touches, and stops at a posterior of ``confidence``."""
+    """Check a model on every kind of sequence: its fused touches, and its stops at a posterior of ``confidence``."""
     return {
         kind: [
             _judge_fused(scores.fused[kind]),
@@ -82,17 +81,17 @@ def judge_model(scores: ModelScores, confidence: float) -> dict[str, list[Check]
 def _judge_fused(fused: Sequence[Fused]) -> Check:
     worst = max(fused, key=lambda some: some.ece.value)
     return Check(
-        f"error ≤ {decimals(FUSED)}",
-        f"calibration error ≤ {decimals(FUSED)} after every number of touches",
-        decimals(worst.ece.value),
+        f"error ≤ {FUSED:.3f}",
+        f"calibration error ≤ {FUSED:.3f} after every number of touches",
+        f"{worst.ece.value:.3f}",
         worst.ece.value - FUSED,
-        f"after {_touches(worst.num_touches)}; 95 % quantile by chance {decimals(worst.ece.null_quantile)}",
+        f"after {_touches(worst.num_touches)}; 95 % quantile by chance {worst.ece.null_quantile:.3f}",
     )
 
 
 def _judge_right(stopped: StopScores, confidence: float) -> Check:
-    name = f"accuracy ≥ {decimals(confidence)}"
-    target = f"accuracy at stopping ≥ {decimals(confidence)} (lower Clopper-Pearson bound)"
+    name = f"accuracy ≥ {confidence:.3f}"
+    target = f"accuracy at stopping ≥ {confidence:.3f} (lower Clopper-Pearson bound)"
     if stopped.claims is None or stopped.claims.overall.count < ENOUGH_IN_ALL:
         count = 0 if stopped.claims is None else stopped.claims.overall.count
         return Check(name, target, "", None, f"{count} stops, {ENOUGH_IN_ALL} are needed")
@@ -101,20 +100,16 @@ def _judge_right(stopped: StopScores, confidence: float) -> Check:
     return Check(
         name,
         target,
-        decimals(overall.low),
+        f"{overall.low:.3f}",
         confidence - overall.low,
-        f"{overall.count} stops: stated confidence {decimals(overall.mean_stated)}, "
-        f"accuracy {decimals(overall.share_right)}, "
-        f"[{decimals(low)}, {decimals(high)}] if objects are resampled",
+        f"{overall.count} stops: stated confidence {overall.mean_stated:.3f}, accuracy {overall.share_right:.3f}, "
+        f"[{low:.3f}, {high:.3f}] if objects are resampled",
     )
 
 
 def _judge_gaps(stopped: StopScores) -> Check:
-    name = f"gap ≤ {decimals(GAP)}"
-    target = (
-        f"stated confidence within {decimals(GAP)} of accuracy after every number of touches with ≥ {ENOUGH_STOPS} "
-        "stops"
-    )
+    name = f"gap ≤ {GAP:.3f}"
+    target = f"stated confidence within {GAP:.3f} of accuracy after every number of touches with ≥ {ENOUGH_STOPS} stops"
     judged = [] if stopped.claims is None else [s for s in stopped.claims.by_num_touches if s.count >= ENOUGH_STOPS]
     if not judged:
         return Check(name, target, "", None, f"no number of touches has {ENOUGH_STOPS} stops")
@@ -123,12 +118,10 @@ def _judge_gaps(stopped: StopScores) -> Check:
     return Check(
         name,
         target,
-        decimals(_gap(worst)),
+        f"{_gap(worst):.3f}",
         _gap(worst) - GAP,
-        f"after {_touches(worst.num_touches)}, with {worst.count} stops: stated confidence "
-        f"{decimals(worst.mean_stated)}, accuracy "
-        f"{decimals(worst.share_right)}; the confidence is {chance} "
-        f"[{decimals(worst.low)}, {decimals(worst.high)}]",
+        f"after {_touches(worst.num_touches)}, with {worst.count} stops: stated confidence {worst.mean_stated:.3f}, "
+        f"accuracy {worst.share_right:.3f}; the confidence is {chance} [{worst.low:.3f}, {worst.high:.3f}]",
     )
 
 
@@ -137,29 +130,26 @@ def _gap(score: StopScore) -> float:
 
 
 def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: str, model: str) -> str:
-    """The targets that the chosen calibration and the chosen model meet, in words.
+    """A description of the targets that the chosen calibration and the chosen model meet and miss.
 
     Args:
         touches: check of single touches under the chosen calibration.
         fused: checks of the chosen model by kind of sequence, see :func:`judge_model`.
-        calibration: the chosen one's name.
-        model: the chosen one's name.
+        calibration: name of the chosen calibration.
+        model: name of the chosen observation model.
     """
-    if touches.holds:
-        sentences = [f"A single touch, calibrated by {calibration}, meets its target: "]
-    else:
-        missed = decimals(touches.missed_by or 0.0)
-        sentences = [f"A single touch, calibrated by {calibration}, misses its target by {missed}: "]
-    sentences[0] += f"its mean calibration error over shapes is {touches.value}; {touches.detail}."
+    outcome = "meets its target" if touches.holds else f"misses its target by {touches.missed_by or 0.0:.3f}"
     checks = [(kind, check) for kind, some in fused.items() for check in some]
     judged = [(kind, check) for kind, check in checks if check.missed_by is not None]
-    kept = sum(check.holds for _, check in judged)
+    met = sum(check.holds for _, check in judged)
     unknown = f" ({len(checks) - len(judged)} more could not be judged)" if len(judged) < len(checks) else ""
-    sentences.append(
-        f"Fused by {model}, the cross-validated choice, touches meet {kept} of {len(judged)} targets{unknown}."
-    )
+    sentences = [
+        f"A single touch, calibrated by {calibration}, {outcome}: its mean calibration error over shapes is "
+        f"{touches.value}; {touches.detail}.",
+        f"Fused by {model}, the cross-validated choice, touches meet {met} of {len(judged)} targets{unknown}.",
+    ]
     sentences += [
-        f"Missed by {decimals(check.missed_by or 0.0)} on {kind}: {check.target}; it is {check.value}, {check.detail}."
+        f"Missed by {check.missed_by or 0.0:.3f} on {kind}: {check.target}; it is {check.value}, {check.detail}."
         for kind, check in judged
         if not check.holds
     ]
@@ -168,12 +158,3 @@ def verdict(touches: Check, fused: Mapping[str, Sequence[Check]], calibration: s
 
 def _touches(number: int | None) -> str:
     return f"{number} touch{'' if number == 1 else 'es'}"
-
-
-def decimals(value: float, digits: int = 3) -> str:
-    """A number with a fixed number of decimals.
-
-    >>> decimals(0.0214), decimals(1.0)
-    ('0.021', '1.000')
-    """
-    return f"{value:.{digits}f}"

@@ -39,7 +39,7 @@ class GroupScores:
     """Scores of the touches in one pose, or of one shape.
 
     Attributes:
-        accuracy: of the touches.
+        accuracy: accuracy of the touches.
         nll: mean negative log-likelihood [nats].
         ece: for a pose, of the most likely shape; for a shape, of its own probability over all touches.
     """
@@ -54,12 +54,12 @@ class TouchScores:
     """Scores of single test touches under one calibration.
 
     Attributes:
-        name: of the calibration.
-        cross_validated_nll: on the calibration split [nats]; None for the raw softmax, for which nothing is fitted.
+        name: name of the calibration.
+        cross_validated_nll: loss on the calibration split [nats]; None for the raw softmax, which is not fitted.
         report: scores, calibration errors with their null quantiles, and the reliability curve.
         classwise: bias-corrected calibration error and its 95 % interval, which resamples objects.
-        poses: by name.
-        shapes: by name.
+        poses: scores by name of the pose.
+        shapes: scores by name of the shape.
     """
 
     name: str
@@ -76,7 +76,7 @@ def fit_raw(touches: Sequences) -> tuple[Predict, None]:
 
 
 def fit_pooled(name: str, touches: Sequences) -> tuple[Predict, float]:
-    """The calibration of that name, fitted to all poses together, and its cross-validated NLL over objects."""
+    """A calibration by name, fitted to all poses together, and its cross-validated NLL over objects."""
     candidates = {name: CALIBRATIONS[name]()}
     choice = choose_calibration(touches.batch.logits[:, 0], touches.shapes, touches.object_ids, candidates, _FOLDS)
     return lambda some: choice.calibration.predict_proba(some.batch.logits[:, 0]), choice.losses[name]
@@ -119,8 +119,8 @@ def score_touches(
         name: a key of :data:`CALIBRATION_FITS`.
         known: single touches of the calibration split.
         test: single touches of other objects.
-        labels: of shapes and of poses.
-        rng: for null quantiles and intervals.
+        labels: names of the shapes and of the poses.
+        rng: random generator for null quantiles and intervals.
         num_resamples: bootstrap samples of an interval.
     """
     predict, loss = CALIBRATION_FITS[name](known)
