@@ -1,12 +1,14 @@
-"""The paper's Figures 2 and 3, made here: a touch image of every shape; confusion matrix and success by shape."""
+"""The paper's Figures 2 and 3: touch images of every shape; confusion matrix and success by target."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
 from belief.statistics import wilson_interval
@@ -16,10 +18,11 @@ from experiments.paper.table2 import PAPER, Column
 from experiments.reporting.style import INK, PALETTE, figure
 
 _IMAGES = 5  # of each shape
+_SHAPES = ("sphere", "cube", "cylinder", "cone")  # order of the rows of a confusion matrix
 
 
 def draw_figure2(images: TouchSet, labels: Sequence[str], path: Path) -> None:
-    """Images of every shape, each of another press: the paper's Figure 2 shows one of each."""
+    """Draw five images of every shape, each of another press; the paper's Figure 2 has one of each."""
     with figure((1.5 * _IMAGES, 1.6 * len(labels)), path) as drawn:
         grid = drawn.subplots(len(labels), _IMAGES, squeeze=False)
         for shape, label in enumerate(labels):
@@ -36,7 +39,7 @@ def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ..
 
     Args:
         results: those of :func:`experiments.paper.table1.both_splits`.
-        labels: of the shapes.
+        labels: names of the shapes.
         path: file to write; the ending decides the format.
 
     Raises:
@@ -48,24 +51,33 @@ def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ..
         for name, line in zip(rows, grid, strict=True):
             for what, axes in zip(columns, line, strict=True):
                 result = results[name][what]
-                counts = np.array(result.confusion)
-                axes.imshow(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1)
-                for (true, read), count in np.ndenumerate(counts):
-                    dark = count > 0.5 * counts[true].sum()
-                    axes.text(read, true, str(count), ha="center", va="center", color="white" if dark else "black")
-                axes.set(title=f"split {name}, {what}: {result.accuracy:.3f}", xlabel="read as")
-                axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
-                axes.set_yticks(range(len(labels)), labels)
+                texts = [list(map(str, counts)) for counts in result.confusion]
+                _matrix(axes, np.array(result.confusion), texts, labels)
+                axes.set(title=f"split {name}, {what}: {result.accuracy:.3f}", xlabel="predicted")
             line[0].set_ylabel("true shape")
 
 
+def _matrix(axes: Axes, counts: NDArray[Any], texts: Sequence[Sequence[str]], labels: Sequence[str]) -> None:
+    """Draw a confusion matrix, coloured by the fraction of a row, with a text in every cell."""
+    fractions = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    axes.imshow(fractions, cmap="Blues", vmin=0, vmax=1)
+    for (row, column), fraction in np.ndenumerate(fractions):
+        colour = "white" if fraction > 0.5 else "black"
+        axes.text(column, row, texts[row][column], ha="center", va="center", fontsize=8, color=colour)
+    axes.set_xticks(range(len(labels)), labels, rotation=30, ha="right")
+    axes.set_yticks(range(len(labels)), labels)
+
+
 def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Column], path: Path) -> None:
-    """(a) The confusion matrix of the classifier that was split by image, as the paper's; (b) success by shape.
+    """Draw (a) the confusion matrix of the classifier that was split by image, and (b) success by target.
 
     Args:
-        confusion: counts of (true shape, predicted shape); (a) is left out without.
-        columns: of Table 2; a panel for every scene.
-        path: to write.
+        confusion: counts of (true shape, predicted shape); without it, (a) is left out.
+        columns: columns of Table 2; there is one panel per scene.
+        path: file to write.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
     """
     played = [column for column in columns if not column.missing]
     scenes = list(dict.fromkeys(column.scene for column in played))
@@ -83,24 +95,19 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
 
 
 def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
+    """Draw the confusion matrix with our fractions and, on the diagonal, the paper's recalls."""
     labels = list(table1.PAPER)
-    matrix = np.array(confusion, float)
     order = [_SHAPES.index(label) for label in labels]
-    shares = (matrix / matrix.sum(axis=1, keepdims=True))[np.ix_(order, order)]
-    axes.imshow(shares, cmap="Blues", vmin=0, vmax=1)
-    for (row, column), share in np.ndenumerate(shares):
-        text = f"{share:.2f}" + (f"\n(paper {table1.PAPER[labels[row]].recall:.2f})" if row == column else "")
-        axes.text(column, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.6 else "black")
-    axes.set_xticks(range(len(labels)), labels, rotation=35, ha="right")
-    axes.set_yticks(range(len(labels)), labels)
+    counts = np.array(confusion)[np.ix_(order, order)]
+    texts = [[f"{fraction:.2f}" for fraction in row] for row in counts / counts.sum(axis=1, keepdims=True)]
+    for row, printed in enumerate(table1.PAPER.values()):
+        texts[row][row] += f"\n(paper {printed.recall:.2f})"
+    _matrix(axes, counts, texts, labels)
     axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
 
 
-_SHAPES = ("sphere", "cube", "cylinder", "cone")
-
-
 def _success(axes: Axes, columns: Sequence[Column]) -> None:
-    """Bars by target: the paper's, hatched, and ours with 95 % Wilson intervals."""
+    """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals."""
     targets = list(PAPER["PPO"])
     width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
     first = -0.425 + width / 2

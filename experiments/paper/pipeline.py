@@ -1,13 +1,12 @@
-"""A scene's sensor and its PPO policies from nothing: press, train, press again and again, calibrate, train policies.
+"""Make a sensor and its PPO policies without any existing file: collect, train, collect repeats, calibrate, train PPO.
 
-Each stage leaves a file when it is done and is not begun again; a stage that was killed goes on where its own command
-does: after the last shard, the last epoch, the last training of a policy.
+A finished stage leaves a file and is skipped afterwards. An interrupted stage continues as its own command does: after
+the last shard, epoch or policy.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,58 +24,42 @@ from experiments.sensor.train import Changes, Train
 
 @dataclass(frozen=True)
 class Effort:
-    """How much goes into a sensor and its policies."""
+    """Size of the data sets and length of the training of a sensor and its policies."""
 
     touches: PlanArguments = field(default_factory=lambda: PlanArguments(train=1500))
-    """Objects of each shape that the classifier learns from."""
+    """Objects of each shape for the classifier."""
     repeats: PlanArguments = field(default_factory=lambda: PlanArguments(train=0, repeats=6))
-    """Objects that the observation model and the policies learn from."""
+    """Objects of each shape for the observation model and the policies."""
     change: Changes = field(default_factory=lambda: Changes(epochs=6, batch_size=128))
-    """What to change about the recipe ``large`` of the classifier."""
+    """Changes to the recipe ``large`` of the classifier."""
     ppo: PPOChanges = field(default_factory=PPOChanges)
-    """What to change about the recipes of PPO."""
+    """Changes to the recipes of PPO."""
     ppo_seeds: Count = 3
-    """Trainings of each policy, of which the best is kept."""
+    """Number of trainings of each policy; the best is kept."""
 
 
 def sensor_from_nothing(scene: str, effort: Effort, folder: Path, jobs: int) -> Path:
-    """The folder of a sensor with its policies, made as far as it is not there.
+    """Make a sensor with its policies, and return its folder; finished stages are skipped.
 
     Args:
         scene: name of the scene.
-        effort: how much.
-        folder: for all that is made on the way.
-        jobs: processes.
+        effort: size of the data sets and length of the training.
+        folder: folder for the sensor and all intermediate files.
+        jobs: number of processes.
     """
     choice, sensor, trained, bank = SceneChoice(scene), folder / "sensor", folder / "trained", folder / "bank"
-    repeats, policies = folder / "repeats", sensor / POLICIES
-    stages: list[tuple[Path, Callable[[], object]]] = [
-        (trained / CLASSIFIER_FILE, lambda: _train(choice, effort, folder / "touches", trained, jobs)),
-        (
-            sensor / OBSERVATION_FILE,
-            lambda: _calibrate(choice, effort, repeats, trained / CLASSIFIER_FILE, sensor, jobs),
-        ),
-        (bank / TEST / MANIFEST, MakeTouchBank(scene, repeats, sensor, bank).run),
-        (policies, lambda: _train_policies(scene, effort, bank, sensor, folder / "ppo", jobs)),
-    ]
-    for done, make in stages:
-        if not done.exists():
-            make()
+    touches, repeats, ppo, policies = folder / "touches", folder / "repeats", folder / "ppo", sensor / POLICIES
+    if not (trained / CLASSIFIER_FILE).exists():
+        collect(choice, effort.touches.plan, touches, jobs)
+        Train(scene, touches, trained, recipe="large", change=effort.change, threads=jobs).run()
+    if not (sensor / OBSERVATION_FILE).exists():
+        collect(choice, effort.repeats.plan, repeats, jobs)
+        Calibrate(scene, trained / CLASSIFIER_FILE, repeats, sensor).run()
+    if not (bank / TEST / MANIFEST).exists():
+        MakeTouchBank(scene, repeats, sensor, bank).run()
+    if not policies.exists():
+        TrainPPO(scene, bank, sensor, ppo, change=effort.ppo, seeds=effort.ppo_seeds, jobs=jobs).run()
+        unfinished = sensor / f".{POLICIES}"
+        shutil.copytree(ppo / POLICIES, unfinished, dirs_exist_ok=True)
+        unfinished.rename(policies)  # so that the folder is complete as soon as it exists
     return sensor
-
-
-def _train(choice: SceneChoice, effort: Effort, data: Path, out: Path, jobs: int) -> None:
-    collect(choice, effort.touches.plan, data, jobs)
-    Train(choice.scene, data, out, recipe="large", change=effort.change, threads=jobs).run()
-
-
-def _calibrate(choice: SceneChoice, effort: Effort, data: Path, classifier: Path, out: Path, jobs: int) -> None:
-    collect(choice, effort.repeats.plan, data, jobs)
-    Calibrate(choice.scene, classifier, data, out).run()
-
-
-def _train_policies(scene: str, effort: Effort, bank: Path, sensor: Path, out: Path, jobs: int) -> None:
-    TrainPPO(scene, bank, sensor, out, change=effort.ppo, seeds=effort.ppo_seeds, jobs=jobs).run()
-    half = sensor / f".{POLICIES}"
-    shutil.copytree(out / POLICIES, half, dirs_exist_ok=True)
-    half.rename(sensor / POLICIES)  # whole or not at all

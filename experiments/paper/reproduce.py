@@ -41,8 +41,7 @@ DEVIATIONS = (
     "Figure 2 shows our renderer; Figure 3(a) is the classifier of Table 1 that was split by image.",
 )
 
-
-_FEWEST_OBJECTS = 3  # of a shape; of two, both might be held out
+_MIN_OBJECTS = 3  # of a shape; with two, both might be held out
 
 
 @dataclass(frozen=True)
@@ -121,10 +120,8 @@ class Reproduce:
             sensors = {scene: self._sensor(scene) for scene in self.scenes}
             columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
             write_text(self.out / "table2.md", table(columns).markdown() + "\n")
-            write_text(
-                self.out / "table2.json",
-                json.dumps([asdict(column) for column in columns], indent=1, default=dict) + "\n",
-            )
+            numbers = json.dumps([asdict(column) for column in columns], indent=1, default=dict)
+            write_text(self.out / "table2.json", numbers + "\n")
         if "table1" in parts:
             self._table1()
         if "figure3" in parts and columns is not None:
@@ -141,14 +138,14 @@ class Reproduce:
         if "table1" in parts:
             self.change.of(RECIPES["paper"])
             require_input_size(self.input_size, SCENES["paper"].scene.image_shape[0], self.backbone)
-            if self.images.objects < _FEWEST_OBJECTS:
+            if self.images.objects < _MIN_OBJECTS:
                 raise BadArgument(
-                    f"--images.objects must be at least {_FEWEST_OBJECTS} for Table 1, which holds out a fifth of the "
-                    f"objects and needs some of every shape to learn from; got {self.images.objects}"
+                    f"--images.objects must be at least {_MIN_OBJECTS} for Table 1, which holds out a fifth of the "
+                    f"objects of each shape and trains on the others; got {self.images.objects}"
                 )
 
     def _windows(self, stream: int) -> TouchSet:
-        """Images of a stream; pressed once and kept."""
+        """Images of a stream, recorded once and then read from a file."""
         return kept_windows(SCENES["paper"].scene, self.images, stream, self.jobs, self.out / "table1")
 
     def _sensor(self, scene: str) -> Path | None:
@@ -187,9 +184,8 @@ class Reproduce:
         if not file.exists():
             return None
         try:
-            confusion: list[list[int]] = unsealed_json(file.read_text(encoding="utf-8"))["splits"]["by image"][
-                "held out"
-            ]["confusion"]
+            splits = unsealed_json(file.read_text(encoding="utf-8"))["splits"]
+            confusion: list[list[int]] = splits["by image"]["held out"]["confusion"]
         except (ValueError, KeyError, TypeError) as error:
             raise CorruptFile(
                 f"{file} is damaged ({error}); delete it and make it again with: activetouch reproduce --table 1 "

@@ -1,7 +1,7 @@
 """The paper's data set: images of a window that slides over the force log of a press (paper §5.3 to §5.6).
 
-Every press turns the object anew, and gives several images that share most of their readings. So an image has near
-copies among the images of its own press, and how a data set is split decides what a classifier's score means.
+The object has a new orientation in every press. The images of one press share most of their readings, so they are near
+copies of each other, and the meaning of a classifier's accuracy depends on how the data set is split.
 """
 
 from __future__ import annotations
@@ -32,29 +32,30 @@ from experiments.parallel import run_tasks
 
 @dataclass(frozen=True)
 class WindowPlan:
-    """How many images there are; as it comes, about the paper's 700 of each shape."""
+    """Size of the data set; the default has 700 images of each shape, about as many as the paper."""
 
     objects: Count = 35
-    """Of each shape, of different sizes."""
+    """Number of objects of each shape, of different sizes."""
     presses: Count = 2
-    """Of each object, each in a new random orientation."""
+    """Number of presses of each object, each in a new random orientation."""
     images: Count = 10
-    """Of each press, evenly spread over the time of contact."""
+    """Number of images of each press, evenly spread over the time of contact."""
     seed: Seed = 0
-    """Of everything."""
+    """Seed of all random numbers."""
 
 
 def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> TouchSet:
     """Press the objects of a plan and render the windows.
 
     Args:
-        scene: of guarded moves and force patches.
-        plan: how many.
-        stream: number of an independent data set under the same plan.
-        jobs: processes; the images do not depend on it.
+        scene: a scene with guarded moves and a force-patch renderer.
+        plan: size of the data set.
+        stream: number of the data set; different numbers give independent data sets.
+        jobs: number of processes; the images do not depend on it.
 
     Returns:
-        The images of all shapes in turn; ``poses`` counts the presses of an object, an object that misses has none.
+        Images ordered by object, shapes in turn; ``poses`` numbers the presses of an object. An object that misses the
+        pad has no images.
 
     Raises:
         BadArgument: a number of the plan is out of its range.
@@ -67,7 +68,12 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
 
 
 def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
-    """:func:`record_windows`, from a file of the folder if it is there; recorded and kept there if not."""
+    """:func:`record_windows` with a cache: a file of the folder is read if it exists, and written otherwise.
+
+    Raises:
+        CorruptFile: the file is damaged.
+        BadArgument: a number of the plan is out of its range.
+    """
     key = hashlib.sha256(json.dumps([scene_fields(scene), asdict(plan)]).encode()).hexdigest()[:16]
     path = folder / f"windows-{stream}-{key}.npz"
     if not path.exists():
@@ -84,7 +90,7 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
 
 def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet:
     renderer = scene.renderer
-    assert isinstance(renderer, ForcePatchRenderer), "windows are drawn from a log of forces"
+    assert isinstance(renderer, ForcePatchRenderer), "the caller chose a scene with force patches"
     rng = keyed_rng([plan.seed, stream, number], is_fixed_length=True)
     thing = scene.sample_object(number % len(scene.shapes), rng)
     images: list[NDArray[np.uint8]] = []
@@ -102,7 +108,7 @@ def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet
 
 
 def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:
-    """A random ``share`` of the images, and the others: near copies land on both sides."""
+    """A random ``share`` of the images, and the others. Near copies are in both parts."""
     order = rng.permutation(len(touches.images))
     cut = round(share * len(order))
     return touches.select(np.sort(order[:cut])), touches.select(np.sort(order[cut:]))

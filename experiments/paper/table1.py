@@ -1,8 +1,8 @@
 """The paper's Table 1 for two splits of the same images: by image and by object (paper §5.6, §6.2).
 
 The paper does not say how it made its 80/20 split. In a split by image, the training set contains near copies of test
-images: windows of the same press. Both classifiers also read images of held-out objects, which neither was trained on.
-A nearest-neighbour classifier on pixels shows what near copies alone are sufficient for.
+images: windows of the same press. Both classifiers are also tested on other objects. A nearest-neighbour classifier on
+pixels shows the accuracy that near copies alone give.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Training:
         input_size: edge of the network's input [pixels].
         recipe: optimiser settings.
         weights: initial weights of the backbone; None for random weights.
-        folder: where the states of both trainings are kept.
+        folder: folder for the states of both trainings.
     """
 
     scene: Scene
@@ -90,20 +90,14 @@ class Training:
         """Train the classifier of a split; a training with a state file is continued.
 
         Args:
-            name: of the split.
-            train: images to learn from.
+            name: name of the split.
+            train: images to train on.
             held_out: images to validate on.
         """
         card = card_for(train, self.backbone, self.input_size, self.scene.shape_labels, self.scene.pose_labels)
         state = self.folder / name.replace(" ", "-") / STATE_FILE
-        trainer = Trainer(
-            new_classifier(card, self.recipe.seed, self.weights),
-            self.recipe,
-            train,
-            held_out,
-            state,
-            self.scene.symmetry,
-        )
+        classifier = new_classifier(card, self.recipe.seed, self.weights)
+        trainer = Trainer(classifier, self.recipe, train, held_out, state, self.scene.symmetry)
         run_to_the_end(trainer, state.parent / "tensorboard")
         return trainer.finish()
 
@@ -147,7 +141,7 @@ def table(results: Mapping[str, Mapping[str, Result]], labels: Sequence[str]) ->
 
     Args:
         results: those of :func:`both_splits`.
-        labels: of the shapes.
+        labels: names of the shapes.
     """
     columns = {f"{name}, {what}": result for name, row in results.items() for what, result in row.items()}
     scores = [dict(zip(labels, shape_scores(result.confusion), strict=True)) for result in columns.values()]

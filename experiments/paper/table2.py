@@ -83,10 +83,10 @@ def search_columns(
         targets = [shape for shape in PAPER["PPO"] if shape in setting.problem.shape_labels]
         missing = {name: _missing(name, setting, targets) for name in deciders}
         able = tuple(name for name in deciders if not missing[name])
-        played = Compare(
+        compare = Compare(
             able, None, tuple(targets), episodes, seed, setting, out=folder / scene, bound=False, jobs=jobs
         )
-        comparison = played.play()
+        comparison = compare.play()
         cells = comparison.cells
         for name in deciders:
             if missing[name]:
@@ -114,16 +114,9 @@ def _missing(decider: str, setting: Setting, targets: Sequence[str]) -> str:
 
 
 def table(columns: Sequence[Column]) -> Table:
-    """The paper's Table 2 transposed, ours below it, and in the note what could not be played."""
+    """The paper's Table 2 transposed, with our results below it; the note lists deciders without results."""
     rows: list[Sequence[Value]] = [
-        (
-            f"paper: {name}",
-            *(f"{value:.2f}" for value in printed.values()),
-            f"{fmean(printed.values()):.3f}",
-            "",
-            "",
-            "",
-        )
+        (f"paper: {name}", *(f"{value:.2f}" for value in printed.values()), f"{fmean(printed.values()):.3f}", *[""] * 3)
         for name, printed in PAPER.items()
     ]
     for column in columns:
