@@ -2,9 +2,9 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/beliefs.py       (pomdp-py: Linux, Python 3.11 or 3.12)
 
-Medians of interleaved rounds in one process, with the ratio to pomdp-py's update of a histogram in the same round:
-machines drift, ratios hold. Beliefs are over four shapes unless a row says otherwise. At the end, what the tables that
-planners use keep of the information of a touch.
+Times are medians of interleaved rounds. Ratios to pomdp-py's update of a histogram are taken within a round, so they
+hardly depend on other load. Beliefs are over four shapes unless a row says otherwise. The last table gives the
+information about the shape in a touch and in its outcome.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ THEIRS = "pomdp-py, one belief"
 
 
 def updates() -> dict[str, tuple[Callable[[int], object], int]]:
-    """What to time, each as a function of a running number, and how many beliefs it updates."""
+    """Functions to time, which take a running number, with the number of beliefs that they update."""
     rng = np.random.default_rng(0)
     prior, likelihood = rng.dirichlet(np.ones(NUM_SHAPES), size=(2, BATCH))
     log_prior, log_likelihood = np.log(prior), np.log(likelihood)
@@ -42,7 +42,7 @@ def updates() -> dict[str, tuple[Callable[[int], object], int]]:
 
 
 def histogram_update(prior: np.ndarray, likelihood: np.ndarray) -> Callable[[int], object]:
-    """pomdp-py's update of one belief about a state that does not change, by the same numbers."""
+    """pomdp-py's update of one belief about a static state, with the same numbers."""
     import pomdp_py
 
     class State(pomdp_py.SimpleState):
@@ -60,12 +60,12 @@ def histogram_update(prior: np.ndarray, likelihood: np.ndarray) -> Callable[[int
         return pomdp_py.update_histogram_belief(beliefs[index], action, index, sensor, None, static_transition=True)
 
     found = [call(7)[state] for state in states]
-    np.testing.assert_allclose(found, update_probs(prior[7], likelihood[7])[0])  # the same posterior, or no comparison
+    np.testing.assert_allclose(found, update_probs(prior[7], likelihood[7])[0])
     return call
 
 
 def others() -> dict[str, Callable[[int], object]]:
-    """The other steps of a search."""
+    """Functions of the other steps of a search."""
     rng = np.random.default_rng(0)
     weights = {n: rng.normal(size=(n, n)) for n in (4, 12)}
     cases: dict[str, Callable[[int], object]] = {
@@ -84,9 +84,9 @@ def others() -> dict[str, Callable[[int], object]]:
     return cases
 
 
-def told() -> None:
-    """What a touch of the shipped models tells about the shape, and what is left of it in their tables."""
-    print(f"\n{'nats a touch, mean over poses':<34}{'touch':>8}{'table':>8}{'outcomes':>10}")
+def print_information() -> None:
+    """Print the information about the shape in a touch of the shipped models, and in its outcome."""
+    print(f"\n{'nats per touch, mean over poses':<34}{'touch':>8}{'table':>8}{'outcomes':>10}")
     for sensor in sorted(path for path in MODELS.iterdir() if path.is_dir()):
         model = load_observation_model(sensor)
         touch, table = information_of_touch(model, num_samples=20_000).mean(), model.outcome_table()
@@ -107,7 +107,7 @@ def main() -> None:
     print(f"\n{'median of 15 rounds':<62}{'µs':>9}")
     for name, times in time_in_rounds(others(), 15, 20).items():
         print(f"{name:<62}{1e3 * np.median(times):9.1f}")
-    told()
+    print_information()
 
 
 if __name__ == "__main__":

@@ -2,9 +2,8 @@
 
 Run: python benchmarks/calibration.py       (needs netcal: pip install -c constraints.txt -e ".[bench]")
 
-Both fit one temperature to the same touches of four shapes, in interleaved rounds. Each row is the median of the
-rounds, and its ratio that of the times of one round: machines drift, ratios hold. netcal takes probabilities, made
-beforehand.
+Both fit one temperature to the same touches of four shapes, in interleaved rounds. Times are medians; ratios are taken
+within a round, so they hardly depend on other load. netcal takes probabilities, which are computed beforehand.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ OURS, THEIRS = "temperature", "temperature, netcal"
 
 
 def touches(num: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """Logits that are too large by the temperature, and the shapes they come from."""
+    """Over-confident logits, too large by the factor :data:`TEMPERATURE`, and true shapes."""
     rng = np.random.default_rng(0)
     logits = 3.0 * rng.normal(size=(num, 4))
     noise = rng.gumbel(size=logits.shape)
@@ -32,7 +31,7 @@ def touches(num: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
 
 
 def cases(num: int) -> dict[str, Callable[[int], object]]:
-    """What to time, each as a function of a running number."""
+    """Functions to time, which take a running number."""
     from netcal.scaling import TemperatureScaling as NetcalTemperature  # loads torch and pyro
 
     logits, labels = touches(num)

@@ -2,8 +2,8 @@
 
 Run: python benchmarks/coverage.py         (some minutes on one core)
 
-Four shapes, logits of standard deviation 2.5, predictions sharpened by the power 1/T (T = 1 is calibrated). The truth
-is the metric on a million rows, where chance adds next to nothing; zero where T = 1.
+Four shapes, logits of standard deviation 2.5, predictions sharpened by the power 1/T (T = 1 is calibrated). The true
+error is zero if T = 1, otherwise the metric on a million rows.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Compare all deciders on the same searches: return, success, touches, and time per decision.
 
-Run: python benchmarks/deciders.py                     (--help for less; about an hour of one core as it stands)
+Run: python benchmarks/deciders.py                     (about an hour on one core; --help for shorter runs)
 
-Objects are touched in the table the deciders plan on: outcomes are drawn from it, so that beliefs are exactly right and
-point-based bounds hold. One table is random, the other that of scene ``coarse``. All deciders search the same episodes;
-tree search gets the first few of them, as it thinks for seconds, and is compared with ``point_based`` on those alone.
-Writes a CSV file and a figure.
+Outcomes are drawn from the table with which the deciders plan, so beliefs are exactly right and the bounds hold. One
+table is random, the other that of scene ``coarse``. All deciders play the same searches; tree search, which takes
+seconds per decision, plays the first few and is compared with ``point_based`` on these only. Writes CSV and a figure.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from activetouch.world import MODELS, load_observation_model
 from belief import SearchProblem
@@ -36,7 +36,7 @@ TREES = ("pouct", "pomcp")
 
 @dataclass(frozen=True)
 class Row:
-    """What one decider made of its episodes; intervals are 95 %."""
+    """Results of one decider; intervals are 95 %."""
 
     model: str
     decider: str
@@ -60,7 +60,7 @@ class Timed:
         self._decider, self.seconds = decider, list[float]()
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """As the decider does."""
+        """The answer of the decider."""
         started = time.process_time()  # other processes do not count
         decision = self._decider.decide(info, rng)
         self.seconds.append(time.process_time() - started)
@@ -73,7 +73,7 @@ def tables() -> dict[str, OutcomeTable]:
 
 
 def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[tuple[str, int, Callable[[], Decider]]]:
-    """Name, episodes and maker of each; those that follow trained policies have none for a bare table."""
+    """Name, number of episodes and builder of each decider that needs no trained policies."""
     found: list[tuple[str, int, Callable[[], Decider]]] = [
         (name, episodes, lambda name=name: make_decider(name, table))
         for name in ("point_based", *(n for n in DECIDERS if n not in (*TRAINED, *TREES, "point_based")))
@@ -107,23 +107,11 @@ def measure(name: str, table: OutcomeTable, arguments: argparse.Namespace) -> li
         reference = reference if reference.size else returns
         over, low, high = paired_bootstrap(returns, reference[:number], np.random.default_rng(arguments.seed))
         right = sum(episode.success for episode in episodes)
-        rows.append(
-            Row(
-                name,
-                label,
-                number,
-                float(returns.mean()),
-                float(returns.std(ddof=1) / np.sqrt(number)),
-                right / number,
-                *wilson_interval(right, number),
-                float(np.mean([episode.num_touches for episode in episodes])),
-                1e3 * float(np.median(timed.seconds)),
-                over,
-                low,
-                high,
-            )
-        )
-        row = rows[-1]
+        mean, error = float(returns.mean()), float(returns.std(ddof=1) / np.sqrt(number))
+        success, touches = (right / number, *wilson_interval(right, number)), [one.num_touches for one in episodes]
+        milliseconds = 1e3 * float(np.median(timed.seconds))
+        row = Row(name, label, number, mean, error, *success, float(np.mean(touches)), milliseconds, over, low, high)
+        rows.append(row)
         print(
             f"{label:28}{number:6}{row.mean_return:8.3f} ± {row.return_std_error:.3f}{row.success:8.3f}"
             f"{row.touches:8.2f}{row.ms_per_decision:10.3f}   {over:+.3f} [{low:+.3f}, {high:+.3f}]",
@@ -133,7 +121,7 @@ def measure(name: str, table: OutcomeTable, arguments: argparse.Namespace) -> li
 
 
 def bounds(table: OutcomeTable) -> tuple[float, float]:
-    """Certified bounds on the best possible return, mean over targets."""
+    """Certified lower and upper bound on the optimal return, mean over targets."""
     policies = [
         solve(SearchTouchProblem(table.probs, NUM_OBJECTS, "distinct", target, TOUCH_COST))
         for target in range(table.num_shapes)
@@ -142,14 +130,10 @@ def bounds(table: OutcomeTable) -> tuple[float, float]:
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
-    """A line for every decider, by table: return against point-based plans, success, touches, time of a decision."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    """Draw a row of panels per table: return against ``point_based``, success, touches, time per decision."""
     models = list(dict.fromkeys(row.model for row in rows))
-    figure, axes = plt.subplots(len(models), 4, figsize=(12, 5 * len(models)), squeeze=False, layout="constrained")
+    drawn = Figure(figsize=(12, 5 * len(models)), layout="constrained")
+    axes = drawn.subplots(len(models), 4, squeeze=False)
     for (over, success, touches, time_), model in zip(axes, models, strict=True):
         some = [row for row in rows if row.model == model][::-1]
         names = [f"{row.decider} ({row.episodes})" for row in some]
@@ -163,21 +147,23 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         over.axvline(0.0, color="0.7", lw=1, zorder=0)
         over.set_xscale("symlog", linthresh=0.05, linscale=1.5)
         over.set(yticks=range(len(some)), yticklabels=names, xlabel="return over point_based, paired, 95 %")
-        over.set_xticks([-1, -0.1, -0.05, -0.02, 0, 0.02, 0.05], ["-1", "-.1", "", "-.02", "0", ".02", ".05"])
+        over.set_xticks([-1, -0.1, -0.05, -0.02, 0, 0.02, 0.05], ["-1", "-0.1", "", "-0.02", "0", "0.02", "0.05"])
         over.set_title(f"table: {model} (number of searches)", loc="left")
         success.set(yticks=[], xlabel="success, 95 %", xlim=(0.0, 1.02))
-        touches.set(yticks=[], xlabel="touches of a search")
-        time_.set(yticks=[], xscale="log", xlabel="processor time of a decision [ms]")
+        touches.set(yticks=[], xlabel="touches per search")
+        time_.set(yticks=[], xscale="log", xlabel="processor time per decision [ms]")
         for axis in (over, success, touches, time_):
             axis.set_ylim(-0.6, len(some) - 0.4)
             axis.grid(axis="x", alpha=0.3)
-    figure.savefig(path, metadata={"Date": None})
+    drawn.savefig(path, metadata={"Date": None})
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=2000, help="searches of each decider but tree search")
-    parser.add_argument("--trees", type=int, nargs=3, default=(200, 100, 20), help="of those with 100, 1 000, 10 000")
+    parser.add_argument("--episodes", type=int, default=2000, help="searches per decider, except tree search")
+    parser.add_argument(
+        "--trees", type=int, nargs=3, default=(200, 100, 20), help="tree searches with 100, 1 000, 10 000 simulations"
+    )
     parser.add_argument("--models", nargs="+", default=["coarse", "random"], choices=["coarse", "random"])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/deciders"))

@@ -2,9 +2,8 @@
 
 Run: python benchmarks/env.py [SCENE] [BANK]     (a bank from: activetouch touch-bank --scene SCENE)
 
-Actions are drawn at random: three quarters of them probes. The trivial environment does nothing but count under the
-same vectoriser, so what it takes is the vectoriser's. Medians over interleaved rounds; processor time, because other
-work on the machine does not count in it; the machine's own speed cancels in the ratios.
+Actions are random; three quarters are probes. The trivial environment only counts, so its time is that of the
+vectoriser. Times are medians of interleaved rounds.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ ROUNDS = 5
 
 
 class Counter(gymnasium.Env):
-    """Ends after twelve steps, whatever is done."""
+    """Environment whose episodes have twelve steps."""
 
     observation_space = gymnasium.spaces.Box(0.0, 1.0, (13,), np.float32)
     action_space = gymnasium.spaces.Discrete(8)

@@ -1,11 +1,10 @@
-"""The Bayes-optimal accuracy of one touch in the scene ``paper``, bounded from above and from below.
+"""Bounds on the Bayes-optimal accuracy of one touch in the scene ``paper``.
 
-Run: python benchmarks/force_patch_limit.py                              (readers of the numbers behind the images)
-     python benchmarks/force_patch_limit.py --learned-from data/paper    (a reader of every pixel)
+Run: python benchmarks/force_patch_limit.py                              (nearest neighbours in the numbers of a press)
+     python benchmarks/force_patch_limit.py --learned-from data/paper    (a network on every pixel)
 
-A force-patch image (paper §5.5) is a function of the size of the force and of the contact point in one short window. No
-reader of the image is better than the best reader of these numbers (the data-processing inequality). Nearest neighbours
-read them. The numbers are reduced in four steps:
+A force-patch image (paper §5.5) is a function of force and contact point in one short window. By the data-processing
+inequality, no reader of the image is better than the best reader of these numbers. Nearest neighbours read them:
 
 * Rotated and mirrored presses are equally likely, so the contact point is folded into the eighth of the square pad with
   ``0 ≤ across ≤ along``.
@@ -14,10 +13,8 @@ read them. The numbers are reduced in four steps:
 * Every number is replaced by its rank, so units do not matter.
 
 The accuracy of a vote is a lower bound. The single nearest neighbour gives an upper bound, given enough known touches
-(Cover and Hart 1967, :func:`experiments.bayes_error.learned.cover_hart_accuracy`).
-
-An image need not show all of these numbers. So a network that sees the pixels around the spot, at full resolution,
-bounds the accuracy of readers of the images from below.
+(Cover and Hart 1967, :func:`experiments.bayes_error.learned.cover_hart_accuracy`). Images need not show all of these
+numbers, so a network on the pixels around the spot, at full resolution, gives a lower bound for readers of images.
 """
 
 from __future__ import annotations
@@ -54,18 +51,9 @@ Ints = NDArray[np.int64]
 NEIGHBOURS = (1, 3, 5, 9, 15, 25, 51, 101)
 """Numbers of neighbours that are tried."""
 
-NUMBERS = (
-    "force",
-    "along",
-    "across",
-    "force change",
-    "force bend",
-    "along change",
-    "across change",
-    "sideways force",
-    "depth",
-)
-"""What is kept of a press [N, m]; the contact point folded, changes within the window. The last two no image shows."""
+_IN_WINDOW = ("force", "along", "across", "force change", "force bend", "along change", "across change")
+NUMBERS = (*_IN_WINDOW, "sideways force", "depth")
+"""Numbers of a press [N, m], with the contact point folded. No image shows the last two."""
 
 VIEWS: Mapping[str, tuple[str, ...]] = {
     "force alone": ("force",),
@@ -80,18 +68,18 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
     "force and depth (depth is not in the image)": ("force", "depth"),
     "force, contact point, and depth (depth is not in the image)": ("force", "along", "across", "depth"),
 }
-"""What a reader may be given; ``radius`` is the length of (along, across)."""
+"""Inputs of readers; ``radius`` is the length of (along, across)."""
 
 IN_THE_IMAGE = tuple(name for name, columns in VIEWS.items() if not {"depth", "sideways force"} & set(columns))
-"""The views made of what an image is drawn from; whether it shows them is another question."""
+"""Inputs that consist of numbers from which an image is drawn; the image need not show them."""
 
 
 @dataclass(frozen=True, eq=False)
 class PressNumbers:
-    """Numbers of some touches.
+    """Numbers of n touches.
 
     Attributes:
-        shapes: of the touched objects, ``(n,)``.
+        shapes: shapes of the touched objects, ``(n,)``.
         values: columns as :data:`NUMBERS`, ``(n, 9)``.
     """
 
@@ -99,7 +87,7 @@ class PressNumbers:
     values: Floats
 
     def view(self, columns: Sequence[str]) -> Floats:
-        """Some of the columns, ``(n, D)``; ``radius`` is computed."""
+        """Columns by name, ``(n, D)``; ``radius`` is computed."""
         known = dict(zip(NUMBERS, self.values.T, strict=True))
         known["radius"] = np.hypot(known["along"], known["across"])
         return np.column_stack([known[name] for name in columns])
@@ -110,7 +98,7 @@ class PressNumbers:
 
 
 def press_numbers(contact: Contact, renderer: ForcePatchRenderer) -> Floats:
-    """The numbers of a press, as :data:`NUMBERS`; zeros where nothing was held.
+    """The numbers of a press, as :data:`NUMBERS`; zeros if there was no contact in the window.
 
     Raises:
         ValueError: the contact has no trace.
@@ -134,7 +122,7 @@ def press_numbers(contact: Contact, renderer: ForcePatchRenderer) -> Floats:
 
 
 def drawn_rows(contact: Contact, renderer: ForcePatchRenderer) -> Trace:
-    """The rows of a press's trace that its image is drawn from; none where nothing was held.
+    """The rows of a press's trace from which its image is drawn; none if the press never paused.
 
     Raises:
         ValueError: the contact has no trace.
@@ -148,7 +136,7 @@ def drawn_rows(contact: Contact, renderer: ForcePatchRenderer) -> Trace:
 
 
 def collect_numbers(scene: Scene, seed: int, stream: Stream, numbers: range) -> tuple[int, Ints, Floats, list]:
-    """The first number, and shapes, numbers and readings of held-out touches; readings of test touches only."""
+    """Shapes, numbers and (of test touches only) images of held-out touches, after the number of the first."""
     assert isinstance(scene.renderer, ForcePatchRenderer), "the caller chose this scene for its renderer"
     shapes, rows, readings = [], [], []
     for number in numbers:
@@ -161,28 +149,28 @@ def collect_numbers(scene: Scene, seed: int, stream: Stream, numbers: range) -> 
 
 
 def neighbour_guesses(known: Floats, known_shapes: Ints, asked: Floats, num_neighbours: Sequence[int]) -> Ints:
-    """What the nearest known rows vote for, by rank in each column.
+    """Majority votes of nearest neighbours, by rank in each column.
 
     Args:
         known: rows of touches with known shape, ``(n, D)``.
-        known_shapes: ``(n,)``.
-        asked: other rows, ``(m, D)``.
-        num_neighbours: how many vote; all these are tried, ``(V,)``.
+        known_shapes: their shapes, ``(n,)``.
+        asked: rows to classify, ``(m, D)``.
+        num_neighbours: numbers of voting neighbours, ``(V,)``.
 
     Returns:
-        Shapes ``(V, m)``; of shapes with equally many votes that of the nearest among them.
+        Shapes ``(V, m)``; of shapes with equally many votes, the shape of the nearest neighbour.
     """
     ranks, places = _ranks(known, known), _ranks(known, asked)
     most = min(max(num_neighbours), len(known))
     _, nearest = KDTree(ranks).query(places, k=most)
     votes = np.eye(known_shapes.max() + 1)[known_shapes[nearest.reshape(len(asked), most)]]  # (m, most, K)
-    # Earlier neighbours count a hair more, too little to outvote anything: that breaks ties.
+    # Nearer neighbours have slightly larger weights, which only break ties.
     counts = np.cumsum(votes * (1.0 + 1e-6 / np.arange(1, most + 1))[:, None], axis=1)
     return np.stack([counts[:, min(k, most) - 1].argmax(axis=1) for k in num_neighbours])
 
 
 def _ranks(known: Floats, asked: Floats) -> Floats:
-    """Share of known values below each value, by column, ties at their middle, ``(m, D)``."""
+    """Fraction of known values below each value, by column, with ties at the middle, ``(m, D)``."""
     columns = []
     for reference, values in zip(np.sort(known, axis=0).T, asked.T, strict=True):
         below, upto = (np.searchsorted(reference, values, side) for side in ("left", "right"))
@@ -192,12 +180,12 @@ def _ranks(known: Floats, asked: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Reader:
-    """How a neighbour reader did.
+    """Result of a neighbour reader.
 
     Attributes:
-        num_neighbours: that voted, chosen on separate touches.
-        guesses: its shapes for the test touches, ``(m,)``.
-        upper: bound on the accuracy of any reader, from the single nearest neighbour.
+        num_neighbours: number of voting neighbours, chosen on separate touches.
+        guesses: predicted shapes of the test touches, ``(m,)``.
+        upper: upper bound on the accuracy of any reader, from the single nearest neighbour.
     """
 
     num_neighbours: int
@@ -206,7 +194,7 @@ class Reader:
 
 
 def read_by_neighbours(known: PressNumbers, choice: PressNumbers, test: PressNumbers, columns: Sequence[str]) -> Reader:
-    """Choose the number of neighbours on ``choice``, and read ``test`` with it."""
+    """Choose the number of neighbours on ``choice``, and classify ``test`` with it."""
     rows = known.view(columns)
     tried = neighbour_guesses(rows, known.shapes, choice.view(columns), NEIGHBOURS)
     best = int((tried == choice.shapes).mean(axis=1).argmax())
@@ -226,7 +214,7 @@ class NearestNeighbours:
     known: int = 20_000
     """Touches with known shape."""
     choice: int = 3_000
-    """Touches to choose the number of neighbours on."""
+    """Touches for the choice of the number of neighbours."""
 
     def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
@@ -276,57 +264,46 @@ def _collect(study: LimitStudy, stream: Stream, count: int) -> tuple[PressNumber
 def _number_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     whole, depth = numbers["views"][_WHOLE], numbers["views"]["force and depth (depth is not in the image)"]
     return [
-        "Why this estimator: a force-patch image is drawn from the size of the force and the contact point in one "
-        "short window, and from nothing else, so no reader of the image beats the best reader of these numbers (the "
-        "data-processing inequality).",
         f"{study.touches} held-out touches, each of another object, seed {study.seed}; {numbers['sizes'][-1]} known "
-        f"touches. Neighbours read {words(whole)} correctly from {_WHOLE}, a lower bound for readers of these numbers; "
-        f"the error of the single nearest neighbour gives the upper bound {whole['upper']:.4f}, given enough known "
-        "touches (Cover and Hart). Readers of images may fall short of it, because images hardly show some of the "
-        "numbers (see --learned-from). With half as many known touches the two bounds were "
-        f"{whole['curve'][-2]:.4f} and {whole['upper_curve'][-2]:.4f}: a bound that still rises has not converged.",
-        f"The classifier has {words(numbers['classifier'])} on the same touches; neighbours minus classifier "
-        f"{words(whole['above_classifier'], '+')}.",
-        "The contact point creeps while the object is held; that shows in the image, if only by a bit, in "
-        f"{numbers['creep_shows']['value']:.1%} of touches, and is counted in those only.",
-        f"Force and depth together tell more, {words(depth)}, but the depth of the imprint follows from geometry that "
-        "these images do not show. The sideways force is not in them either: a disc has a size and no direction.",
+        f"touches. Neighbours read {words(whole)} correctly from {_WHOLE}, a lower bound for readers of these numbers. "
+        f"The single nearest neighbour gives the upper bound {whole['upper']:.4f}. With half as many known touches the "
+        f"bounds were {whole['curve'][-2]:.4f} and {whole['upper_curve'][-2]:.4f}: a bound that still rises has not "
+        "converged.",
+        f"The classifier reads {words(numbers['classifier'])} of the same touches correctly; neighbours minus "
+        f"classifier: {words(whole['above_classifier'], '+')}.",
+        f"The creep of the contact point changes the image of {numbers['creep_shows']['value']:.1%} of the touches; it "
+        "is used in these only.",
+        f"Force and depth together give {words(depth)}, but the images do not show the depth.",
     ]
 
 
 def _number_tables(numbers: dict[str, Any]) -> list[Table]:
     rows = [
-        (
-            name,
-            words(view),
-            f"{view['upper']:.3f}",
-            str(view["num_neighbours"]),
-            curve_cell(view["curve"]),
-        )
+        (name, words(view), f"{view['upper']:.3f}", str(view["num_neighbours"]), curve_cell(view["curve"]))
         for name, view in numbers["views"].items()
     ]
     rows.append(("the classifier, from the image", words(numbers["classifier"]), "", "", ""))
-    headings = ("given", "neighbours", "at most", "votes", curve_heading(numbers["sizes"]))
-    return [Table("What a touch's numbers tell", headings, rows)]
+    headings = ("input", "neighbours", "upper bound", "votes", curve_heading(numbers["sizes"]))
+    return [Table("Accuracy from the numbers of a touch", headings, rows)]
 
 
 REACH = 18
-"""Pixels to every side of a spot's centre; a disc of 2 N, with its smooth edge, fits on a pad of 128 taxels."""
+"""Pixels to each side of a spot's centre; enough for a disc of 2 N on a pad of 128 taxels."""
 PLACE = 5
-"""How many numbers follow the pixels: along, across, their fractions of a pixel, brightness."""
-_AT_ONCE = 500
+"""Number of values after the pixels: along, across, their fractions of a pixel, brightness."""
+_AT_ONCE, _BATCH = 500, 256
 
 
 def close_ups(images: NDArray[np.uint8], renderer: ForcePatchRenderer) -> Floats:
-    """What the reader sees of each image.
+    """Input of the reader: the pixels around the spot, its place and its brightness.
 
     Args:
         images: force patches, ``(N, n, n, 3)``.
-        renderer: that drew them.
+        renderer: the renderer that drew them.
 
     Returns:
         ``(N, (2 REACH + 1)² + PLACE)``: pixels in [0, 1]; the spot's distances from the pad's centre, relative to half
-        the pad, ``0 ≤ across ≤ along``; what they are beyond whole pixels [pixels]; the root of the mean brightness.
+        the pad, ``0 ≤ across ≤ along``; their fractions of a pixel; the root of the mean brightness.
 
     Raises:
         ValueError: these are no force patches of this renderer.
@@ -359,21 +336,13 @@ def _close_ups(levels: NDArray[np.uint8]) -> Floats:
 
 @dataclass(frozen=True)
 class CloseReader:
-    """A network of two hidden layers, and how it is trained.
+    """A network of two hidden layers (256 and 128 units), trained with AdamW and a one-cycle schedule.
 
     Attributes:
-        widths: of the hidden layers.
         epochs: passes over the known touches.
-        batch_size: touches a step.
-        learning_rate: peak of a one-cycle schedule.
-        weight_decay: of AdamW.
     """
 
-    widths: tuple[int, int] = (256, 128)
     epochs: int = 30
-    batch_size: int = 256
-    learning_rate: float = 2e-3
-    weight_decay: float = 0.05
 
     def learn(
         self, known: Floats, shapes: Ints, seed: int, tick: Callable[[int], None] = lambda _: None
@@ -381,33 +350,32 @@ class CloseReader:
         """Train on known touches.
 
         Args:
-            known: a row a touch, ``(N, D)``.
-            shapes: ``(N,)``.
-            seed: of weights and order.
-            tick: is told how many touches each step took.
+            known: one row per touch, ``(N, D)``.
+            shapes: shapes of the touches, ``(N,)``.
+            seed: seed of weights and order.
+            tick: called with the number of touches of each step.
 
         Returns:
-            From rows ``(M, D)`` to log probabilities ``(M, K)``.
+            Function from rows ``(M, D)`` to log probabilities ``(M, K)``.
         """
         import torch
         from torch import nn
 
-        # A pixel at the rim is lit by few spots; to scale it up to the others would magnify those.
+        # Few spots light a pixel at the rim, so a small standard deviation is not scaled up to one.
         mean, scale = known.mean(axis=0), known.std(axis=0) + 1 / 64
         rows, labels = torch.from_numpy((known - mean) / scale), torch.from_numpy(shapes)
-        first, second = self.widths
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             network = nn.Sequential(
-                nn.Linear(known.shape[1], first), nn.SiLU(), nn.Linear(first, second), nn.SiLU(),
-                nn.Linear(second, int(shapes.max()) + 1), nn.LogSoftmax(dim=1),
+                nn.Linear(known.shape[1], 256), nn.SiLU(), nn.Linear(256, 128), nn.SiLU(),
+                nn.Linear(128, int(shapes.max()) + 1), nn.LogSoftmax(dim=1),
             )  # fmt: skip
-        optimizer = torch.optim.AdamW(network.parameters(), weight_decay=self.weight_decay)
-        steps = self.epochs * -(-len(rows) // self.batch_size)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, self.learning_rate, total_steps=steps)
+        optimizer = torch.optim.AdamW(network.parameters(), weight_decay=0.05)
+        steps = self.epochs * -(-len(rows) // _BATCH)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, 2e-3, total_steps=steps)
         rng = np.random.default_rng(seed)
         for _ in range(self.epochs):
-            for batch in torch.from_numpy(rng.permutation(len(rows))).split(self.batch_size):
+            for batch in torch.from_numpy(rng.permutation(len(rows))).split(_BATCH):
                 optimizer.zero_grad()
                 nn.functional.nll_loss(network(rows[batch]), labels[batch]).backward()
                 optimizer.step()
@@ -423,10 +391,10 @@ class CloseReader:
 
 
 def levels(images: NDArray[np.uint8], colormap: str) -> NDArray[np.uint8]:
-    """Brightness of each pixel before it was coloured; of levels with the same colour the lowest.
+    """Brightness of each pixel before it was coloured; the lowest of levels with the same colour.
 
     Args:
-        images: as a sensor without faults reads them, ``(..., 3)``.
+        images: images of a sensor without faults, ``(..., 3)``.
         colormap: name of the matplotlib colormap.
 
     Returns:
@@ -457,7 +425,7 @@ def _packed(colours: NDArray[np.uint8]) -> NDArray[np.int32]:
 _PIXEL_PARTS = (4, 2, 1)
 WHOLE_SPOT = "every pixel of the spot, its place, its brightness"
 PIXEL_VIEWS: Mapping[str, slice] = {"its place and brightness": slice(-PLACE, None), WHOLE_SPOT: slice(None)}
-"""What a reader may see of a close-up."""
+"""Parts of a close-up, as inputs of readers."""
 
 
 @dataclass(frozen=True)
@@ -467,7 +435,7 @@ class PixelReader:
     collection: Path
     """Folder of the touches to learn from."""
     reader: CloseReader = field(default_factory=CloseReader)
-    """The network, and how it is trained."""
+    """Network and its training."""
 
     def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
@@ -506,19 +474,16 @@ class PixelReader:
             "limit": {"at_least": views[WHOLE_SPOT]["value"]},
             "classifier": share(classifier),
         }
-        return Findings("What every pixel tells", _pixel_sentences(study, numbers), _pixel_tables(numbers), numbers)
+        return Findings("Accuracy from every pixel", _pixel_sentences(study, numbers), _pixel_tables(numbers), numbers)
 
 
 def _pixel_sentences(study: LimitStudy, numbers: dict[str, Any]) -> list[str]:
     whole = numbers["views"][WHOLE_SPOT]
     return [
-        "Why this estimator: a force-patch image need not show all of the numbers it is drawn from, so a reader of the "
-        "numbers bounds a reader of images from above only. This reader looks at the images, unresized, and bounds the "
-        "limit from below.",
         f"{study.touches} held-out touches, each of another object, seed {study.seed}; {numbers['sizes'][-1]} known "
-        f"touches. The reader has accuracy {words(whole)}, and {whole['learned_from']:.4f} on its training touches. "
-        f"The classifier has {words(numbers['classifier'])} on the same touches; the reader has "
-        f"{words(whole['above_classifier'], '+')} more.",
+        f"touches. The reader has accuracy {words(whole)}, a lower bound for readers of the images, and "
+        f"{whole['learned_from']:.4f} on its training touches. The classifier has {words(numbers['classifier'])} on "
+        f"the same touches; reader minus classifier: {words(whole['above_classifier'], '+')}."
     ]
 
 
@@ -528,12 +493,12 @@ def _pixel_tables(numbers: dict[str, Any]) -> list[Table]:
         for name, view in numbers["views"].items()
     ]
     rows.append(("the classifier", words(numbers["classifier"]), "", ""))
-    headings = ("a reader that sees", "right", "of what it learned from", curve_heading(numbers["sizes"]))
-    return [Table("What a touch's pixels tell", headings, rows)]
+    headings = ("input", "accuracy", "on its training touches", curve_heading(numbers["sizes"]))
+    return [Table("Accuracy from every pixel of a touch", headings, rows)]
 
 
 def curve_heading(sizes: Sequence[int]) -> str:
-    """Heading of a column of accuracies, one for each number of known touches."""
+    """Heading of a column of accuracies, one per number of known touches."""
     return f"with {', '.join(map(str, sizes))} known"
 
 
@@ -549,17 +514,17 @@ class Main:
     learned_from: Path | None = None
     """Collection to train a reader of every pixel on; without it, nearest neighbours read the numbers of a press."""
     touches: int = 6_000
-    """Held-out touches to measure on, each of another object."""
+    """Held-out touches for the measurement, each of another object."""
     known: int = 20_000
-    """Touches with known shape that the neighbours come from."""
+    """Touches with known shape, among which neighbours are searched."""
     choice: int = 3_000
-    """Touches to choose the number of neighbours on."""
+    """Touches for the choice of the number of neighbours."""
     seed: int = 0
     """Seed of all touches and intervals."""
     out: Path = Path("runs/limit-paper")
     """Folder for limit.json, limit.md and figures."""
     jobs: int = default_jobs()
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
 
     def run(self) -> None:
         """Measure, print and write."""

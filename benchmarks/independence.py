@@ -2,9 +2,9 @@
 
 Run: python benchmarks/independence.py paper           (needs data/paper-repeats: see docs/calibration.md)
 
-Recorded objects of the test split, touched once in every pose and fused by the shipped observation model; beside them,
-objects whose touches are drawn from its outcome table. Plans and their bounds expect the latter. Where an object's
-orientation makes all of its poses tell little at once, the former are told worse.
+It compares recorded objects of the test split, touched once in every pose, with objects whose touches are drawn from
+the outcome table of the shipped observation model, as plans and bounds assume. Accuracy on recorded objects is lower if
+an orientation can make all poses of an object uninformative at once.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarr
 
 
 def drawn_posteriors(table: OutcomeTable, number: int, rng: np.random.Generator) -> tuple[Floats, np.ndarray]:
-    """The same for so many objects of each shape whose touches are drawn from a table."""
+    """The same for ``number`` objects of each shape whose touches are drawn from a table."""
     shapes = np.repeat(np.arange(table.num_shapes), number)
     logs = np.zeros((len(shapes), table.num_shapes))
     for probs in table.probs:
@@ -44,10 +44,10 @@ def drawn_posteriors(table: OutcomeTable, number: int, rng: np.random.Generator)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=["coarse", "paper"])
-    parser.add_argument("--outcomes", type=int, default=24, help="of the table")
+    parser.add_argument("--outcomes", type=int, default=24, help="number of outcomes of the table")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    print("| scene | shape | recorded: told right | probability given to it | drawn from the table | |")
+    print("| scene | shape | recorded: accuracy | probability of the true shape | drawn: accuracy | probability |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
         model = load_observation_model(MODELS / scene)

@@ -1,8 +1,8 @@
 """Compare our height maps with MuJoCo's own tactile sensor: the depth of each taxel inside the object.
 
-It reports, for every vertex of a plate, the distance to the nearest surface of an object the vertex is inside of (0
-outside). Our indentation is measured along the pad's normal instead. Both agree on which taxels are inside, and where
-the surface is parallel to the pad also on how deep. The sensor needs a signed distance: primitives have one.
+MuJoCo's sensor reports for every vertex of a plate its distance to the nearest surface of the object around it (zero
+outside). Our indentation is measured along the pad's normal. Both agree on which taxels are inside, and on the depth
+where the surface is parallel to the pad. The sensor needs a signed distance, which primitives have.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from activetouch.shapes import Shape
 
 Floats = NDArray[np.float64]
 
-# The vertices of a plate are at the taxels' centres, in the order of our images; its skin lies on its lower side and
-# looks to −z, so it is turned to look along +x and set back by what it is thick.
+# The vertices of a plate are at the taxels' centres, in the order of our images. Its skin is on its lower side, facing
+# −z, so the plate is rotated to face +x and moved back by its thickness.
 _MODEL = """
 <mujoco>
   <asset><mesh name="plate" builtin="plate" params="{n} {n}" scale="{plate}"/></asset>
@@ -44,8 +44,8 @@ class NativeSensor:
     """A plate of ``num_taxels`` × ``num_taxels`` vertices on the pad's face, under one primitive.
 
     Args:
-        pad: whose face it covers.
-        shape: a primitive of MuJoCo's: sphere, box, cylinder, capsule or ellipsoid.
+        pad: the pad whose face it covers.
+        shape: a MuJoCo primitive: sphere, box, cylinder, capsule or ellipsoid.
 
     Raises:
         ValueError: the shape is a mesh.
@@ -71,10 +71,15 @@ class NativeSensor:
         plate = self.model.geom("plate").id
         vertices = self.model.mesh_vert @ self.data.geom_xmat[plate].reshape(3, 3).T + self.data.geom_xpos[plate]
         self.taxels = vertices[:, 1:].astype(float)
-        """Where the vertices are, along y and z [m], ``(n², 2)``."""
+        """Positions of the vertices along y and z [m], ``(n², 2)``."""
 
     def depth(self, placement: Placement, position: float) -> Floats:
-        """How deep every vertex is inside the object whose centre is ``position`` [m] before the pad, ``(n²,)`` [m]."""
+        """Depth of every vertex inside the object, ``(n²,)`` [m].
+
+        Args:
+            placement: of the object.
+            position: distance of the object's centre from the pad's face [m].
+        """
         self.model.geom_size[self._geom] = self._size * placement.scale
         self.model.body_quat[self._body] = placement.orientation
         self.model.body_pos[self._body, 1:] = placement.offset

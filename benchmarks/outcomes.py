@@ -1,9 +1,9 @@
-"""Measure the return that planning loses because an outcome table has few outcomes.
+"""Measure the loss of return by planning with few outcomes.
 
-Run: python benchmarks/outcomes.py                     (--help for other scenes and sizes; some minutes)
+Run: python benchmarks/outcomes.py                     (some minutes; --help for other scenes and sizes)
 
-Touches are drawn from a scene's observation model in 96 outcomes, as good as not merged at all, and beliefs are exact
-about them. Only the plans know fewer: 4, 8, 12 (the default for four shapes), 24 or 48. All search the same episodes.
+Touches are drawn in 96 outcomes of a scene's observation model, about which beliefs are exact. Plans use 4, 8, 12 (the
+default for four shapes), 24 or 48 outcomes. All play the same searches.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ FINEST = 96
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", default=["coarse", "paper"], help="of four shapes")
-    parser.add_argument("--outcomes", type=int, nargs="+", default=[12, 4, 8, 24, 48], help="the first is compared to")
+    parser.add_argument(
+        "--outcomes", type=int, nargs="+", default=[12, 4, 8, 24, 48], help="the first is the reference"
+    )
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()

@@ -2,15 +2,15 @@
 
 Run: python benchmarks/repeats.py                      (needs data/coarse-repeats: see docs/calibration.md)
 
-Every touch is a recorded one of a real object of the test split, read by the shipped network; a second touch in a pose
-is the same object in the next round. So touches repeat each other as they do live, and beliefs come from the shipped
-observation model, which discounts them. What differs is only how a decider picks poses:
+Touches are recorded touches of test objects; a second touch in a pose is that of the next round. Repeats are therefore
+correlated as in live searches. Beliefs come from the shipped observation model, which discounts repeats. Deciders
+differ in the choice of poses only:
 
-- ``least used``: by information gain among the poses used least (decision 0006);
-- ``fresh``: by information gain, repeats taken for as good as new;
-- ``priced``: by information gain times what the model says a repeat is worth.
+- ``least used``: information gain among the least used poses (decision 0006);
+- ``independent``: information gain, with repeats assumed independent;
+- ``discounted``: information gain, with repeats discounted as by the model.
 
-The same with the value of information, which also stops by it.
+The same is measured with the value of information, which also stops by it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class RecordedWorld:
         self._uses = np.zeros((number, poses), np.int64)
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
-        """The next round of the current object in this pose; after the last, the first again."""
+        """The touch of the current object in this pose in the next round; after the last round, the first again."""
         number = self._uses[self._current, pose] % self._rounds.num_rounds
         self._uses[self._current, pose] += 1
         drawn = self._order[self._current, pose, number]
@@ -63,7 +63,7 @@ class RecordedWorld:
         self._current += 1
 
     def reset(self) -> None:
-        """Bring the first object, as if none had been touched."""
+        """Bring the first object, and forget all touches."""
         self._current = 0
         self._uses[:] = 0
 
@@ -76,7 +76,7 @@ def read_rounds(data: Path, sensor: Path) -> Rounds:
 
 
 def deciders(table: OutcomeTable, known: RepeatDiscount) -> Mapping[str, Decider]:
-    discounts = {"least used": LeastUsedFirst(), "fresh": CorrelatedRepeats(0.0), "priced": known}
+    discounts = {"least used": LeastUsedFirst(), "independent": CorrelatedRepeats(0.0), "discounted": known}
     gains = {
         f"information gain, {name}": SequentialDecider(PosteriorThresholds(), TargetInformationGain(table, discount))
         for name, discount in discounts.items()

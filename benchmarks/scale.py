@@ -3,7 +3,7 @@
     python benchmarks/scale.py                                        this process, two processes, a Dask cluster of two
     python benchmarks/scale.py --scheduler tcp://10.0.0.1:8786        your cluster
 
-A task here does nothing but return as many bytes as a shard of 25 searches has.
+A task only returns as many bytes as a shard of 25 searches has.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _LINE = "x" * 4000  # a search of seven touches of four shapes, as JSON
 
 
 def a_shard(number: int) -> tuple[int, list[str]]:
-    """As much as a worker sends back."""
+    """A number and the lines of a shard."""
     return number, [_LINE] * EPISODES_PER_SHARD
 
 

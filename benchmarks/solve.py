@@ -3,9 +3,9 @@
 Run: python benchmarks/solve.py                                                        (half an hour)
      python benchmarks/solve.py coarse paper --outcomes 24 --touch-costs 0.02 --no-bounds   (finer tables)
 
-For every target and touch cost: what the policy is worth at the start (achieved), and what no policy exceeds
-(certified), of one object and of a search among four distinct ones; seconds to solve; microseconds a decision. The
-synthetic table is softmax(2 z), z standard normal: 6 poses, 4 shapes, 12 outcomes, 0.85 nats a touch at best.
+For every target and touch cost, it prints the value of the policy at the start and the certified upper bound, for one
+object and for a search among four distinct objects, with the time to solve and per decision. The synthetic table is
+softmax(2 z), z standard normal: 6 poses, 4 shapes, 12 outcomes, 0.85 nats per touch in the best pose.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def table(name: str, num_outcomes: int | None) -> Floats:
 
 
 def decision_times(policy: TouchPolicy) -> tuple[float, float]:
-    """Seconds a decision takes alone, and in a batch of 100 000: medians of rounds."""
+    """Seconds per decision, alone and in a batch of 100 000: medians of rounds."""
     beliefs = np.random.default_rng(0).dirichlet(np.ones(policy.problem.num_shapes), size=100_000)
     alone, batched = [], []
     for _ in range(7):
@@ -44,7 +44,7 @@ def decision_times(policy: TouchPolicy) -> tuple[float, float]:
 
 
 def of_bound(policy: TouchPolicy | SearchPolicy, bounds: bool) -> tuple[str, str]:
-    """What a policy achieves, of what is possible at most, and the ratio of the two."""
+    """Value of a policy and its upper bound, and their ratio."""
     low = policy.lower_bound
     if not bounds:
         return f"{low:.4f}", ""
@@ -55,8 +55,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", default=["synthetic", "coarse", "gel"], help="synthetic, or scenes")
     parser.add_argument("--touch-costs", type=float, nargs="+", default=[0.01, 0.05, 0.1], metavar="λ")
-    parser.add_argument("--outcomes", type=int, help="of the scenes' tables; their own number by default")
-    parser.add_argument("--no-bounds", dest="bounds", action="store_false", help="leave out what no policy exceeds")
+    parser.add_argument("--outcomes", type=int, help="outcomes of the scenes' tables")
+    parser.add_argument("--no-bounds", dest="bounds", action="store_false", help="leave out the upper bounds")
     chosen = parser.parse_args()
     print("| table | λ | target | one object | | solved in | decision alone, batched | search of four | | solved in |")
     print("|---|---|---|---|---|---|---|---|---|---|")

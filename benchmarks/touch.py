@@ -2,8 +2,8 @@
 
 Run: python benchmarks/touch.py
 
-Each row is the median of repeated batches, and its ratio to the quasistatic touch measured in the same rounds:
-machines drift, ratios hold.
+Times are medians of interleaved rounds. Ratios to the quasistatic touch are taken within a round, so they hardly depend
+on other load.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROUNDS, PER_ROUND = 7, 60
 
 
 def cases() -> dict[str, Callable[[int], object]]:
-    """What to time, each as a function of a running number."""
+    """Functions to time, which take a running number."""
     torch.set_num_threads(1)
     sensor = TactileSensor.shipped("gel")
     rng = np.random.default_rng(0)

@@ -2,8 +2,8 @@
 
 Run: python benchmarks/world.py            (MENAGERIE_ROOT=... adds the rows with the robot)
 
-Presses a second are those of all cores together; every other row is the median of interleaved rounds on one core, with
-its ratio to the first of its block: machines drift, ratios hold.
+Presses per second are those of all cores together. All other times are medians of interleaved rounds on one core, with
+the ratio to the first row of the block, taken within a round.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def press_many(scene: Scene, seed: int, number: int) -> None:
 
 
 def presses_per_second(scene: Scene, number: int) -> float:
-    """Touches, images and all, on every core: the median of several rounds."""
+    """Presses with images per second on all cores: the median of several rounds."""
     rates = []
     with joblib.parallel_config("loky", inner_max_num_threads=1), joblib.Parallel(n_jobs=NUM_CORES) as parallel:
         for _ in range(ROUNDS + 1):
@@ -52,7 +52,7 @@ def presses_per_second(scene: Scene, number: int) -> float:
 
 
 def rollouts_per_second(number: int = 256) -> float:
-    """Presses stepped by ``mujoco.rollout`` on every core, each to the depth at which its pad carries about 2 N."""
+    """Presses per second stepped by ``mujoco.rollout`` on all cores, each to a depth of about 2 N."""
     press, rng = Dynamic(), np.random.default_rng(0)
     rigs = {name: Rig(Setup(), shape, press.timestep, traced=True) for name, shape in SHAPES.items()}
     models, states, controls = [], [], []
@@ -117,7 +117,7 @@ def height_map(name: str, num_taxels: int = 128) -> Callable[[int], object]:
 
 def main() -> None:
     gel = SCENES["gel"].scene
-    print(f"presses a second on {NUM_CORES} cores")
+    print(f"presses per second on {NUM_CORES} cores")
     print(f"  quasistatic, with image       {presses_per_second(replace(gel, press_model=Quasistatic()), 400):8.0f}")
     print(f"  dynamic, with image           {presses_per_second(gel, 200):8.0f}")
     print(f"  dynamic, mujoco.rollout       {rollouts_per_second():8.0f}")

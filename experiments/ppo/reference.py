@@ -1,8 +1,8 @@
-"""Reference returns for a learned policy: upper bound, best thresholds, and free touches.
+"""Reference returns for a learned policy: upper bound, best posterior thresholds, and free touches.
 
-The upper bound is certified for the discretised sensor model with discounted repeats. The best pair of thresholds on
-the posterior, which probes the least used pose, is an attainable return. The return with free touches, in all poses in
-turn, shows how much information there is.
+The upper bound is certified for the discretised sensor model with discounted repeats. The return of the best pair of
+posterior thresholds, with the least used pose next, is attainable. The return with free touches, in all poses in turn,
+shows how much information touches contain.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ _EPISODES = 2000
 
 @dataclass(frozen=True)
 class Reference:
-    """For one target.
+    """Reference returns for one target.
 
     Attributes:
-        optimum: what no policy exceeds, of the table of outcomes, repeats priced, within the touch limit.
-        thresholds: the best pair on the objects that policies learn from: confirm, reject.
-        score: of that pair on the objects of the test split.
-        free: return on these if as many touches as are allowed cost nothing.
+        optimum: upper bound on the return for the table of outcomes, with discounted repeats and the touch limit.
+        thresholds: best pair (confirm, reject) on the objects that policies learn from.
+        score: score of that pair on the objects of the test split.
+        free: return on these objects with the maximum number of touches, if touches cost nothing.
     """
 
     optimum: float
@@ -47,7 +47,15 @@ class Reference:
 
 
 def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: str, recipe: PPORecipe) -> Reference:
-    """The references for a target, under the task of a recipe, in tests as it measures them."""
+    """Compute the reference returns for a target.
+
+    Args:
+        bank: touches that policies learn from.
+        test_bank: touches of other objects.
+        model: observation model that updates the belief.
+        target: label of the shape sought.
+        recipe: recipe whose touch cost, touch limit and prior are used.
+    """
     task = (target, _EPISODES, "posterior", recipe.touch_cost, recipe.touch_limit, recipe.test_prob)
     known, test = BankEpisodes(bank, model, *task), BankEpisodes(test_bank, model, *task)
     pairs = list(product(_CONFIRM, _REJECT))
@@ -55,15 +63,15 @@ def reference(bank: TouchBank, test_bank: TouchBank, model: ArrayModel, target: 
     index = bank.shape_labels.index(target)
     prior = ObjectPriors.of(len(bank.shape_labels), index, recipe.test_prob).probs(recipe.test_prob)
     problem = TouchProblem(model.outcome_table().probs, prior, index, recipe.touch_cost)
-    worth = weights_in_turn(repeat_discount(model), problem.num_poses, -(-recipe.touch_limit // problem.num_poses))
-    weights = [*worth[: recipe.touch_limit].tolist(), 0.0]  # the limit: no touch after it shows anything
+    in_turn = weights_in_turn(repeat_discount(model), problem.num_poses, -(-recipe.touch_limit // problem.num_poses))
+    weights = [*in_turn[: recipe.touch_limit].tolist(), 0.0]  # touches after the limit are uninformative
     optimum = object_bound(problem, np.random.default_rng(0), weights)
     free = 2.0 * play(thresholds(np.inf, -np.inf), test).success - 1.0
     return Reference(optimum, best, play(thresholds(*best), test), free)
 
 
 def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArray[np.int64]]:
-    """Confirm or reject where the posterior of the target is beyond a threshold, and at the touch limit; else probe."""
+    """A policy that decides when the posterior of the target passes a threshold, or at the touch limit."""
 
     def choose(episodes: BankEpisodes) -> NDArray[np.int64]:
         prob = np.exp(episodes.log_probs[:, episodes.target])

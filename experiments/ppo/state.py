@@ -1,8 +1,8 @@
-"""All that a training of PPO goes on from: weights, optimiser, episodes under way, and every source of chance.
+"""State from which a PPO training continues: weights, optimiser, unfinished episodes, and all random states.
 
-A training that was killed and goes on from this ends with the policy and the curve of one that was left alone, byte for
-byte. The state is taken between two updates, when the rollout buffer is empty. Stable-Baselines3 draws from the global
-generators of numpy and torch, so these are part of it.
+A training that continues from this state ends with the same policy and learning curve, byte for byte, as an
+uninterrupted one. The state is taken between two updates, when the rollout buffer is empty. It contains the global
+generators of numpy and torch, because Stable-Baselines3 draws from them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 
 
 def write_state(path: Path, learner: PPO, fields: Mapping[str, Any]) -> None:
-    """Write the state of a learner before a rollout, and fields of the caller's with it."""
+    """Write the state of a learner before a rollout.
+
+    Args:
+        path: file to write.
+        learner: the learner, on a :class:`~activetouch.envs.sb3.BankVecEnv`.
+        fields: further JSON fields of the file.
+    """
     envs = cast("BankVecEnv", learner.get_env())
     kind, words, *position = np.random.get_state()  # noqa: NPY002
     assert isinstance(words, np.ndarray), "the old generator's state is a tuple by default"
@@ -43,10 +49,10 @@ def write_state(path: Path, learner: PPO, fields: Mapping[str, Any]) -> None:
 
 
 def restore_state(path: Path, learner: PPO) -> None:
-    """Put a new learner of the same settings to where the file says.
+    """Set a new learner with the same settings to the state in a file.
 
     Raises:
-        CorruptFile: the file is damaged, or is of other settings.
+        CorruptFile: the file is damaged, or has other settings.
     """
     tensors, fields = read_tensors(path)
     envs = cast("BankVecEnv", learner.get_env())
@@ -74,7 +80,7 @@ def restore_state(path: Path, learner: PPO) -> None:
 
 @contextmanager
 def global_chance_kept() -> Iterator[None]:
-    """Leave the global generators, which Stable-Baselines3 seeds and draws from, as they were."""
+    """Restore the global generators, which Stable-Baselines3 seeds and draws from, afterwards."""
     before = np.random.get_state()  # noqa: NPY002
     try:
         with torch.random.fork_rng(devices=[]):

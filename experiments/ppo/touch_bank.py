@@ -15,15 +15,15 @@ from experiments.sensor.scores import readings
 from experiments.sensor_choice import open_collection, require_collection
 
 TRAINING, TEST = "calibration", "test"
-"""Splits of the collection that a policy learns from and is measured on."""
+"""Splits of the collection for training and for evaluation of policies."""
 
 
 @dataclass(frozen=True)
 class MakeTouchBank:
     """Convert recorded touches into a bank of logits and features to train policies on.
 
-    The classifier saw none of these objects. Policies learn from those of the calibration split, and are measured on
-    those of the test split.
+    The classifier was not trained on these objects. Policies learn from those of the calibration split, and are
+    evaluated on those of the test split.
 
     For example:
 
@@ -37,9 +37,9 @@ class MakeTouchBank:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the classifier; that of the sensor that comes with the scene by default."""
+    """Folder of the classifier; the shipped sensor of the scene by default."""
     out: Path | None = None
-    """Folder of the banks, one for each split; data/SCENE-bank by default."""
+    """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
     """Use a collection of another scene than the classifier's."""
 
@@ -48,7 +48,7 @@ class MakeTouchBank:
         from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
         from activetouch.perception.classifier import TouchClassifier  # loads torch
 
-        named_scene(self.scene)  # or say which there are
+        named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else MODELS / self.scene
         out = self.out if self.out is not None else bank_folder(self.scene)

@@ -1,4 +1,4 @@
-"""``activetouch train-ppo``: from touch banks to one policy a target."""
+"""``activetouch train-ppo``: PPO policies from touch banks, one per target."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
 
 @dataclass(frozen=True)
 class PPOChanges:
-    """What to change about the named recipes."""
+    """Changes to the named recipes."""
 
     steps: Count | None = None
-    """Of all environments together."""
+    """Total number of steps of all environments."""
     learning_rate: Positive | None = None
-    """At the start; falls linearly to nothing."""
+    """Initial learning rate; it falls linearly to zero."""
     entropy: NotNegative | None = None
     """Weight of the entropy bonus."""
     beta: NotNegative | None = None
     """Weight of the shaping reward (decision 0031)."""
     touch_cost: NotNegative | None = None
-    """λ."""
+    """Cost λ of a touch."""
     touch_limit: Count | None = None
-    """T_max, touches of one object."""
+    """Largest number T_max of touches per object."""
     target_prob: Annotated[float | tuple[float, float] | None, _PROB] = None
-    """How often the object of a training episode is the target, or a range (decisions 0030 and 0024)."""
+    """Prior probability of the target in training, or a range (decisions 0030 and 0024)."""
 
     def of(self, recipe: PPORecipe) -> PPORecipe:
         """The recipe with these changes."""
@@ -57,12 +57,11 @@ class PPOChanges:
 
 @dataclass(frozen=True)
 class TrainPPO:
-    """Train PPO policies on recorded touches, one a target and seed, and keep the best seed of each.
+    """Train PPO policies on recorded touches, one per target and seed, and keep the best seed of each target.
 
-    Every training is kept in a folder of its own and goes on from there when the command is started again. Learning
-    curves are measured on the objects of the test split; which seed is kept, on those it learned from. OUT/policies is
-    what the deciders ppo, ppo_posterior and ppo_confident read: it belongs beside the sensor, in SENSOR/policies. With
-    tensorboard installed, SB3's log is in the folder of each training.
+    After an interruption, the same command continues. Learning curves are evaluated on the objects of the test split;
+    the seed is chosen on the objects of training. The deciders ppo, ppo_posterior and ppo_confident read
+    SENSOR/policies: copy OUT/policies there. If tensorboard is installed, the folder of each training has SB3's log.
 
     For example:
 
@@ -72,23 +71,23 @@ class TrainPPO:
     """
 
     scene: str = "gel"
-    """The scene it is for: decides the next three where they are not given."""
+    """Name of the scene, which gives the defaults of the next three."""
     bank: Path | None = None
     """Folder of the touch banks; data/SCENE-bank by default."""
     sensor: Path | None = None
-    """Folder of the observation model; that of the sensor that comes with the scene by default."""
+    """Folder of the observation model; the shipped sensor of the scene by default."""
     out: Path | None = None
-    """Where trainings and policies are kept; runs/ppo-SCENE by default."""
+    """Folder for trainings and policies; runs/ppo-SCENE by default."""
     targets: tuple[str, ...] = ()
     """Shapes to train for; all by default."""
     recipes: tuple[RecipeName, ...] = ("paper", "posterior")
-    """What policies see, and how they learn; one recipe a state."""
+    """Recipes of training, at most one per state."""
     change: PPOChanges = field(default_factory=PPOChanges)
-    """Settings that differ from the recipes'."""
+    """Changes to the recipes."""
     seeds: Count = 3
-    """Trainings of each."""
+    """Number of trainings of each policy."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes."""
+    """Number of processes."""
     anyway: bool = False
     """Use banks of another scene than the sensor's."""
 
@@ -97,7 +96,7 @@ class TrainPPO:
         check_arguments(self)
         from experiments.ppo.training import POLICY  # loads gymnasium
 
-        named_scene(self.scene)  # or say which there are
+        named_scene(self.scene)  # raises for an unknown name
         recipes = self._recipes()
         out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")
         require_writable(out)
@@ -129,7 +128,7 @@ class TrainPPO:
 
     @staticmethod
     def _compare_with_references(trainings: Sequence[Training], chosen: Mapping[int, list[Score]], out: Path) -> None:
-        """Print and write what the chosen policies return beside what there is to be had."""
+        """Print and write the returns of the chosen policies and the reference returns."""
         from experiments.ppo.reference import reference
 
         rows = []
@@ -142,20 +141,20 @@ class TrainPPO:
             print(
                 f"{one.recipe.state} {one.target}: return {last.mean_return:.3f} is "
                 f"{last.mean_return / best.mean_return:.3f} of the {best.mean_return:.3f} of the best thresholds "
-                f"({reject}, {confirm}); at most {against.optimum:.3f} in the table of outcomes, repeats priced; "
-                f"all touches for nothing {against.free:.3f}"
+                f"({reject}, {confirm}); upper bound {against.optimum:.3f} for the table of outcomes; with free "
+                f"touches {against.free:.3f}"
             )
         write_text(out / "references.json", json.dumps(rows, indent=1) + "\n")
 
     def _recipes(self) -> dict[str, PPORecipe]:
-        """The changed recipes by name, or an error about an argument."""
+        """The changed recipes by name."""
         recipes = {name: self.change.of(PPO_RECIPES[name]) for name in self.recipes}
         if not recipes or len({recipe.state for recipe in recipes.values()}) < len(self.recipes):
-            raise ImpossiblePPO("--recipes", "one recipe a state", " ".join(self.recipes))
+            raise ImpossiblePPO(f"--recipes must be one recipe a state, got {' '.join(self.recipes)!r}")
         return recipes
 
     def _trainings(self, out: Path, recipes: Mapping[str, PPORecipe]) -> list[Training]:
-        """All trainings, or an error before any is started."""
+        """All trainings; errors are raised before any is started."""
         from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
         from experiments.ppo.training import Training
 
@@ -172,7 +171,7 @@ class TrainPPO:
                 try:
                     tell_shift(require_scene(f"the model in {sensor}", fitted_to, one.scene or {}, self.anyway))
                 except WrongScene as error:
-                    raise WrongScene(f"{folder} is no bank for it: {error}. {remedy}") from error
+                    raise WrongScene(f"{folder} is a bank of another scene: {error}. {remedy}") from error
         for target in self.targets:
             if target not in bank.shape_labels:
                 raise UnknownName("target", target, list(bank.shape_labels))
@@ -187,26 +186,29 @@ class TrainPPO:
 def _run(index: int, training: Training) -> tuple[int, list[Score]]:
     import torch
 
-    torch.set_num_threads(1)  # networks this small only lose by more
+    torch.set_num_threads(1)  # more threads make networks this small slower
     return index, training.run()
 
 
 def draw_curves(found: Mapping[str, Mapping[str, Sequence[Sequence[Score]]]], path: Path) -> None:
-    """Return against steps, one panel a state, one colour a target: the mean of the seeds, and their range."""
-    from matplotlib.figure import Figure
+    """Draw return against steps: a panel per state, a colour per target, mean and range of the seeds.
 
-    figure = Figure(figsize=(4.2 * len(found), 3.2), layout="constrained")
-    axes = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
-    for panel, (state, targets) in zip(axes, found.items(), strict=True):
-        for index, (target, curves) in enumerate(targets.items()):
-            length = min(len(curve) for curve in curves)
-            steps = np.array([[point[0] for point in curve[:length]] for curve in curves]).mean(axis=0) / 1000
-            values = np.array([[point[1] for point in curve[:length]] for curve in curves])
-            panel.plot(steps, values.mean(axis=0), color=f"C{index}", label=target)
-            panel.fill_between(steps, values.min(axis=0), values.max(axis=0), color=f"C{index}", alpha=0.2, lw=0)
-        panel.set(title=f"state: {state}", xlabel="thousand steps")
-    axes[0].set_ylabel("return of a test")
-    axes[0].set_ylim(-0.25, 1.02)  # networks that have learned nothing may lie lower
-    axes[-1].legend()
-    with atomic_path(path) as temporary:
-        figure.savefig(temporary)
+    Args:
+        found: learning curves of all seeds, by state and target.
+        path: file to write; the ending decides the format.
+    """
+    from experiments.reporting.style import PALETTE, figure  # loads matplotlib
+
+    with figure((4.2 * len(found), 3.2), path) as drawn:
+        axes = drawn.subplots(1, len(found), sharey=True, squeeze=False)[0]
+        for panel, (state, targets) in zip(axes, found.items(), strict=True):
+            for index, (target, curves) in enumerate(targets.items()):
+                colour, length = PALETTE[index % len(PALETTE)], min(map(len, curves))
+                points = np.array([[point[:2] for point in curve[:length]] for curve in curves])  # (seeds, length, 2)
+                steps, values = points[..., 0].mean(axis=0) / 1000, points[..., 1]
+                panel.plot(steps, values.mean(axis=0), color=colour, label=target)
+                panel.fill_between(steps, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2, lw=0)
+            panel.set(title=f"state: {state}", xlabel="thousand steps")
+        axes[0].set_ylabel("return of a test")
+        axes[0].set_ylim(-0.25, 1.02)  # untrained networks may lie lower
+        axes[-1].legend()

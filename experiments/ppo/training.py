@@ -1,10 +1,11 @@
-"""Train one policy on a touch bank with Stable-Baselines3, in a folder from which it goes on after an interruption.
+"""Training of one policy on a touch bank with Stable-Baselines3, which continues after an interruption.
 
-    FOLDER/state.safetensors  all it goes on from, with settings and learning curve: see :mod:`experiments.ppo.state`
-    FOLDER/policy.safetensors once finished, what :mod:`planners.ppo` reads
-    FOLDER/learner.zip        once finished, the learner as SB3 saves it: ``PPO.load`` trusts it as any pickle
+    FOLDER/state.safetensors  state to continue from, settings and learning curve: see :mod:`experiments.ppo.state`
+    FOLDER/policy.safetensors the finished policy, for :mod:`planners.ppo`
+    FOLDER/learner.zip        the finished learner as SB3 saves it; ``PPO.load`` unpickles it
 
-An interrupted training ends with the same policy and curve as one in a single piece. Going on runs no code from a file.
+An interrupted training ends with the same policy and learning curve as an uninterrupted one. Continuing runs no code
+from a file.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
     from stable_baselines3 import PPO
 
 STATE, LEARNER, POLICY = "state.safetensors", "learner.zip", "policy.safetensors"
-_EVALUATIONS = 12  # of a training
-_EPISODES = 2000  # of an evaluation
+_EVALUATIONS = 12  # per training
+_EPISODES = 2000  # per evaluation
 
 
 class OtherTraining(ActiveTouchError, ValueError):
@@ -43,13 +44,13 @@ class OtherTraining(ActiveTouchError, ValueError):
 
 
 class Score(NamedTuple):
-    """How good a policy is on a bank, deciding as :class:`planners.ppo.PPODecider` does.
+    """Score of a policy on a bank, with actions chosen as by :class:`planners.ppo.PPODecider`.
 
     Attributes:
-        steps: of training.
-        mean_return: of a test, without shaping.
-        success: share of right decisions.
-        touches: of a test.
+        steps: number of training steps.
+        mean_return: mean return per test, without shaping.
+        success: fraction of right decisions.
+        touches: mean number of touches per test.
     """
 
     steps: int
@@ -60,15 +61,15 @@ class Score(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """One policy to be trained.
+    """Training of one policy.
 
     Attributes:
-        bank, test_bank: touches to learn from, and of other objects to be measured on.
-        model: turns touches into evidence.
+        bank, test_bank: touches to learn from, and touches of other objects for evaluation.
+        model: observation model that updates the belief.
         target: label of the shape sought.
-        recipe: how.
-        seed: of weights and episodes.
-        folder: where it is kept.
+        recipe: settings of PPO and of the task.
+        seed: seed of weights and episodes.
+        folder: folder of the training.
     """
 
     bank: TouchBank
@@ -81,12 +82,17 @@ class Training:
 
     @property
     def card(self) -> PolicyCard:
-        """Of the policy."""
+        """Card of the policy."""
         labels, summary = (self.bank.shape_labels, self.bank.pose_labels), f"{self.recipe}, seed {self.seed}"
         return PolicyCard(self.recipe.state, self.target, *labels, self.recipe.touch_limit, summary)
 
     def run(self) -> list[Score]:
-        """Train what is left and return the learning curve on the test bank."""
+        """Finish the training and return the learning curve on the test bank.
+
+        Raises:
+            OtherTraining: the folder holds a training with other settings.
+            CorruptFile: the folder's state is damaged.
+        """
         from experiments.ppo.state import global_chance_kept
 
         steps, curve = self._progress()
@@ -96,7 +102,7 @@ class Training:
         return curve
 
     def _train(self, done: int, curve: list[Score]) -> None:
-        """Train from where the folder stands; the curve grows."""
+        """Continue from the state in the folder, and append to the curve."""
         from experiments.ppo.state import restore_state, write_state
 
         learner = self._learner()
@@ -111,7 +117,7 @@ class Training:
                 write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
 
         learner.learn(self.recipe.steps - done, _callback(report), reset_num_timesteps=False, tb_log_name=self.target)
-        every = 0.0  # the last point is always on the curve
+        every = 0.0  # so that the last point is on the curve
         report(learner.num_timesteps)
         with atomic_path(self.folder / LEARNER) as temporary:
             learner.save(temporary)
@@ -119,7 +125,7 @@ class Training:
             temporary.write_bytes(policy_of(learner, self.card).to_bytes())
 
     def score(self) -> Score:
-        """Of the finished policy on the objects and priors that it learned from: to choose among seeds."""
+        """Score of the finished policy on the objects and priors of its training, to choose among seeds."""
         path = self.folder / POLICY
         try:
             policy = Policy.from_bytes(path.read_bytes())
@@ -127,10 +133,10 @@ class Training:
             raise CorruptFile(f"{path}: {error}; delete {self.folder} and start again") from error
         return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES, self.recipe.target_prob), self.recipe.steps)
 
-    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb) -> BankEpisodes:
+    def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb, *shaping: float) -> BankEpisodes:
         recipe = self.recipe
         task = (recipe.touch_cost, recipe.touch_limit, target_prob)
-        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task)
+        return BankEpisodes(bank, self.model, self.target, num_envs, recipe.state, *task, *shaping)
 
     def _learner(self) -> PPO:
         """A new learner."""
@@ -139,12 +145,8 @@ class Training:
         from activetouch.envs.sb3 import BankVecEnv
 
         recipe = self.recipe
-        kind = _learner_class(recipe.masked)
-        task = (recipe.touch_cost, recipe.touch_limit, recipe.target_prob)
-        episodes = BankEpisodes(
-            self.bank, self.model, self.target, recipe.num_envs, recipe.state, *task, recipe.beta, recipe.discount
-        )
-        learner = kind(
+        episodes = self._episodes(self.bank, recipe.num_envs, recipe.target_prob, recipe.beta, recipe.discount)
+        learner = _learner_class(recipe.masked)(
             "MlpPolicy",
             BankVecEnv(episodes, seed=[self.seed, 0]),
             n_steps=recipe.rollout,
@@ -160,11 +162,11 @@ class Training:
             device="cpu",
         )
         if learner.tensorboard_log is None:
-            learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's own makes a folder among temporary files
+            learner.set_logger(Logger(folder=None, output_formats=[]))  # SB3's default makes a temporary folder
         return learner
 
     def _progress(self) -> tuple[int, list[Score]]:
-        """Steps done and learning curve, as the folder has them."""
+        """Finished steps and learning curve in the folder."""
         path = self.folder / STATE
         if not path.is_file():
             return 0, []
@@ -184,7 +186,7 @@ class Training:
         return steps, curve
 
     def _settings(self) -> dict[str, Any]:
-        """All that decides policy and curve, as JSON types."""
+        """Everything that policy and curve depend on, as JSON types."""
         settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
         banks = {"bank": self.bank, "test bank": self.test_bank}
         digests = {name: array_digest(bank.logits, bank.shapes) for name, bank in banks.items()}
@@ -193,7 +195,7 @@ class Training:
 
 
 def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int = 1) -> Score:
-    """:func:`play` a policy that does what it finds best, and has to decide at the touch limit."""
+    """Score of a policy that takes its most probable action, and must decide at the touch limit."""
 
     def choose(now: BankEpisodes) -> NDArray[np.int64]:
         return np.where(now.action_masks(), policy.scores(now.observe()), -np.inf).argmax(axis=1)
@@ -204,7 +206,14 @@ def evaluate(policy: Policy, episodes: BankEpisodes, steps: int = 0, seed: int =
 def play(
     choose: Callable[[BankEpisodes], NDArray[np.int64]], episodes: BankEpisodes, steps: int = 0, seed: int = 1
 ) -> Score:
-    """Play one episode in every row, the actions ``(B,)`` chosen by a function of them all."""
+    """Play one episode per row and return the mean score.
+
+    Args:
+        choose: function from the episodes to actions ``(B,)``.
+        episodes: B episodes; they are reset first.
+        steps: number of training steps, for the score.
+        seed: seed of the episodes.
+    """
     rng, rows = np.random.default_rng(seed), np.arange(episodes.num_envs)
     episodes.reset(rows, rng)
     running, returns = np.ones(len(rows), np.bool_), np.zeros(len(rows))
@@ -219,11 +228,11 @@ def play(
 
 
 def policy_of(learner: PPO, card: PolicyCard) -> Policy:
-    """The policy network of a learner of Stable-Baselines3, for numpy.
+    """Convert the policy network of a Stable-Baselines3 learner to numpy.
 
     Args:
-        learner: a PPO or MaskablePPO with an ``MlpPolicy`` of tanh units; to take one from a file, ``PPO.load`` it.
-        card: what it was trained for.
+        learner: a PPO or MaskablePPO with an ``MlpPolicy`` of tanh units.
+        card: card of the policy.
     """
     from torch import nn
 
@@ -245,11 +254,11 @@ def _learner_class(masked: bool) -> type[PPO]:
         from sb3_contrib import MaskablePPO
     except ImportError as error:
         raise MissingPackage("masked recipes need sb3-contrib: pip install activetouch[contrib]") from error
-    return cast("type[PPO]", MaskablePPO)  # no subclass, but of the same use
+    return cast("type[PPO]", MaskablePPO)  # not a subclass, but with the same interface
 
 
 def _callback(report: Callable[[int], None]) -> Any:
-    """A callback that reports the steps done before every rollout, when weights and optimiser are settled."""
+    """A callback that reports the finished steps before every rollout, between two updates."""
     from stable_baselines3.common.callbacks import BaseCallback
 
     class Report(BaseCallback):
