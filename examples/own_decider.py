@@ -4,9 +4,9 @@ Run in this folder:
 
     activetouch compare --scene coarse --deciders "own_decider:EveryPose(confirm=0.9)" information_gain --episodes 25
 
-A decider is an object with a method ``decide``. It is made in every worker process from its name, which is why it must
-lie in a file. What its ``__init__`` or function takes by the name ``table``, ``model`` or ``policies`` it is given; its
-other parameters are settings, to be written in the brackets.
+A decider is an object with a method ``decide``. Every worker process makes it from its name, so it must be in a file.
+Parameters with the names ``table``, ``model`` and ``policies`` are passed to it; its other parameters are settings,
+which are written in the brackets.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from planners import Decision, InformationState, check_decider
 
 @dataclass(frozen=True)
 class EveryPose:
-    """Touches every object once in each of the first poses, then takes the likelier answer.
+    """Touch every object once in each of the first poses, then give the more probable answer.
 
     Attributes:
-        poses: how many.
+        poses: number of poses.
         confirm: probability of the target at which it confirms at once.
     """
 
@@ -40,4 +40,4 @@ class EveryPose:
 
 
 if __name__ == "__main__":
-    print(f"{len(check_decider(EveryPose(), np.random.default_rng(0)))} searches: the contract of deciders is kept")
+    print(f"{len(check_decider(EveryPose(), np.random.default_rng(0)))} searches: the decider meets the contract")

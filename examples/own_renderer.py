@@ -1,12 +1,12 @@
-"""A renderer of your own: an image of where the pad is touched, and nothing of how hard.
+"""A renderer of your own: a binary image of the contact area, without the pressure.
 
 Run in this folder:
 
     activetouch touch --renderer "own_renderer:Outline(threshold=0.1)" --shape cube --out cube.png
     activetouch compare --renderer own_renderer:Outline --sensor gel --anyway --targets cube --episodes 5
 
-The second command lets the sensor of ``gel`` read images that it was not trained on, which it does badly: for a sensor
-that was trained on them, call ``activetouch.make_sensor`` or run the commands that ``compare`` names without --anyway.
+In the second command, the sensor of ``gel`` reads images on which it was not trained, so it reads them badly. To train
+a sensor on them, call ``activetouch.make_sensor``, or run ``compare`` without --anyway, which prints the commands.
 """
 
 from dataclasses import dataclass
@@ -20,14 +20,14 @@ from activetouch.rendering import check_renderer
 
 @dataclass(frozen=True)
 class Outline:
-    """One where the pressure is above a share of its maximum, zero elsewhere.
+    """Image that is one where the pressure is above a fraction of its maximum, and zero elsewhere.
 
     Attributes:
-        threshold: that share.
+        threshold: this fraction.
     """
 
     threshold: float = 0.05
-    isotropic = True  # a turned contact gives the turned image
+    isotropic = True  # a rotated contact gives the rotated image
 
     def __call__(self, contact: Contact) -> NDArray[np.floating]:
         """The image, values in [0, 1]."""
@@ -36,4 +36,4 @@ class Outline:
 
 
 if __name__ == "__main__":
-    print(f"images of {check_renderer(Outline())} pixels: the contract of renderers is kept")
+    print(f"images of {check_renderer(Outline())} pixels: the renderer meets the contract")

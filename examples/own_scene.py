@@ -1,4 +1,4 @@
-"""A scene of your own: that of ``gel``, pressed twice as hard.
+"""A scene of your own: ``gel`` with larger forces.
 
 Run in this folder:
 
@@ -17,10 +17,10 @@ from activetouch.named_scenes import NamedScene
 
 
 def pressed_harder(force: float = 3.0) -> NamedScene:
-    """The scene ``gel`` with stronger presses and three objects on the table.
+    """The scene ``gel`` with larger forces and three objects.
 
     Args:
-        force: the weakest; the strongest is twice that [N].
+        force: smallest force [N]; the largest is twice as large.
     """
     gel = SCENES["gel"]
     variation = replace(gel.scene.variation, force=Uniform(force, 2.0 * force))

@@ -19,7 +19,7 @@ from belief.observation_model import RatioModel
 from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
-from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, kept_information, score_model
+from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, score_model
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
@@ -106,14 +106,20 @@ class CalibrationReport:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
         found = []
-        for split in ("calibration", "test"):  # one after the other: the images take a gigabyte
+        for split in ("calibration", "test"):  # in turn, because the images of one take a gigabyte
             touches = read_split(data, split)
             logits = read_logits(classifier, touches.images, f"reading {split} touches")
             found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
         return found
 
     def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
-        """All numbers, from the logits of both splits."""
+        """All numbers of the report.
+
+        Args:
+            manifest: manifest of the collection.
+            calibration: logits of the calibration split.
+            test: logits of the test split.
+        """
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
         touches = self._in_order(
@@ -131,7 +137,7 @@ class CalibrationReport:
             )
         }
         ratio = choices["ratio"].model
-        assert isinstance(ratio, RatioModel), "the table of models says so"
+        assert isinstance(ratio, RatioModel), "as registered"
         models = {name: (choice.model, choice.losses[name]) for name, choice in choices.items()}
         models[INDEPENDENT] = (replace(ratio, correlation=0.0), None)
         sequences = {kind: gather(test, self._rng(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
@@ -142,7 +148,6 @@ class CalibrationReport:
             ],
             "fused touches",
         )
-        chosen = min(choices.values(), key=lambda choice: choice.losses[choice.name])
         return Measurements(
             scene=self.scene,
             seed=self.seed,
@@ -156,14 +161,13 @@ class CalibrationReport:
                 split: free_weights(ratio, rounds.one_pose(self._rng(3, index)))
                 for index, (split, rounds) in enumerate({"calibration": calibration, "test": test}.items())
             },
-            kept=kept_information(chosen.model),
         )
 
     def _rng(self, *key: int) -> np.random.Generator:
         return keyed_rng([self.seed, *key], is_fixed_length=True)
 
     def _in_order(self, tasks: list[Any], description: str) -> list[Any]:
-        """Results of tasks in the order of the tasks; a result's ``name`` is the first argument of its task."""
+        """Results in the order of the tasks; a result's ``name`` is the first argument of its task."""
         found = {result.name: result for result in run_tasks(tasks, self.jobs, description)}
         return [found[task.args[0]] for task in tasks]
 

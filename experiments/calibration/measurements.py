@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from experiments.calibration.models import Kept, ModelScores, Weight
+from experiments.calibration.models import ModelScores, Weight
 from experiments.calibration.touches import RAW, TouchScores
 
 Scores = TypeVar("Scores", TouchScores, ModelScores)
@@ -26,7 +26,6 @@ class Measurements:
         models: scores in the order of the registry of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
         correlation: ρ of the ratio model.
         weights: weights of touches in one pose, by split.
-        kept: information in a touch under the chosen model.
     """
 
     scene: str
@@ -38,7 +37,6 @@ class Measurements:
     models: Sequence[ModelScores]
     correlation: float
     weights: Mapping[str, Sequence[Weight]]
-    kept: Kept
 
     @property
     def calibration(self) -> TouchScores:

@@ -12,7 +12,7 @@ from scipy.special import softmax
 
 from belief import Touch
 from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
-from belief.observation_model import ArrayModel, RatioModel, information_of_touch
+from belief.observation_model import ArrayModel, RatioModel
 from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.selection import ModelChoice, choose_observation_model
@@ -24,7 +24,6 @@ Floats = NDArray[np.float64]
 
 INDEPENDENT = "independent"
 """Name of the ratio model without its discount: touches in one pose are taken as independent."""
-NUM_OUTCOMES = (4, 8, 12, 24, 48)
 _FUSED = 6  # largest number of touches with scores
 
 
@@ -88,19 +87,6 @@ class Weight:
     low: float
     high: float
     discounted: float
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Mutual information of touch and shape, mean over poses, uniform prior [nats].
-
-    Attributes:
-        touch: information in the touch itself.
-        tables: information in its outcome, by number of outcomes of the table.
-    """
-
-    touch: float
-    tables: Mapping[int, float]
 
 
 def fit_model(name: str, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
@@ -184,9 +170,3 @@ def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
         reach = 1.96 * spread / curvature if curvature > 0.0 else np.inf
         found.append(Weight(n, free, free - reach, free + reach, float(effective_touches(n, model.correlation))))
     return found
-
-
-def kept_information(model: ArrayModel) -> Kept:
-    """Information about the shape that outcome tables of several sizes keep."""
-    tables = {m: float(model.outcome_table(m).information().mean()) for m in NUM_OUTCOMES}
-    return Kept(float(information_of_touch(model).mean()), tables)

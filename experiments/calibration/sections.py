@@ -16,7 +16,7 @@ from experiments.reporting.tables import Table, interval
 
 def sections(found: Measurements) -> list[Section]:
     """All sections of the report, the verdict first."""
-    return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found), _tables(found)]
+    return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found)]
 
 
 def _verdict(found: Measurements) -> Section:
@@ -218,19 +218,6 @@ def _stops(found: Measurements) -> Section:
     )
     picture = claims(found.models, shown, found.confidence)
     return Section("Stopping", [sentence], [*overall, *by_touches], [picture])
-
-
-def _tables(found: Measurements) -> Section:
-    kept = found.kept
-    rows = [(str(m), f"{nats:.4f}", f"{nats / kept.touch:.1%}") for m, nats in kept.tables.items()]
-    rows.append(("the touch itself", f"{kept.touch:.4f}", ""))
-    sentence = (
-        "Planners see a touch as one of M outcomes. The table gives the mutual information of outcome and shape under "
-        f"{found.model.name}, mean over poses. That of the touch itself is a mean over sampled touches, accurate to "
-        "about 0.01 nats."
-    )
-    headings = ("M", "nats", "fraction of the touch's")
-    return Section("Information in a table of outcomes", [sentence], [Table("Information", headings, rows)])
 
 
 def _named(found: Measurements, name: str) -> str:

@@ -106,10 +106,6 @@ class PPORecipe:
 _POSTERIOR = PPORecipe(state="posterior", beta=0.0, target_prob=(0.05, 0.95))
 
 PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
-    {
-        "paper": PPORecipe(),
-        "posterior": _POSTERIOR,
-        "posterior_masked": replace(_POSTERIOR, masked=True),
-    }
+    {"paper": PPORecipe(), "posterior": _POSTERIOR, "posterior_masked": replace(_POSTERIOR, masked=True)}
 )
 """Recipes by name: the paper's state and shaping; the posterior at many priors (decision 0024); the same with masks."""

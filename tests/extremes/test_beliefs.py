@@ -23,7 +23,7 @@ from belief.arrangement import arrangement_marginals, log_arrangement_evidence, 
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 from belief.errors import UnknownName
 from belief.synthetic import random_model, sample_arrangement
-from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
+from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
 
 _HALF = np.log([0.5, 0.5])
 _NAN, _INF = math.nan, math.inf
@@ -143,25 +143,24 @@ CASES: tuple[Case, ...] = (
         ImpossibleObservation,
         r"zero likelihood under every shape still believed in: prior \[1.0, 0.0\]",
     ),
-    refuses("bayes.update", "a likelihood of NaN", lambda: update(_HALF, [_NAN, 0]), ValueError, "NaN"),
-    refuses("bayes.update", "a log-likelihood of +inf", lambda: update(_HALF, [_INF, 0]), ValueError, r"\+inf"),
-    refuses(
-        "bayes.update", "a prior that sums to 0.9", lambda: update(np.log([0.4, 0.5]), [0, 0]), ValueError, "sum to one"
-    ),
-    refuses(
+    *refusals(
         "bayes.update",
-        "NaN in row 7 of a batch",
-        lambda: update(_HALF, np.where(np.arange(9)[:, None] == 7, _NAN, np.zeros((9, 2)))),
         ValueError,
-        "row 7",
+        {
+            "a likelihood of NaN": (lambda: update(_HALF, [_NAN, 0]), "NaN"),
+            "a log-likelihood of +inf": (lambda: update(_HALF, [_INF, 0]), r"\+inf"),
+            "a prior that sums to 0.9": (lambda: update(np.log([0.4, 0.5]), [0, 0]), "sum to one"),
+            "NaN in row 7 of a batch": (
+                lambda: update(_HALF, np.where(np.arange(9)[:, None] == 7, _NAN, np.zeros((9, 2)))),
+                "row 7",
+            ),
+            "no shapes": (lambda: update([], []), "non-empty"),
+            "no rows": (lambda: update(_HALF, np.zeros((0, 2))), "nothing to update"),
+            "two shapes and three likelihoods": (lambda: update(_HALF, [0, 0, 0]), "last axis"),
+            "words": (lambda: update(_HALF, ["a", "b"]), "real numbers"),
+            "complex numbers": (lambda: update(_HALF, [1j, 0]), "real numbers"),
+        },
     ),
-    refuses("bayes.update", "no shapes", lambda: update([], []), ValueError, "non-empty"),
-    refuses("bayes.update", "no rows", lambda: update(_HALF, np.zeros((0, 2))), ValueError, "nothing to update"),
-    refuses(
-        "bayes.update", "two shapes and three likelihoods", lambda: update(_HALF, [0, 0, 0]), ValueError, "last axis"
-    ),
-    refuses("bayes.update", "words", lambda: update(_HALF, ["a", "b"]), ValueError, "real numbers"),
-    refuses("bayes.update", "complex numbers", lambda: update(_HALF, [1j, 0]), ValueError, "real numbers"),
     answers(
         "bayes.update_probs",
         "likelihoods of 1e308",
@@ -187,8 +186,14 @@ CASES: tuple[Case, ...] = (
         lambda: entropy([[1, 0], [0.5, 0.5]]),
         equal_to([0, math.log(2)]),
     ),
-    refuses("bayes.entropy", "a negative probability", lambda: entropy([-0.5, 1.5]), ValueError, "below zero"),
-    refuses("bayes.entropy", "nothing", lambda: entropy([]), ValueError, "empty"),
+    *refusals(
+        "bayes.entropy",
+        ValueError,
+        {
+            "a negative probability": (lambda: entropy([-0.5, 1.5]), "below zero"),
+            "nothing": (lambda: entropy([]), "empty"),
+        },
+    ),
     answers(
         "bayes.expected_information_gain",
         "a certain belief",
@@ -222,46 +227,43 @@ CASES: tuple[Case, ...] = (
         such_that("within 1e-3 nats of exact summation", lambda found: found < 1e-3),
     ),
     answers("bayes.update", "contrary touches after certainty of 1e5 nats", _after_certainty, equal_to(1.0)),
-    refuses(
-        "SceneBelief",
-        "a target whose prior is zero",
-        _zero_prior_target,
-        ZeroPriorTarget,
-        "no touch can find it",
-    ),
+    refuses("SceneBelief", "a target whose prior is zero", _zero_prior_target, ZeroPriorTarget, "no touch can find it"),
     answers(
         "BeliefTracker",
         "the same five touches in all 120 orders",
         _in_any_order,
         such_that("the same within 1e-9", lambda x: x < 1e-9),
     ),
-    refuses(
+    *refusals(
         "BeliefTracker",
-        "a prior about other shapes",
-        lambda: BeliefTracker(Belief.uniform(_LABELS), random_model(np.random.default_rng(0))),
         ValueError,
-        "the prior is about",
+        {
+            "a prior about other shapes": (
+                lambda: BeliefTracker(Belief.uniform(_LABELS), random_model(np.random.default_rng(0))),
+                "the prior is about",
+            ),
+            "a touch with logits of NaN": (
+                lambda: BeliefTracker(
+                    Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
+                ).update(Touch(0, np.full(4, _NAN))),
+                "(?i)nan|finite",
+            ),
+            "a pose that the model does not know": (
+                lambda: BeliefTracker(
+                    Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
+                ).update(Touch(99, np.zeros(4))),
+                "pose 99",
+            ),
+        },
     ),
-    refuses(
-        "BeliefTracker",
-        "a touch with logits of NaN",
-        lambda: BeliefTracker(
-            Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
-        ).update(Touch(0, np.full(4, _NAN))),
+    *refusals(
+        "Belief",
         ValueError,
-        "(?i)nan|finite",
+        {
+            "no shapes": (lambda: Belief.uniform([]), "at least one shape"),
+            "two shapes of one name": (lambda: Belief.uniform(["cube", "cube"]), "differ"),
+        },
     ),
-    refuses(
-        "BeliefTracker",
-        "a pose that the model does not know",
-        lambda: BeliefTracker(
-            Belief.uniform([f"shape_{k}" for k in range(4)]), random_model(np.random.default_rng(0))
-        ).update(Touch(99, np.zeros(4))),
-        ValueError,
-        "pose 99",
-    ),
-    refuses("Belief", "no shapes", lambda: Belief.uniform([]), ValueError, "at least one shape"),
-    refuses("Belief", "two shapes of one name", lambda: Belief.uniform(["cube", "cube"]), ValueError, "differ"),
     refuses(
         "Belief.prob",
         "a shape that it does not know",
@@ -322,15 +324,13 @@ CASES: tuple[Case, ...] = (
         ImpossibleObservation,
         "can only be the same shape",
     ),
-    refuses(
+    *refusals(
         "arrangement_marginals",
-        "three objects of two shapes",
-        lambda: arrangement_marginals(np.zeros((3, 2))),
         ValueError,
-        "cannot all differ",
-    ),
-    refuses(
-        "arrangement_marginals", "NaN in row 1", lambda: arrangement_marginals([[0, 0], [0, _NAN]]), ValueError, "row 1"
+        {
+            "three objects of two shapes": (lambda: arrangement_marginals(np.zeros((3, 2))), "cannot all differ"),
+            "NaN in row 1": (lambda: arrangement_marginals([[0, 0], [0, _NAN]]), "row 1"),
+        },
     ),
     answers(
         "log_arrangement_evidence",
@@ -338,30 +338,16 @@ CASES: tuple[Case, ...] = (
         lambda: log_arrangement_evidence([[0, -_INF], [0, -_INF]]),
         equal_to(-_INF),
     ),
-    refuses("SearchProblem", "no objects", lambda: SearchProblem(_LABELS, ("a",), 0), ValueError, "at least 1, got 0"),
-    refuses(
+    *refusals(
         "SearchProblem",
-        "five distinct objects of two shapes",
-        lambda: SearchProblem(_LABELS, ("a",), 5),
         ValueError,
-        "independent",
-    ),
-    refuses(
-        "SearchProblem", "λ = NaN", lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=_NAN), ValueError, "touch_cost"
-    ),
-    refuses(
-        "SearchProblem",
-        "λ = -0.1",
-        lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=-0.1),
-        ValueError,
-        "touch_cost",
-    ),
-    refuses(
-        "SearchProblem",
-        "no touch allowed",
-        lambda: SearchProblem(_LABELS, ("a",), 1, touch_limit=0),
-        ValueError,
-        "touch_limit",
+        {
+            "no objects": (lambda: SearchProblem(_LABELS, ("a",), 0), "at least 1, got 0"),
+            "five distinct objects of two shapes": (lambda: SearchProblem(_LABELS, ("a",), 5), "independent"),
+            "λ = NaN": (lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=_NAN), "touch_cost"),
+            "λ = -0.1": (lambda: SearchProblem(_LABELS, ("a",), 1, touch_cost=-0.1), "touch_cost"),
+            "no touch allowed": (lambda: SearchProblem(_LABELS, ("a",), 1, touch_limit=0), "touch_limit"),
+        },
     ),
     refuses(
         "SearchProblem",
@@ -377,8 +363,14 @@ CASES: tuple[Case, ...] = (
         ValueError,
         "cannot come from a bag of 2",
     ),
-    refuses("Counts", "an empty bag", lambda: Counts({}), ValueError, "one of them above zero"),
-    refuses("Counts", "minus one cube", lambda: Counts({"cube": -1}), ValueError, "-1"),
+    *refusals(
+        "Counts",
+        ValueError,
+        {
+            "an empty bag": (lambda: Counts({}), "one of them above zero"),
+            "minus one cube": (lambda: Counts({"cube": -1}), "-1"),
+        },
+    ),
     refuses(
         "Composition", "an unknown word", lambda: SearchProblem(_LABELS, ("a",), 1, "distnct"), ValueError, "distnct"
     ),  # type: ignore[arg-type]

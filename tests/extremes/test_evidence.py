@@ -55,7 +55,17 @@ from belief.statistics import (
 )
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
-from experiments.extremes.cases import Case, Expectation, Verdict, answers, equal_to, judge, refuses, such_that
+from experiments.extremes.cases import (
+    Case,
+    Expectation,
+    Verdict,
+    answers,
+    equal_to,
+    judge,
+    refusals,
+    refuses,
+    such_that,
+)
 
 _NAN = math.nan
 _CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)
@@ -131,47 +141,26 @@ def _calibrations() -> list[Case]:
             lambda: TemperatureScaling(1e6, "ok").predict_proba([1.0, 0.0]),
             equal_to([0.5, 0.5], 1e-6),
         ),
-        refuses(
+        *refusals(
             "TemperatureScaling",
-            "a temperature of zero",
-            lambda: TemperatureScaling(0.0),
             ValueError,
-            "temperature > 0",
+            {
+                "a temperature of zero": (lambda: TemperatureScaling(0.0), "temperature > 0"),
+                "a temperature of NaN": (lambda: TemperatureScaling(_NAN), "temperature > 0"),
+            },
         ),
-        refuses(
-            "TemperatureScaling",
-            "a temperature of NaN",
-            lambda: TemperatureScaling(_NAN),
-            ValueError,
-            "temperature > 0",
-        ),
-        refuses(
+        *refusals(
             "TemperatureScaling.fit",
-            "no rows",
-            lambda: TemperatureScaling().fit(np.zeros((0, 3)), []),
             ValueError,
-            "n ≥ 1",
-        ),
-        refuses(
-            "TemperatureScaling.fit",
-            "a label out of range",
-            lambda: TemperatureScaling().fit(logits, labels + 1),
-            ValueError,
-            "3",
-        ),
-        refuses(
-            "TemperatureScaling.fit",
-            "fractions of a label",
-            lambda: TemperatureScaling().fit(logits, labels + 0.5),
-            ValueError,
-            "integer",
-        ),
-        refuses(
-            "TemperatureScaling.fit",
-            "NaN in row 4",
-            lambda: TemperatureScaling().fit(np.where(np.arange(200)[:, None] == 4, _NAN, logits), labels),
-            ValueError,
-            "row 4",
+            {
+                "no rows": (lambda: TemperatureScaling().fit(np.zeros((0, 3)), []), "n ≥ 1"),
+                "a label out of range": (lambda: TemperatureScaling().fit(logits, labels + 1), "3"),
+                "fractions of a label": (lambda: TemperatureScaling().fit(logits, labels + 0.5), "integer"),
+                "NaN in row 4": (
+                    lambda: TemperatureScaling().fit(np.where(np.arange(200)[:, None] == 4, _NAN, logits), labels),
+                    "row 4",
+                ),
+            },
         ),
         refuses(
             "VectorScaling.predict_proba",
@@ -245,19 +234,19 @@ def _observation_models() -> list[Case]:
                 lambda name=name: (m := _model(name)).to_json() == read_observation_model(m.to_json()).to_json(),
                 such_that("the same text", bool),
             ),
-            refuses(
+            *refusals(
                 entry,
-                "a touch of NaN",
-                lambda name=name: _model(name).log_likelihood([Touch(0, np.full(3, _NAN))]),
                 ValueError,
-                "(?i)nan|finite",
-            ),
-            refuses(
-                entry,
-                "a touch of another number of shapes",
-                lambda name=name: _model(name).log_likelihood([Touch(0, np.zeros(5))]),
-                ValueError,
-                "knows 3 shapes",
+                {
+                    "a touch of NaN": (
+                        lambda name=name: _model(name).log_likelihood([Touch(0, np.full(3, _NAN))]),
+                        "(?i)nan|finite",
+                    ),
+                    "a touch of another number of shapes": (
+                        lambda name=name: _model(name).log_likelihood([Touch(0, np.zeros(5))]),
+                        "knows 3 shapes",
+                    ),
+                },
             ),
         ]
     return [
@@ -269,15 +258,16 @@ def _observation_models() -> list[Case]:
             such_that("above zero", lambda p: p > 0),
         ),
         refuses("ConfusionModel", "one shape", lambda: random_model(_rng(), num_shapes=1), ValueError, "one shape"),
-        refuses(
-            "ConfusionModel.fit", "no touches", lambda: ConfusionModel.fit([], []), ValueError, "at least one touch"
-        ),
-        refuses(
+        *refusals(
             "ConfusionModel.fit",
-            "an object of two shapes",
-            lambda: ConfusionModel.fit([Touch(0, np.zeros(2))] * 2, [0, 1], [7, 7]),
             ValueError,
-            "object 7 has",
+            {
+                "no touches": (lambda: ConfusionModel.fit([], []), "at least one touch"),
+                "an object of two shapes": (
+                    lambda: ConfusionModel.fit([Touch(0, np.zeros(2))] * 2, [0, 1], [7, 7]),
+                    "object 7 has",
+                ),
+            },
         ),
         answers(
             "information_of_touch",
@@ -346,20 +336,17 @@ def _metrics() -> list[Case]:
                 lambda metric=metric: np.isfinite(metric(np.float16([[0.1, 0.9]]), [1])),
                 such_that("finite", bool),
             ),
-            refuses(entry, "no rows", lambda metric=metric: metric(np.zeros((0, 2)), []), ValueError, "n ≥ 1"),
-            refuses(
+            *refusals(
                 entry,
-                "a label out of range",
-                lambda metric=metric: metric(_EVEN, [0, 2]),
                 ValueError,
-                r"\[0, 2\)|range|row 1",
-            ),
-            refuses(
-                entry,
-                "NaN",
-                lambda metric=metric: metric([[_NAN, 0.5], [0.5, 0.5]], [0, 1]),
-                ValueError,
-                "row 0 are no distribution",
+                {
+                    "no rows": (lambda metric=metric: metric(np.zeros((0, 2)), []), "n ≥ 1"),
+                    "a label out of range": (lambda metric=metric: metric(_EVEN, [0, 2]), r"\[0, 2\)|range|row 1"),
+                    "NaN": (
+                        lambda metric=metric: metric([[_NAN, 0.5], [0.5, 0.5]], [0, 1]),
+                        "row 0 are no distribution",
+                    ),
+                },
             ),
         ]
     return [
@@ -437,19 +424,13 @@ def _metrics() -> list[Case]:
             lambda: calibration_at_stop([1.0], [False], [3]).overall.is_consistent,
             equal_to(False),
         ),
-        refuses(
+        *refusals(
             "metrics.calibration_at_stop",
-            "no searches",
-            lambda: calibration_at_stop([], [], []),
             ValueError,
-            "(?i)one|empty",
-        ),
-        refuses(
-            "metrics.calibration_at_stop",
-            "a stated confidence of 1.5",
-            lambda: calibration_at_stop([1.5], [True], [1]),
-            ValueError,
-            "1.5",
+            {
+                "no searches": (lambda: calibration_at_stop([], [], []), "(?i)one|empty"),
+                "a stated confidence of 1.5": (lambda: calibration_at_stop([1.5], [True], [1]), "1.5"),
+            },
         ),
         answers(
             "out_of_distribution.energy_score",
@@ -472,10 +453,14 @@ def _statistics() -> list[Case]:
             lambda: clopper_pearson_interval(0, 100)[1],
             equal_to(1 - 0.025**0.01),
         ),
-        refuses("wilson_interval", "no trials", lambda: wilson_interval(0, 0), ValueError, "0 of 0"),
-        refuses("wilson_interval", "2 of 1", lambda: wilson_interval(2, 1), ValueError, "2 of 1"),
-        refuses(
-            "wilson_interval", "a confidence of 95", lambda: wilson_interval(1, 2, 95), ValueError, r"\(0, 1\), got 95"
+        *refusals(
+            "wilson_interval",
+            ValueError,
+            {
+                "no trials": (lambda: wilson_interval(0, 0), "0 of 0"),
+                "2 of 1": (lambda: wilson_interval(2, 1), "2 of 1"),
+                "a confidence of 95": (lambda: wilson_interval(1, 2, 95), r"\(0, 1\), got 95"),
+            },
         ),
         refuses("clopper_pearson_interval", "NaN trials", lambda: clopper_pearson_interval(1, _NAN), ValueError, "nan"),  # type: ignore[arg-type]
         answers("paired_bootstrap", "one pair", lambda: paired_bootstrap([1], [0], _rng()), equal_to([1, 1, 1])),
@@ -485,19 +470,13 @@ def _statistics() -> list[Case]:
             lambda: paired_bootstrap([0.3] * 9, [0.1] * 9, _rng()),
             equal_to([0.2] * 3),
         ),
-        refuses(
+        *refusals(
             "paired_bootstrap",
-            "lists of different lengths",
-            lambda: paired_bootstrap([1, 0], [1], _rng()),
             ValueError,
-            "equally long",
-        ),
-        refuses(
-            "paired_bootstrap",
-            "NaN in place 1",
-            lambda: paired_bootstrap([1, _NAN], [1, 1], _rng()),
-            ValueError,
-            r"at \[1\]",
+            {
+                "lists of different lengths": (lambda: paired_bootstrap([1, 0], [1], _rng()), "equally long"),
+                "NaN in place 1": (lambda: paired_bootstrap([1, _NAN], [1, 1], _rng()), r"at \[1\]"),
+            },
         ),
         answers(
             "cluster_bootstrap", "one cluster", lambda: cluster_bootstrap([0, 1], [7, 7], _rng()), equal_to([0.5] * 3)

@@ -18,7 +18,7 @@ from belief.observation_model import ConfusionModel
 from belief.references import BadReference
 from belief.seeding import keyed_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refuses, such_that
+from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
@@ -176,22 +176,20 @@ CASES: tuple[Case, ...] = (
         lambda: _search(_AlwaysTouches(), _PROBLEM, _NOISY, 0).outcome,
         such_that("truncated at 20 touches", lambda o: o is Outcome.TRUNCATED),
     ),
-    refuses(
-        "search", "a pose that is not there", lambda: _search(_UnknownPose(), _PROBLEM, _NOISY, 0), ValueError, "pose"
-    ),
-    refuses(
+    *refusals(
         "search",
-        "a target that is no shape",
-        lambda: _search(_AlwaysTouches(), _PROBLEM, _NOISY, 0, target=3),
         ValueError,
-        r"\[0, 3\), got 3",
-    ),
-    refuses(
-        "search",
-        "fewer objects than the problem says",
-        lambda: search(SyntheticWorld(_NOISY, (0,)), _AlwaysTouches(), _PROBLEM, 0, _NOISY, (0,)),
-        ValueError,
-        "the world has 1 objects, the problem 3",
+        {
+            "a pose that is not there": (lambda: _search(_UnknownPose(), _PROBLEM, _NOISY, 0), "pose"),
+            "a target that is no shape": (
+                lambda: _search(_AlwaysTouches(), _PROBLEM, _NOISY, 0, target=3),
+                r"\[0, 3\), got 3",
+            ),
+            "fewer objects than the problem says": (
+                lambda: search(SyntheticWorld(_NOISY, (0,)), _AlwaysTouches(), _PROBLEM, 0, _NOISY, (0,)),
+                "the world has 1 objects, the problem 3",
+            ),
+        },
     ),
     refuses(
         "search",
@@ -232,25 +230,23 @@ CASES: tuple[Case, ...] = (
         lambda: type(PosteriorThresholds().stop(_information(0.0, object_index=2)).action).__name__,
         such_that("Reject", lambda n: n == "Reject"),
     ),  # type: ignore[union-attr]
-    refuses(
-        "PosteriorThresholds", "reject above confirm", lambda: PosteriorThresholds(0.2, 0.8), ValueError, "0.8 and 0.2"
-    ),
-    refuses("PosteriorThresholds", "a threshold of NaN", lambda: PosteriorThresholds(float("nan")), ValueError, "nan"),
-    refuses(
+    *refusals(
         "PosteriorThresholds",
-        "no touches of an object allowed",
-        lambda: PosteriorThresholds(max_touches=0),
         ValueError,
-        "max_touches must be",
+        {
+            "reject above confirm": (lambda: PosteriorThresholds(0.2, 0.8), "0.8 and 0.2"),
+            "a threshold of NaN": (lambda: PosteriorThresholds(float("nan")), "nan"),
+            "no touches of an object allowed": (lambda: PosteriorThresholds(max_touches=0), "max_touches must be"),
+        },
     ),
-    refuses(
+    *refusals(
         "ThresholdRule",
-        "zero frames in a row",
-        lambda: ThresholdRule(num_consecutive=0),
         ValueError,
-        "num_consecutive",
+        {
+            "zero frames in a row": (lambda: ThresholdRule(num_consecutive=0), "num_consecutive"),
+            "low above high": (lambda: ThresholdRule(high=0.1, low=0.9), "0.9 and 0.1"),
+        },
     ),
-    refuses("ThresholdRule", "low above high", lambda: ThresholdRule(high=0.1, low=0.9), ValueError, "0.9 and 0.1"),
     answers(
         "ThresholdRule",
         "logits of ±1e308",
