@@ -1,8 +1,7 @@
-"""The world: shapes pressed against a tactile pad in MuJoCo, the images they leave, and the network that reads them.
+"""The simulated world: shapes pressed against a tactile pad, the tactile images, and the network that classifies them.
 
-Importing this package loads neither MuJoCo nor torch; what needs them loads them when used. It registers the Gymnasium
-environments (decision 0025). ``compare`` and ``make_sensor`` are functions of the package ``experiments``, which lies
-above this one; they are loaded when first asked for (decision 0034).
+Importing this package registers the Gymnasium environments (decision 0025); it does not load MuJoCo or torch. The
+functions ``compare`` and ``make_sensor`` of the package ``experiments`` are loaded at first use (decision 0034).
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """The functions that are loaded when first asked for."""
+    """Functions that are loaded at first use, and the version."""
     if name in _ABOVE:
         return getattr(importlib.import_module(_ABOVE[name]), name)
     if name == "__version__":

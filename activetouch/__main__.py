@@ -3,4 +3,4 @@
 from importlib import import_module
 
 if __name__ == "__main__":
-    import_module("experiments.cli").main()  # by name: the world imports nothing of the experiments
+    import_module("experiments.cli").main()  # by name, because activetouch must not import experiments

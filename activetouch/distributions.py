@@ -1,9 +1,9 @@
-"""Probability distributions of the nuisances of a scene: ``distribution.sample(rng)`` draws one number.
+"""Probability distributions of the nuisance variables of a scene.
 
 >>> import numpy as np
 >>> round(Uniform(1.5, 3.0).sample(np.random.default_rng(0)), 4)
 2.4554
->>> Constant(2.0).sample(np.random.default_rng(0))     # draws nothing from the generator
+>>> Constant(2.0).sample(np.random.default_rng(0))     # does not use the generator
 2.0
 """
 
@@ -20,7 +20,7 @@ class Distribution(Protocol):
 
     @property
     def support(self) -> tuple[float, float]:
-        """Smallest and largest value that it can give."""
+        """Smallest and largest possible value."""
 
     def sample(self, rng: np.random.Generator) -> float:
         """Draw one number."""
@@ -28,7 +28,7 @@ class Distribution(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """The distribution of a number that is always ``value``; it draws nothing from the generator."""
+    """The distribution of a constant; it does not use the generator."""
 
     value: float
 
@@ -69,7 +69,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class LogUniform:
-    """The distribution between ``low`` and ``high``, both positive, whose logarithm is uniform."""
+    """The log-uniform distribution between ``low`` and ``high``, both positive."""
 
     low: float
     high: float
@@ -117,4 +117,4 @@ class Normal:
 
 def _require_finite(distribution: Distribution, *values: float) -> None:
     if not np.isfinite(values).all():
-        raise ValueError(f"a distribution needs finite numbers, got {distribution}")
+        raise ValueError(f"the parameters of a distribution must be finite, got {distribution}")

@@ -1,4 +1,4 @@
-"""What can go wrong in the world and its sensor, one class per mistake."""
+"""Errors and warnings of the world and its sensor."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from belief.errors import ActiveTouchError
 
 
 class WrongMujoco(ActiveTouchError, ImportError):
-    """The installed MuJoCo has contact faults that change touches."""
+    """The installed MuJoCo is too old: its contacts have faults that change touches."""
 
 
 class UnstablePress(ActiveTouchError, RuntimeError):
-    """The physics of a press diverged or MuJoCo warned; no touch can be trusted."""
+    """The simulation of a press diverged, or MuJoCo warned."""
 
 
 class LabelMismatch(ActiveTouchError, ValueError):
@@ -18,7 +18,7 @@ class LabelMismatch(ActiveTouchError, ValueError):
 
 
 class WrongScene(ActiveTouchError, ValueError):
-    """A sensor, a collection or a bank was made for another scene than it is to be used in."""
+    """A sensor, a collection or a bank was made for another scene."""
 
 
 class SceneShift(UserWarning):
@@ -26,27 +26,27 @@ class SceneShift(UserWarning):
 
 
 class WrongRenderer(ActiveTouchError, TypeError):
-    """A renderer does not keep the rule of renderers (:class:`activetouch.rendering.TactileRenderer`)."""
+    """A renderer violates the rules of :class:`activetouch.rendering.TactileRenderer`."""
 
 
 class WrongPress(ActiveTouchError, TypeError):
-    """Something needs another way to press than the scene has: one that moves, or one that rotates."""
+    """The scene's press does not support an operation, such as a rotation."""
 
 
 class MissingPackage(ActiveTouchError, ImportError):
-    """Something optional is not installed; the message says what and how to get it."""
+    """An optional package is not installed; the message says how to install it."""
 
 
 class MissingRobot(ActiveTouchError, FileNotFoundError):
-    """The robot's model files are not where they were looked for."""
+    """The robot's model files were not found."""
 
 
 class BadMesh(ActiveTouchError, ValueError):
-    """A mesh is no solid object of a size that can be felt; the message says why and what to do."""
+    """A mesh is not a solid of a suitable size; the message says why and what to do."""
 
 
 class MissingWeights(ActiveTouchError, OSError):
-    """Published weights to start from are not where they were looked for, or belong to another network."""
+    """Published weights were not found, or belong to another network."""
 
 
 class ImpossibleRecipe(ActiveTouchError, ValueError):
@@ -54,8 +54,8 @@ class ImpossibleRecipe(ActiveTouchError, ValueError):
 
 
 class TrainingDiverged(ActiveTouchError, ArithmeticError):
-    """A gradient is not finite, so that no step can be made with it."""
+    """A gradient is not finite."""
 
 
 class UnknownLikelihood(ActiveTouchError, TypeError):
-    """The probability of a reading is not known in closed form for the faults of a sensor."""
+    """The faults of a sensor have no likelihood in closed form."""

@@ -1,13 +1,10 @@
-"""A ladder of named scenes, from one where a touch says little to one with many objects.
-
-With fine images of different shapes one press nearly decides. Planning earns its keep where touch is poor or shapes are
-alike, so a comparison of deciders means little on one scene alone:
+"""Named scenes of different difficulty, for comparisons of deciders.
 
 * ``paper``: the paper's world and its images, a force vector drawn as a patch (paper §5).
-* ``coarse``: a real, cheap array: 4 × 4 taxels, noisy, two of them dead.
+* ``coarse``: a cheap sensor with 4 × 4 noisy taxels, two of them dead.
 * ``gel``: the default, 128 × 128 taxels.
-* ``hard``: twelve shapes that share faces, edges and curvatures, very different sizes, half the pad; any mixture.
-* ``many``: twelve objects of twelve shapes under the default pad.
+* ``hard``: eight objects with independent shapes out of twelve similar ones, very different sizes, half the pad.
+* ``many``: twelve objects of twelve shapes with the default pad.
 
     >>> SCENES["coarse"].scene.renderer
     PressureRenderer(binning=8)
@@ -30,14 +27,14 @@ from belief import Composition
 
 @dataclass(frozen=True)
 class NamedScene:
-    """A scene and the search that is played in it.
+    """A scene, the objects of its searches, and the network of its classifier.
 
     Attributes:
-        scene: what touches look like.
-        num_objects: on the table.
-        composition: what is known about which shapes they have.
-        backbone: of the scene's classifier, a key of :data:`activetouch.perception.backbones.BACKBONES`.
-        input_size: edge of the images it sees [pixels].
+        scene: determines the touches.
+        num_objects: number of objects of a search.
+        composition: prior of their shapes.
+        backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
+        input_size: edge of the classifier's images [pixels].
     """
 
     scene: Scene = field(default_factory=Scene)

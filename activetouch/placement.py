@@ -1,4 +1,4 @@
-"""Where an object is when it is pressed, and what its surface is like."""
+"""Placements: position, orientation, size and surface of a pressed object."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Placement:
         orientation: unit quaternion, object to pad frame, ``wxyz``.
         offset: displacement of its centre from the approach axis, along y and z [m], ``(2,)``.
         friction: sliding friction coefficient between object and pad.
-        stiffness: of the pad's layer together with the object's skin, relative to the pad's alone.
+        stiffness: of the pad's layer and the object's skin together, relative to the pad's alone.
     """
 
     shape: Shape
@@ -41,7 +41,7 @@ class Placement:
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of the smallest ball about its centre that holds it [m]."""
+        """Radius of the smallest ball about its centre that contains it [m]."""
         return self.shape.bounding_radius * self.scale
 
     def __str__(self) -> str:

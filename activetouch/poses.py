@@ -1,8 +1,7 @@
-"""The exploration poses: rotations that turn another side of the object to the pad.
+"""The exploration poses: rotations that turn different sides of the object to the pad.
 
-A pose is applied to the object's unknown orientation, so what it reveals depends on the object. The six poses of
-the ``mix`` set look along faces, edges and a corner of a cube in the object's frame; rolls about the approach axis
-would only turn the image and are worth nothing. Quaternions are ``wxyz``; the pad faces +x.
+A pose is applied after the object's unknown orientation. The six poses of the ``mix`` set are views along faces, edges
+and a corner of a cube in the object's frame. Quaternions are ``wxyz``; the pad faces +x.
 
 To add a pose, add one entry to :data:`POSES`.
 """

@@ -1,9 +1,8 @@
-"""A scene as plain fields that files carry, and what differs between two of them.
+"""Scenes as JSON fields, and differences between scenes.
 
-Checkpoints, observation models, collections and touch banks say with it which scene they were made for. Some
-differences change what images look like, so that nothing learned from one scene holds in the other: other shapes,
-poses, pad or renderer. Others are a *known shift* of the same sensor: another way to press, other faults, sizes,
-forces or orientations. What stands around the pad changes no touch (decision 0010) and makes no difference.
+Checkpoints, observation models, collections and touch banks contain the fields of their scene. A difference in press,
+faults, variation or presentation is a *known shift* of the same sensor; other differences need another sensor. The
+surroundings of the pad do not change touches (decision 0010).
 
     >>> from activetouch import SCENES
     >>> gel, coarse = (scene_fields(SCENES[name].scene) for name in ("gel", "coarse"))
@@ -33,22 +32,22 @@ if TYPE_CHECKING:
     from activetouch.scene import Scene
 
 SHIFTS = frozenset({"press_model", "faults", "variation", "presentation"})
-"""Parts of a scene whose change is a known shift of the same sensor."""
+"""Fields of a scene whose change is a known shift of the same sensor."""
 SURROUNDINGS = frozenset({"height", "finger", "parking", "robot"})
-"""Parts of a scene that change no touch."""
-_DECIMALS = 8  # of arrays, beyond which processors differ
-_LARGEST = 64  # numbers of an array that are written out
-_DEEPEST = 20
+"""Fields of a scene that do not change touches."""
+_DECIMALS = 8  # of arrays; further decimals differ between processors
+_LARGEST = 64  # size of the largest array that is not replaced by its digest
+_DEEPEST = 20  # level of nesting
 
 
 @dataclass(frozen=True)
 class SceneDifference:
-    """One field in which a scene is not the one that something was made for.
+    """A field in which two scenes differ.
 
     Attributes:
         path: of the field, such as ``pad.num_taxels``.
-        made_for: its value where the thing was made, in a few words.
-        here: its value in the scene at hand.
+        made_for: its value in the original scene, as text.
+        here: its value in the current scene, as text.
     """
 
     path: str
@@ -57,7 +56,7 @@ class SceneDifference:
 
     @property
     def is_shift(self) -> bool:
-        """Whether it is a known shift, which leaves the sensor the same."""
+        """Whether it is a known shift of the same sensor."""
         return self.path.partition(".")[0] in SHIFTS
 
     def __str__(self) -> str:
@@ -65,10 +64,10 @@ class SceneDifference:
 
 
 def scene_fields(scene: Scene) -> dict[str, Any]:
-    """All of a scene as JSON types; equal scenes have equal fields, on any machine.
+    """All fields of a scene as JSON types; equal scenes have equal fields on any machine.
 
-    Arrays are rounded to the eighth decimal, meshes told by their digest. A class that is not this distribution's is
-    told together with the digest of its source, so that an edited renderer makes another scene.
+    Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
+    source code, so that an edited renderer makes another scene.
     """
     return {field.name: _described(getattr(scene, field.name)) for field in fields(scene)}
 
@@ -76,12 +75,12 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
 def scene_differences(
     made_for: Mapping[str, Any], here: Mapping[str, Any], surroundings: bool = False
 ) -> tuple[SceneDifference, ...]:
-    """In which fields a scene is not the one that something was made for; those that matter most come first.
+    """The fields in which two scenes differ; known shifts come last.
 
     Args:
-        made_for: fields of that scene, from :func:`scene_fields`.
-        here: fields of the scene at hand.
-        surroundings: whether to tell what changes no touch as well.
+        made_for: fields of the original scene, from :func:`scene_fields`.
+        here: fields of the current scene.
+        surroundings: whether to include fields that do not change touches.
     """
     names = [name for name in {**here, **made_for} if surroundings or name not in SURROUNDINGS]
     found = [d for name in names for d in _differences(made_for.get(name), here.get(name), name)]
@@ -91,24 +90,25 @@ def scene_differences(
 def require_scene(
     what: str, made_for: Mapping[str, Any] | None, here: Mapping[str, Any], anyway: bool = False
 ) -> tuple[str, ...]:
-    """Refuse to use something in a scene that it was not made for.
+    """Check that a sensor, collection or bank is used in its own scene, or in one with a known shift.
 
     Args:
-        what: the thing, in words.
-        made_for: fields of its scene; None if it does not say.
-        here: fields of the scene at hand.
-        anyway: whether to use it all the same.
+        what: name of the checked thing, for messages.
+        made_for: fields of its scene, if known.
+        here: fields of the current scene.
+        anyway: whether to accept all differences.
 
     Returns:
-        The differences that are known shifts, or that were accepted with ``anyway``, in words.
+        The accepted differences as text.
 
     Raises:
         WrongScene: there are differences beyond known shifts.
     """
     if made_for is None:
+        unknown = f"{what} does not say for which scene it was made"
         if not anyway:
-            raise WrongScene(f"{what} does not say for which scene it was made")
-        return (f"{what} does not say for which scene it was made",)
+            raise WrongScene(unknown)
+        return (unknown,)
     found = scene_differences(made_for, here)
     if not anyway and any(not difference.is_shift for difference in found):
         raise WrongScene(f"{what} was made for another scene: {in_words(map(str, found))}")
@@ -116,9 +116,9 @@ def require_scene(
 
 
 def in_words(differences: Iterator[str] | Sequence[str], most: int = 6) -> str:
-    """Differences in a row, the first few of many."""
-    told = list(differences)
-    return "; ".join(told[:most]) + (f"; and {len(told) - most} more" if len(told) > most else "")
+    """The first ``most`` differences, joined, and the number of further ones."""
+    texts = list(differences)
+    return "; ".join(texts[:most]) + (f"; and {len(texts) - most} more" if len(texts) > most else "")
 
 
 def _described(value: Any, depth: int = 0) -> Any:
@@ -135,12 +135,11 @@ def _described(value: Any, depth: int = 0) -> Any:
         return {"class": "Mesh", "triangles": len(value.faces), "sha256": value.digest}
     if depth > _DEEPEST:
         return repr(value)
-    if isinstance(value, Mapping):  # their order counts
+    if isinstance(value, Mapping):  # a list, because JSON objects have no order
         return {"entries": [[str(key), _described(part, depth + 1)] for key, part in value.items()]}
     if isinstance(value, Sequence | frozenset | set):
-        return [
-            _described(part, depth + 1) for part in (sorted(value) if isinstance(value, frozenset | set) else value)
-        ]
+        parts = sorted(value) if isinstance(value, frozenset | set) else value
+        return [_described(part, depth + 1) for part in parts]
     return {**_class_of(value), **_state(value, depth)}
 
 
@@ -162,7 +161,7 @@ def _class_of(value: Any) -> dict[str, str]:
 
 
 def _state(value: Any, depth: int) -> dict[str, Any]:
-    """What makes an object beside its class."""
+    """The state of an object."""
     if isinstance(value, type | FunctionType):
         return {}
     if is_dataclass(value):
@@ -192,7 +191,7 @@ def _differences(made_for: Any, here: Any, path: str) -> Iterator[SceneDifferenc
 
 
 def _short(value: Any) -> str:
-    """A value in a few words."""
+    """A value as text of at most 60 characters."""
     match value:
         case {"entries": entries}:
             text = "[" + ", ".join(str(label) for label, _ in entries) + "]"

@@ -1,12 +1,11 @@
-"""The shapes an object can have: tables of solids, each with exact ray geometry and a collision geom for MuJoCo.
+"""Tables of shapes: solids with exact ray geometry and a collision geom for MuJoCo.
 
-A shape is a solid about its own origin. For the touch image we only need, for every taxel, how far the surface
-is along the pad's normal: the distance at which a ray from the taxel *enters* the solid. All solids here answer
-in closed form or to rounding (tests compare them with ``mujoco.mj_ray``).
+The touch image needs, for every taxel, the distance at which a ray along the pad's normal enters the solid. All solids
+compute it in closed form or to rounding.
 
-To add a shape, put one entry into a table: a solid of another size, a file of your own
-(``SHAPES | {"mug": Mesh.from_file("mug.stl", scale=0.001)}``), or an instance of a class of your own with the three
-members of :class:`Shape`. Everything else (K, labels, planners, reports) follows from the table a scene is given.
+To add a shape, add an entry to a table: a solid of another size, a mesh
+(``SHAPES | {"mug": Mesh.from_file("mug.stl", scale=0.001)}``), or an object of your own class with the members of
+:class:`Shape`. K, labels, planners and reports follow from the table of the scene.
 
     >>> import numpy as np
     >>> sphere = SHAPES["sphere"]
@@ -57,7 +56,7 @@ SHAPES: Mapping[str, Shape] = MappingProxyType(
         "cone": Cone(radius=0.018, height=0.036),
     }
 )
-"""The paper's four shapes, at their nominal size (sizes: decision 0003)."""
+"""The paper's four shapes at nominal size (decision 0003)."""
 
 EXTENDED_SHAPES: Mapping[str, Shape] = MappingProxyType(
     {
@@ -72,9 +71,7 @@ EXTENDED_SHAPES: Mapping[str, Shape] = MappingProxyType(
         "torus": Torus(ring_radius=0.016, tube_radius=0.007),
     }
 )
-"""Twelve shapes that share faces, edges and curvatures, so that one touch seldom tells which it was.
+"""Twelve shapes that share faces, edges and curvatures, so that one touch is often ambiguous.
 
-The cuboid and the wedge have faces of the cube, the wedge being half of it; the frustum is the cone cut off, the half
-sphere the sphere; the capsule has the side of the cylinder, which the hexagonal prism encloses; the ellipsoid's largest
-radii lie about the sphere's.
+For example, the cuboid has faces of the cube, and the frustum is a truncated cone.
 """

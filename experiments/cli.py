@@ -40,12 +40,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "overprobing": Entry("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
-        "touch": Entry("press.touch:Touch", "draw one press"),
+        "touch": Entry("press.touch:TouchCommand", "draw one press"),
         "gallery": Entry("press.touch:Gallery", "draw every shape, pose and renderer"),
         "view": Entry("press.touch:View", "watch a press in MuJoCo's window"),
         "record": Entry("press.touch:Record", "write presses as time series, one CSV file per object"),
         "explain": Entry("press.explain:Explain", "list what a scene models, why, and what that costs"),
-        "fidelity": Entry("press.fidelity:Fidelity", "compare cheap and rich ways to press"),
+        "fidelity": Entry("press.fidelity:FidelityCommand", "compare cheap and rich ways to press"),
     },
     "Make a sensor": {
         "collect": Entry("sensor.collect:Collect", "record touches of thousands of objects"),

@@ -1,4 +1,4 @@
-"""What the environments share: probe, confirm or reject the object in front of the pad."""
+"""The base class of the environments: probe, confirm or reject the object in front of the pad."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from activetouch.envs.touch_source import LiveTouches, Objects, RecordedPress, Touches
+from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, RecordedPress, Touches
 from activetouch.world import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, TouchHistory
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
@@ -22,27 +22,24 @@ State = NDArray[np.float32]
 
 
 class BadAction(ActiveTouchError, ValueError):
-    """An action that the environment does not have."""
+    """An action is outside the action space."""
 
 
 class BadOption(ActiveTouchError, ValueError):
-    """An option of ``reset()`` that there is not, or a value that it cannot have."""
+    """An option of ``reset()`` is unknown, or its value is invalid."""
 
 
 class TouchEnv(gymnasium.Env[State, int]):
-    """Objects that come one after the other, to be probed, confirmed or rejected.
+    """A sequence of objects to probe, confirm or reject.
 
     Args:
-        problem: the rules.
-        touches: where touches come from.
-        target: label of the shape sought.
+        problem: numbers of shapes, poses and objects, and the reward.
+        touches: the source of touches.
+        target: label of the target shape; the attribute ``target`` is its index.
         render_mode: None or "rgb_array".
 
     Attributes:
-        problem: the rules.
-        touches: where touches come from.
-        target: index of the shape sought.
-        last_press: what the current object's last touch looked like; None before it, or without physics.
+        last_press: the last press of the current object; None before the first, or without physics.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 2}  # type: ignore[misc]
@@ -55,7 +52,7 @@ class TouchEnv(gymnasium.Env[State, int]):
             raise UnknownName("render mode", render_mode, self.metadata["render_modes"])
         self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
         self.last_press: RecordedPress | None = None
-        self._prior: Belief | None = None  # about every object of an ``independent`` problem
+        self._prior: Belief | None = None  # of every object of an ``independent`` problem
         self._is_over = True
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2)
         self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
@@ -66,12 +63,12 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @property
     def confirm(self) -> int:
-        """The action CONFIRM; those before it are the poses."""
+        """Index of the action CONFIRM; smaller indices are poses."""
         return self.problem.num_poses
 
     @property
     def reject(self) -> int:
-        """The action REJECT."""
+        """Index of the action REJECT."""
         return self.problem.num_poses + 1
 
     @property
@@ -80,7 +77,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @property
     def belief(self) -> Belief:
-        """About the current object."""
+        """The belief about the current object."""
         return self._scene.belief(self._object_index)
 
     @property
@@ -95,7 +92,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @property
     def situation(self) -> Situation:
-        """Where the episode stands, as the one row of a batch."""
+        """The inputs of a policy, as a batch of one row."""
         problem, history = self.problem, self.history
         frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(problem.num_shapes)
         poses = np.array([touch.pose for touch in history], np.int64)
@@ -108,27 +105,27 @@ class TouchEnv(gymnasium.Env[State, int]):
         )
 
     def observe(self, state: NDArray[np.float64]) -> State:
-        """An observation from an encoded situation ``(1, …)``."""
+        """The observation ``(S,)`` from an encoded situation ``(1, S)``."""
         return state[0].astype(np.float32)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions make sense, ``(P + 2,)``: no probe beyond the touch limit."""
+        """Valid actions, ``(P + 2,)``: probes are invalid at the touch limit."""
         return np.append(np.full(self.problem.num_poses, self._num_touches < self.problem.touch_limit), [True, True])
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
-        """A new episode; ``options={"seed": (0, 3, 17)}`` makes the very episode of that key, objects, touches and all.
+        """Start an episode; ``options={"seed": (0, 3, 17)}`` reproduces the episode with that key.
 
         Searches of ``activetouch compare`` have the keys (seed, target index, number).
 
         Raises:
-            BadOption: an option that there is not, or a seed that is no key.
+            BadOption: an option is unknown, or the seed is no key.
         """
         key = key_of(options)
         super().reset(seed=seed)
         self._key = key if key is not None else (int(self.np_random.integers(2**32)),)
         rng = arrangement_rng(self._key)
         self._arrangement = self._sample_arrangement(rng)
-        self._objects: Objects = self.touches.objects(self._arrangement, rng)
+        self._world: EpisodeWorld = self.touches.world(self._arrangement, rng)
         self._scene = SceneBelief(self.problem, self.touches.model, self._prior)
         self._num_rejected = self._num_touches = 0
         self._previous = NO_ACTION
@@ -139,18 +136,13 @@ class TouchEnv(gymnasium.Env[State, int]):
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
         """Probe, confirm or reject."""
         if self._is_over:
-            raise gymnasium.error.ResetNeeded("the episode is over, or none has begun: call reset()")
+            raise gymnasium.error.ResetNeeded("the episode is over or was not started: call reset()")
         if not self.action_space.contains(action):
             raise BadAction(f"action must be an integer in [0, {self.reject}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
         self._is_over = terminated or truncated
-        return (
-            self.observe(paper_state(self.situation, self.target)),
-            reward,
-            terminated,
-            truncated,
-            self._info(success),
-        )
+        observation = self.observe(paper_state(self.situation, self.target))
+        return observation, reward, terminated, truncated, self._info(success)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The scene, the touch image and the belief, side by side, ``(H, W, 3)`` uint8."""
@@ -162,7 +154,7 @@ class TouchEnv(gymnasium.Env[State, int]):
 
     @abstractmethod
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
-        """Shapes of the objects of a new episode; sets its prior, if it has one of its own."""
+        """Shapes of the objects of a new episode; sets ``_prior`` if the episode has its own."""
 
     @abstractmethod
     def _act(self, action: int) -> tuple[float, bool, bool, bool]:
@@ -171,7 +163,8 @@ class TouchEnv(gymnasium.Env[State, int]):
     def _probe(self, pose: int) -> None:
         """Touch the current object."""
         repeat = int(self.history.uses(self.problem.num_poses)[pose])
-        touch, self.last_press = self._objects.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
+        touch = self._world.touch(pose, touch_rng(self._key, self._object_index, pose, repeat))
+        self.last_press = getattr(self._world, "last_press", None)
         self._scene.update(self._object_index, [touch])
         self._num_touches += 1
         self._previous = pose
@@ -182,25 +175,22 @@ class TouchEnv(gymnasium.Env[State, int]):
 
 
 def live_or_given(touches: Touches | None, scene: str) -> Touches:
-    """The touches given, or live ones of the sensor that comes with a scene."""
+    """The given touches, or live touches of the scene's shipped sensor."""
     return touches if touches is not None else LiveTouches(TactileSensor.shipped(scene))
 
 
 def key_of(options: Mapping[str, Any] | None) -> tuple[int, ...] | None:
-    """The key of an episode among the options of ``reset()``, if there is one.
+    """The key of an episode in the options of ``reset()``; None if they have none.
 
     Raises:
-        BadOption: an option that there is not, or a seed that is no key.
+        BadOption: an option is unknown, or the seed is no key.
 
     >>> key_of({"seed": [0, 3, 17]}), key_of(None)
     ((0, 3, 17), None)
     """
-    known, given = ("seed",), options if options is not None else {}
-    if not isinstance(given, Mapping):
-        raise BadOption(f"options must be a dictionary with the key 'seed' or none, got {options!r}")
-    unknown = [name for name in given if name not in known]
-    if unknown:
-        raise BadOption(f"reset() has no option {unknown[0]!r}; known: {', '.join(known)}")
+    given = {} if options is None else options
+    if not isinstance(given, Mapping) or set(given) - {"seed"}:
+        raise BadOption(f"reset() has one option, 'seed'; got {options!r}")
     key = given.get("seed")
     if key is None:
         return None

@@ -1,4 +1,4 @@
-"""Many tests of single objects at once, their touches from a bank: the paper's task as arithmetic on arrays."""
+"""The paper's task on recorded touches: many episodes at once, as array operations."""
 
 from __future__ import annotations
 
@@ -19,14 +19,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
-class Result(NamedTuple):
-    """What a step of B episodes brought, each ``(B,)``.
-
-    Attributes:
-        reward: with shaping, if any.
-        terminated, truncated: as Gymnasium has them.
-        success: whether it ended with the right decision.
-    """
+class StepResult(NamedTuple):
+    """Results of one step of B episodes, each ``(B,)``; ``success`` says whether the decision was correct."""
 
     reward: NDArray[np.float64]
     terminated: Bools
@@ -35,31 +29,31 @@ class Result(NamedTuple):
 
 
 class BankEpisodes:
-    """B episodes of :class:`activetouch.envs.object_test.ObjectTestEnv`, played in lockstep on recorded touches.
+    """B parallel episodes of :class:`activetouch.envs.object_test.ObjectTestEnv` on recorded touches.
 
-    The first R touches of an object in a pose are R different rounds of the bank, from a random one on; after that the
-    rounds come again.
+    The first R touches of an object in a pose come from R different rounds of the bank, starting at a random one; then
+    the rounds repeat.
 
     Args:
         bank: the touches.
-        model: what turns them into evidence.
-        target: label of the shape sought.
+        model: the observation model.
+        target: label of the target shape.
         num_envs: B.
-        state: what observations are, a key of :data:`belief.policy_state.ENCODINGS`.
+        state: encoding of the observations, a key of :data:`belief.policy_state.ENCODINGS`.
         touch_cost: λ.
         touch_limit: T_max.
-        target_prob: how often the object is the target, or a range from which every episode draws this.
-        beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; none at 0.
+        target_prob: prior of the target, or a range from which every episode draws its own.
+        beta: weight of :class:`activetouch.envs.wrappers.BeliefShaping`; 0 for none.
         discount: γ of the learner, for the shaping.
 
     Attributes:
-        objects: which object of the bank each episode is about, ``(B,)``.
-        uses: how often it was touched in each pose, ``(B, P)``.
+        objects: index of each episode's object in the bank, ``(B,)``.
+        uses: number of its touches in each pose, ``(B, P)``.
         log_probs: its log posterior, ``(B, K)``.
 
     Raises:
-        UnknownName: target or state.
-        LabelMismatch: bank and model are about different shapes or poses.
+        UnknownName: the target or the state is unknown.
+        LabelMismatch: bank and model have different shapes or poses.
     """
 
     def __init__(
@@ -100,23 +94,23 @@ class BankEpisodes:
 
     @property
     def num_touches(self) -> Ints:
-        """Touches made, ``(B,)``; a copy."""
+        """Number of touches made, ``(B,)``; a copy."""
         return self._num_touches.copy()
 
     @property
     def num_actions(self) -> int:
-        """The poses, CONFIRM and REJECT."""
+        """P + 2: the poses, CONFIRM and REJECT."""
         return self.num_poses + 2
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that changes, by name: who writes into these arrays puts the episodes back to where they were."""
+        """The state of the episodes, by name; writing into these arrays restores a state."""
         names = ("objects", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
         own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential")}
         return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
-        """Begin new episodes in these rows."""
+        """Start new random episodes in these rows."""
         target_probs = self._priors.draw(rng, len(rows))
         shapes = _choose(self._priors.probs(target_probs), rng)
         place = rng.random(len(rows))
@@ -130,13 +124,13 @@ class BankEpisodes:
     def begin(
         self, rows: Ints, objects: Ints, first_rounds: Ints | int = 0, target_probs: ArrayLike | None = None
     ) -> None:
-        """Begin the episodes about these objects.
+        """Start episodes with given objects.
 
         Args:
-            rows: which, ``(n,)``.
-            objects: of the bank, ``(n,)``.
-            first_rounds: which round each pose's touches are from, at first, ``(n, P)``.
-            target_probs: where their beliefs begin, ``(n,)``; the middle of the range if not given.
+            rows: of the batch, ``(n,)``.
+            objects: indices in the bank, ``(n,)``.
+            first_rounds: round of the first touch in each pose, ``(n, P)``.
+            target_probs: priors of the target, ``(n,)``; by default the middle of the range.
         """
         start = self._priors.middle if target_probs is None else target_probs
         self._log_priors[rows] = np.log(self._priors.probs(start))
@@ -148,22 +142,22 @@ class BankEpisodes:
         self._evidence.forget(rows)
 
     def situation(self) -> Situation:
-        """Where the episodes stand."""
+        """The inputs of a policy."""
         time = self._num_touches / self.touch_limit
         return Situation(self._frame_probs, self.log_probs, self._previous, self.uses, time)
 
     def observe(self) -> NDArray[np.float32]:
-        """The states, ``(B, S)``."""
+        """The observations, ``(B, S)``."""
         return self._encode(self.situation(), self.target).astype(np.float32)
 
     def action_masks(self) -> Bools:
-        """Which actions make sense, ``(B, P + 2)``."""
+        """Valid actions, ``(B, P + 2)``."""
         masks = np.ones((self.num_envs, self.num_actions), np.bool_)
         masks[:, : self.num_poses] = (self._num_touches < self.touch_limit)[:, None]
         return masks
 
-    def step(self, actions: Ints) -> Result:
-        """One action in each episode; those that end stay as they are until they are begun anew."""
+    def step(self, actions: Ints) -> StepResult:
+        """Take one action in each episode; episodes that end keep their state until they are started again."""
         probes = actions < self.num_poses
         allowed = probes & (self._num_touches < self.touch_limit)
         rows = np.flatnonzero(allowed)
@@ -177,7 +171,7 @@ class BankEpisodes:
             reward = reward + self._beta * (self._discount * potential - self._potential)
             self._potential = potential
         self._previous = np.where(probes & ~allowed, self._previous, actions)
-        return Result(reward, ~probes, probes & ~allowed, success)
+        return StepResult(reward, ~probes, probes & ~allowed, success)
 
     def _touch(self, rows: Ints, poses: Ints) -> None:
         objects = self.objects[rows]
@@ -193,6 +187,6 @@ class BankEpisodes:
 
 
 def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:
-    """A shape for each of the distributions ``(n, K)``; as ``rng.choice`` does for one."""
+    """A shape from each of the distributions ``(n, K)``, sampled as ``rng.choice`` does."""
     up_to = probs.cumsum(axis=1)
     return (rng.random((len(probs), 1)) >= up_to / up_to[:, -1:]).sum(axis=1)

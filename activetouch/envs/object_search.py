@@ -1,4 +1,4 @@
-"""The whole search: find the target among several objects that come one after the other."""
+"""The environment of a whole search: find the target among several objects."""
 
 from __future__ import annotations
 
@@ -15,50 +15,42 @@ from belief.synthetic import sample_arrangement
 
 
 class ObjectSearchEnv(TouchEnv):
-    """Objects one after the other: probe, reject, and confirm the one that is the target.
+    """The search of ``activetouch compare``: probe and reject objects one by one, and confirm the target.
 
     ## Description
-    The search that `activetouch compare` plays. The objects of the scene, of unknown size, orientation and order, come
-    one at a time; REJECT puts one aside for good. The belief about each knows what the others told about it: four
-    objects of four shapes are all different.
+    The objects of the scene, with unknown sizes, orientations and order, come one at a time; REJECT removes one for
+    good. The touches of one object also change the belief about the others: four objects of four shapes all differ.
 
     ## Action Space
-    `Discrete(8)` with the six poses of the named scenes: 0 … 5 probe the current object, 6 is CONFIRM, 7 is REJECT.
-    `env.unwrapped.action_masks()` says which of them make sense.
+    As in `activetouch/ObjectTest-v0`.
 
     ## Observation Space
-    A `Box(0, 1, (14,), float32)` with four shapes and six poses: the paper's state of the current object, as in
-    `activetouch/ObjectTest-v0` but that the time is that of the whole search, and then the share of objects not yet
-    rejected. Other observations by wrapper, as there.
+    A `Box(0, 1, (14,), float32)` with four shapes and six poses: the state of the current object as in
+    `activetouch/ObjectTest-v0`, with the touches of the whole search, and the fraction of objects not yet rejected.
 
     ## Starting State
-    Objects as the scene's composition says, nothing felt yet. `reset(options={"seed": (…)})` makes the episode of that
-    key: (seed, target index, number) for one of `activetouch compare`.
+    Objects drawn from the scene's composition. `reset(options={"seed": (…)})` makes the episode with that key:
+    (seed, target index, number) for a search of `activetouch compare`.
 
     ## Rewards
-    Decision 0004, not the sum of the paper's single-object rewards: CONFIRM +1 where right, -1 where wrong; REJECT 0,
-    but -1 with the last object, or +1 if the target was not there; `-touch_cost` (λ) for a probe; -1 for truncation.
-    They sum to :meth:`belief.SearchProblem.reward`.
+    CONFIRM: +1 if correct, else -1. REJECT: 0; of the last object +1 if the target is absent, else -1. Probe:
+    `-touch_cost` (λ). Truncation: -1. They sum to :meth:`belief.SearchProblem.reward` (decision 0004).
 
     ## Episode End
     - Termination: CONFIRM, or REJECT of the last object.
-    - Truncation: a probe when `touch_limit` touches were made in all; it feels nothing.
+    - Truncation: a probe after `touch_limit` touches in all, which is not made.
 
     ## Information
-    As of `activetouch/ObjectTest-v0`, and `object_index`: how many objects were rejected.
+    As in `activetouch/ObjectTest-v0`, and `object_index`: number of rejected objects.
 
     ## Arguments
     ```python
     import gymnasium
     gymnasium.make("activetouch.envs:activetouch/ObjectSearch-v0", scene="coarse", target="cone")
     ```
-    - `scene="gel"`: the named scene, with its objects and the sensor that comes with it.
-    - `target="cone"`: the shape sought.
-    - `touch_cost=0.02`: λ, in units of a success.
-    - `num_objects=None`, `composition=None`: the scene's by default.
-    - `touch_limit=None`: of the whole search; 12 an object by default.
-    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touch_source.Touches`.
-    - `render_mode=None`: or `"rgb_array"`.
+    - `scene`, `target`, `touch_cost`, `touches`, `render_mode`: as in `activetouch/ObjectTest-v0`.
+    - `num_objects=None`, `composition=None`: those of the scene by default.
+    - `touch_limit=None`: of the whole search; 12 per object by default.
 
     ## Version History
     * v0: first version
@@ -93,7 +85,7 @@ class ObjectSearchEnv(TouchEnv):
         return super()._observation_size + 1
 
     def observe(self, state: np.ndarray) -> np.ndarray:
-        """The encoded situation and the share of objects left."""
+        """The encoded situation and the fraction of objects left."""
         left = 1.0 - self._num_rejected / self.problem.num_objects
         return np.append(super().observe(state), np.float32(left))
 
@@ -115,7 +107,7 @@ class ObjectSearchEnv(TouchEnv):
         if self._num_rejected == self.problem.num_objects:
             right = self.target not in self._arrangement
             return (1.0 if right else -1.0), True, False, right
-        self._objects.advance()
+        self._world.advance()
         self.last_press = None
         return 0.0, False, False, False
 

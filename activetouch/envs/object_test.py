@@ -1,4 +1,4 @@
-"""The paper's task (§5.8): is this object the target?"""
+"""The environment of the paper's task (§5.8): decide whether one object is the target."""
 
 from __future__ import annotations
 
@@ -12,23 +12,15 @@ from belief.policy_state import TOUCH_LIMIT
 
 
 class ObjectTestEnv(TouchEnv):
-    """One object, which is or is not of the target's shape: probe it, then CONFIRM or REJECT.
+    """One object: probe it, then CONFIRM that it has the target's shape, or REJECT it.
 
     ## Description
     The task on which the paper trains its policies (§5.8). An object of unknown size and orientation is in front of a
-    tactile pad. A probe turns it into one of six poses, presses it against the pad, and has a network read the image. A
-    decision ends the episode.
+    tactile pad. A probe turns it into a pose, presses it against the pad, and classifies the tactile image.
 
     ## Action Space
-    `Discrete(8)` with the six poses of the named scenes:
-
-    | action | meaning |
-    |---|---|
-    | 0 … 5 | probe in pose `front`, `z45`, `z90`, `y45`, `y90`, `corner` |
-    | 6 | CONFIRM: it is the target |
-    | 7 | REJECT: it is not |
-
-    `env.unwrapped.action_masks()` says which of them make sense, for `sb3_contrib.MaskablePPO`.
+    `Discrete(8)` with six poses: 0 … 5 probe in pose `front`, `z45`, `z90`, `y45`, `y90`, `corner`; 6 is CONFIRM, 7 is
+    REJECT. `env.unwrapped.action_masks()` gives the valid actions, for `sb3_contrib.MaskablePPO`.
 
     ## Observation Space
     The paper's state, a `Box(0, 1, (13,), float32)` with four shapes and six poses:
@@ -37,40 +29,39 @@ class ObjectTestEnv(TouchEnv):
     |---|---|
     | 0 … 3 | the classifier's softmax of the last touch (sphere, cube, cylinder, cone); uniform before it |
     | 4 … 11 | the previous action, one-hot; zeros at the start |
-    | 12 | touches made, as a share of `touch_limit` |
+    | 12 | touches made, as a fraction of `touch_limit` |
 
-    Other observations by wrapper: :class:`activetouch.envs.wrappers.PosteriorState` for what the touches add up to,
-    :class:`activetouch.envs.wrappers.RawImage` for the image.
+    The wrappers :class:`activetouch.envs.wrappers.PosteriorState` and :class:`activetouch.envs.wrappers.RawImage` give
+    the posterior or the image instead.
 
     ## Starting State
-    The object has the target's shape with probability `target_prob`, and each other shape as often as the next; that is
-    also the belief. Nothing was felt yet. `reset(options={"seed": (…)})` makes the episode of that key.
+    The object has the target's shape with probability `target_prob`; the other shapes are equally likely. The belief
+    starts at the same prior. `reset(options={"seed": (…)})` makes the episode with that key.
 
     ## Rewards
-    CONFIRM and REJECT: +1 where right, -1 where wrong. A probe: `-touch_cost` (λ).
+    CONFIRM and REJECT: +1 if correct, else -1. Probe: `-touch_cost` (λ).
 
     ## Episode End
     - Termination: CONFIRM or REJECT.
-    - Truncation: a probe when `touch_limit` touches were made. It feels nothing, and costs what a probe costs.
+    - Truncation: a probe after `touch_limit` touches, which is not made but costs `touch_cost`.
 
     ## Information
-    `reset()` and `step()` return a dictionary with
-    - `is_success`: whether the episode ended with the right decision;
-    - `num_touches`: made so far;
-    - `target_prob`: posterior probability that it is the target; from `reset()`, the prior.
+    - `is_success`: whether the episode ended with the correct decision;
+    - `num_touches`: number of touches so far;
+    - `target_prob`: posterior probability of the target's shape; after `reset()`, the prior.
 
     ## Arguments
     ```python
     import gymnasium
     gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone", touch_cost=0.02)
     ```
-    - `scene="gel"`: the named scene, with the sensor that comes with it.
-    - `target="cone"`: the shape sought.
-    - `touch_cost=0.02`: λ, in units of a right decision.
+    - `scene="gel"`: a named scene, with its shipped sensor.
+    - `target="cone"`: label of the target shape.
+    - `touch_cost=0.02`: λ.
     - `touch_limit=12`: T_max.
-    - `target_prob=0.5`: how often the object is the target (decision 0030); or a range such as `(0.05, 0.95)`, from
-      which every episode draws its own (decision 0024).
-    - `touches=None`: other touches than the scene's live ones, a :class:`activetouch.envs.touch_source.Touches`.
+    - `target_prob=0.5`: prior of the target (decision 0030); or a range such as `(0.05, 0.95)`, from which every
+      episode draws its own (decision 0024).
+    - `touches=None`: another source of touches, a :class:`activetouch.envs.touch_source.Touches`.
     - `render_mode=None`: or `"rgb_array"`.
 
     ## Version History

@@ -19,9 +19,9 @@ def draw(press: RecordedPress | None, belief: Belief, target: int) -> NDArray[np
     """The frame of an episode, ``(240, 720, 3)`` uint8.
 
     Args:
-        press: the last one; None leaves the panels of scene and image blank.
+        press: the last press; None leaves the panels of scene and image blank.
         belief: about the current object.
-        target: index of the shape sought.
+        target: index of the target shape.
     """
     return np.concatenate([_scene(press), _touch(press), _belief(belief, target)], axis=1)
 
@@ -47,7 +47,7 @@ def _touch(press: RecordedPress | None) -> NDArray[np.uint8]:
 
 
 def _belief(belief: Belief, target: int) -> NDArray[np.uint8]:
-    """A bar for each shape; the target's stands out."""
+    """A bar for each shape, the target's in another colour."""
     picture = Image.fromarray(_blank())
     pen = ImageDraw.Draw(picture)
     height = _SIZE / len(belief.labels)

@@ -1,4 +1,4 @@
-"""What is believed of a test's object before it is touched, and how often it is so."""
+"""Priors of the shape of a test's object."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 TargetProb: TypeAlias = float | tuple[float, float]
-"""How often the object is the target; or a range, and every test draws its own from it, uniformly (decision 0024)."""
+"""Prior probability of the target; or a range, from which every test draws its own, uniformly (decision 0024)."""
 
 
 @dataclass(frozen=True)
 class ObjectPriors:
-    """An object is the target with a probability that the test's belief begins at, and any other shape in equal shares.
+    """Priors that give the target a probability in a range, and equal probabilities to the other shapes.
 
     Attributes:
         num_shapes: K.
-        target: index of the shape sought.
-        low, high: where the probability is from; a range of one point draws nothing.
+        target: index of the target shape.
+        low, high: the range; the generator is not used if they are equal.
 
     Raises:
-        ValueError: less than two shapes, or not 0 < low ≤ high < 1.
+        ValueError: there are fewer than two shapes, or not 0 < low ≤ high < 1.
     """
 
     num_shapes: int
@@ -34,13 +34,13 @@ class ObjectPriors:
     def __post_init__(self) -> None:
         if not (self.num_shapes > 1 and 0.0 < self.low <= self.high < 1.0):
             raise ValueError(
-                f"a test needs two shapes and target_prob in (0, 1), one number or two that rise, got "
-                f"{self.num_shapes} shapes and {self.low}, {self.high}"
+                f"a test needs at least two shapes, and target_prob must be a number or an increasing range in (0, 1); "
+                f"got {self.num_shapes} shapes and {self.low}, {self.high}"
             )
 
     @classmethod
     def of(cls, num_shapes: int, target: int, target_prob: TargetProb) -> ObjectPriors:
-        """The priors of a probability, or of a range of them."""
+        """The priors of a probability or a range."""
         ends = np.ravel(np.asarray(target_prob, np.float64)).tolist()
         if len(ends) not in (1, 2):
             raise ValueError(f"target_prob must be a probability or a range (low, high), got {target_prob}")
@@ -48,11 +48,11 @@ class ObjectPriors:
 
     @property
     def middle(self) -> float:
-        """Of the range."""
+        """Middle of the range."""
         return (self.low + self.high) / 2.0
 
     def draw(self, rng: np.random.Generator, number: int) -> Floats:
-        """The target's probability in some tests, ``(n,)``."""
+        """Priors of the target for ``number`` tests, ``(n,)``."""
         if self.low == self.high:
             return np.full(number, self.low)
         return rng.uniform(self.low, self.high, number)
@@ -61,7 +61,7 @@ class ObjectPriors:
         """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``.
 
         Raises:
-            ValueError: one is not in (0, 1).
+            ValueError: a probability is not in (0, 1).
         """
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():

@@ -1,4 +1,4 @@
-"""What many objects' touches add up to, while they come in: log-likelihoods ``(B, K)`` kept up to date by arrays."""
+"""Running log-likelihoods ``(B, K)`` of many episodes on a touch bank."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Evidence(Protocol):
-    """The evidence about B objects, each in its own episode."""
+class BankEvidence(Protocol):
+    """Log-likelihoods of the objects of B episodes, touch by touch."""
 
     def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
-        """Take in a touch of each of some rows."""
+        """Add a touch of the bank to each of some rows; all arguments ``(n,)``."""
 
     def forget(self, rows: Ints) -> None:
-        """New objects in these rows."""
+        """Remove all touches of these rows."""
 
     def log_likelihoods(self) -> Floats:
         """Log p(touches | shape) of every row, ``(B, K)``, up to a constant of the row."""
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that changes, by name: who writes into these arrays puts the evidence back to where it was."""
+        """The state, by name; writing into these arrays restores a state."""
 
 
 def evidence_of(
@@ -37,31 +37,27 @@ def evidence_of(
     num_envs: int,
     touch_limit: int,
     features: NDArray[np.floating] | None = None,
-) -> Evidence:
-    """The evidence that a model needs, as its method ``weights_of_sums`` says.
+) -> BankEvidence:
+    """The fastest evidence for an observation model.
 
     Args:
         logits: of the bank, ``(N, R, P, K)``.
-        model: any.
+        model: the observation model; its ``weights_of_sums`` decides the class.
         num_envs: B.
-        touch_limit: touches of a row, at most.
-        features: of the bank, for models that read them.
+        touch_limit: maximum number of touches of a row.
+        features: of the bank, ``(N, R, P, D)``, for models that read them.
     """
     weights = model.weights_of_sums(np.arange(touch_limit + 1))
     if weights is None:
-        return RecomputedEvidence(logits, model, num_envs, touch_limit, features)
-    return SummedEvidence(logits, model, num_envs, weights, features)
+        return RecomputedBankEvidence(logits, model, num_envs, touch_limit, features)
+    return SummedBankEvidence(logits, model, num_envs, weights, features)
 
 
-class SummedEvidence:
-    """For models whose log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
+class SummedBankEvidence:
+    """Evidence of models whose log-likelihood is a weighted sum, over poses, of the sum over a pose's touches.
 
-    Args:
-        logits: of the bank, ``(N, R, P, K)``.
-        model: gives the log-likelihoods of single touches.
-        num_envs: B.
-        weights: of sums of 0, 1, … touches, ``(n,)``; see :meth:`belief.observation_model.ArrayModel.weights_of_sums`.
-        features: of the bank, for models that read them.
+    ``weights``, ``(n,)``, are those of sums of 0, 1, … touches
+    (:meth:`belief.observation_model.ArrayModel.weights_of_sums`); see :func:`evidence_of` for the other arguments.
     """
 
     def __init__(
@@ -83,35 +79,30 @@ class SummedEvidence:
         self._counts = np.zeros((num_envs, num_poses), np.int64)
 
     def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         self._sums[rows, poses] += self._single[objects, rounds, poses]
         self._counts[rows, poses] += 1
 
     def forget(self, rows: Ints) -> None:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         self._sums[rows] = 0.0
         self._counts[rows] = 0
 
     def log_likelihoods(self) -> Floats:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         weights = self._weights[self._counts]
         return np.asarray((weights[:, None, :] @ self._sums)[:, 0])
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         return {"sums": self._sums, "counts": self._counts}
 
 
-class RecomputedEvidence:
-    """For any model: all touches of a row are kept, and their likelihood computed anew after each.
+class RecomputedBankEvidence:
+    """Evidence of any model: the likelihood of all touches of a row is computed again after each touch.
 
-    Args:
-        logits: of the bank, ``(N, R, P, K)``.
-        model: any.
-        num_envs: B.
-        touch_limit: touches of a row, at most.
-        features: of the bank, for models that read them.
+    See :func:`evidence_of` for the arguments.
     """
 
     def __init__(
@@ -128,7 +119,7 @@ class RecomputedEvidence:
         self._found = np.zeros((num_envs, logits.shape[3]))
 
     def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         self._touched[:, rows, self._counts[rows]] = objects, rounds, poses
         self._counts[rows] += 1
         for number in np.unique(self._counts[rows]).tolist():
@@ -139,15 +130,15 @@ class RecomputedEvidence:
             self._found[some] = self._model.log_likelihood_batch(batch)
 
     def forget(self, rows: Ints) -> None:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         self._counts[rows] = 0
         self._found[rows] = 0.0
 
     def log_likelihoods(self) -> Floats:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         return self._found.copy()
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """See :class:`Evidence`."""
+        """See :class:`BankEvidence`."""
         return {"touched": self._touched, "counts": self._counts, "found": self._found}

@@ -1,4 +1,4 @@
-"""The paper's task on recorded touches as a vectorised environment of Stable-Baselines3; importing this loads torch."""
+"""The paper's task on recorded touches as a ``VecEnv`` of Stable-Baselines3; importing this module loads torch."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from belief.seeding import keyed_rng
 class BankVecEnv(VecEnv):
     """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners of Stable-Baselines3.
 
-    The dictionaries of episodes that end have ``episode`` (return with shaping, length), ``is_success`` and what SB3
-    asks for; the others are empty. An episode that is truncated counts as ended for good: T_max is part of the paper's
-    task and the time part of the state, so nothing lies beyond it that a value could be borrowed from.
+    When an episode ends, its ``info`` has ``episode`` (shaped return, length), ``is_success`` and SB3's own keys.
+    Truncation counts as termination: T_max is part of the task and of the state (decision 0032).
 
     Args:
-        episodes: what is played.
-        seed: of the episodes; what ``seed()`` sets is added to it.
+        episodes: the episodes.
+        seed: key of the generator; the seed set by ``seed()`` is appended.
     """
 
     def __init__(self, episodes: BankEpisodes, seed: Sequence[int]) -> None:
@@ -36,12 +35,12 @@ class BankVecEnv(VecEnv):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All that changes but chance, by name: who writes into these arrays puts episodes back to where they were."""
+        """The state except the generator, by name; writing into these arrays restores a state."""
         return {**self._episodes.arrays, "returns": self._returns, "lengths": self._lengths}
 
     @property
     def chance(self) -> dict[str, Any]:
-        """State of the source of chance, as JSON types; may be set."""
+        """State of the random generator, as JSON types; may be set."""
         return dict(self._rng.bit_generator.state)
 
     @chance.setter
@@ -49,7 +48,7 @@ class BankVecEnv(VecEnv):
         self._rng.bit_generator.state = state
 
     def reset(self) -> NDArray[np.float32]:
-        """New episodes in all rows."""
+        """Start new episodes in all rows."""
         if self._seeds[0] is not None:
             self._rng = keyed_rng([*self._seed, self._seeds[0]], is_fixed_length=True)
         self._reset_seeds()
@@ -58,11 +57,11 @@ class BankVecEnv(VecEnv):
         return self._episodes.observe()
 
     def step_async(self, actions: NDArray[np.integer]) -> None:
-        """Say what to do next."""
+        """Set the actions of the next :meth:`step_wait`."""
         self._actions = np.asarray(actions, np.int64)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Do it; an episode that ends is begun anew."""
+        """Take the actions; replace episodes that end by new ones."""
         result = self._episodes.step(self._actions)
         observations = self._episodes.observe()
         self._returns += result.reward
@@ -84,18 +83,18 @@ class BankVecEnv(VecEnv):
         return observations, result.reward.astype(np.float32), ended, infos
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of the environment, as many times as there are rows."""
+        """An attribute of the environment, repeated for each row."""
         return [getattr(self, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Refused: rows have no attributes of their own."""
+        """Raise ``NotImplementedError``: rows have no own attributes."""
         raise NotImplementedError(f"{type(self).__name__} cannot set {attr_name}: its rows share everything")
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions make sense, ``(B, P + 2)``."""
+        """Valid actions, ``(B, P + 2)``."""
         return self._episodes.action_masks()
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
@@ -105,7 +104,7 @@ class BankVecEnv(VecEnv):
         return list(self.action_masks()[self._rows(indices)])
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """No row is wrapped, though returns are recorded as by a ``Monitor``."""
+        """False for each row."""
         return [False] * len(self._rows(indices))
 
     def _rows(self, indices: int | Sequence[int] | None) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""Where an environment's touches come from: live presses, or an observation model that stands in for them."""
+"""Sources of an environment's touches: presses in MuJoCo, or samples from an observation model."""
 
 from __future__ import annotations
 
@@ -13,41 +13,45 @@ from numpy.typing import NDArray
 from activetouch.scene import Scene, WorldObject
 from activetouch.world import TactileSensor, TouchWorld
 from belief import Touch
+from belief.naming import Name
 from belief.observation_model import ArrayModel
 from belief.synthetic import SyntheticWorld
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedPress:
-    """The image of a press, and what it takes to repeat that press.
+    """The image of a press, and the arguments that repeat it.
 
     Attributes:
         image: the sensor's image, ``(H, W)`` or ``(H, W, 3)`` uint8.
         scene: where the press was made.
         thing: the object.
-        pose: index of the pose.
+        pose: label or index of the pose.
         rng: state of the generator before the press.
     """
 
     image: NDArray[np.uint8]
     scene: Scene
     thing: WorldObject
-    pose: int
+    pose: Name
     rng: np.random.Generator
 
 
-class Objects(Protocol):
-    """The objects of one episode, the current one in front of the pad."""
+class EpisodeWorld(Protocol):
+    """The objects of one episode, one of them in front of the pad.
 
-    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, RecordedPress | None]:
-        """Touch the current object; the press too, where there is one."""
+    It may have an attribute ``last_press``, a :class:`RecordedPress`.
+    """
+
+    def touch(self, pose: int, rng: np.random.Generator) -> Touch:
+        """Touch the current object."""
 
     def advance(self) -> None:
-        """Put the current object aside and bring the next."""
+        """Replace the current object by the next one."""
 
 
 class Touches(Protocol):
-    """Where touches come from."""
+    """A source of touches."""
 
     @property
     def pose_labels(self) -> tuple[str, ...]:
@@ -55,19 +59,15 @@ class Touches(Protocol):
 
     @property
     def model(self) -> ArrayModel:
-        """What turns touches into evidence."""
+        """The observation model of the touches."""
 
-    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> Objects:
-        """New objects of these shapes."""
+    def world(self, arrangement: Sequence[int], rng: np.random.Generator) -> EpisodeWorld:
+        """New objects of these shapes, in order of visit."""
 
 
 @dataclass(frozen=True, eq=False)
 class LiveTouches:
-    """Presses in MuJoCo, read by the sensor's network.
-
-    Attributes:
-        sensor: scene, classifier and observation model.
-    """
+    """Presses in MuJoCo, read by the network of ``sensor``."""
 
     sensor: TactileSensor
 
@@ -81,68 +81,35 @@ class LiveTouches:
         """See :class:`Touches`."""
         return self.sensor.model
 
-    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> LiveObjects:
-        """See :class:`Touches`; the objects that :meth:`TouchWorld.sample` makes."""
-        return LiveObjects(self.sensor, arrangement, rng)
+    def world(self, arrangement: Sequence[int], rng: np.random.Generator) -> TouchWorld:
+        """See :class:`Touches`; the objects of :meth:`activetouch.TouchWorld.sample`."""
+        return _RecordingWorld.sample(self.sensor, arrangement, rng)
 
 
-class LiveObjects:
-    """The objects of a :class:`activetouch.TouchWorld`, whose presses can be shown.
+class _RecordingWorld(TouchWorld):
+    """A :class:`activetouch.TouchWorld` that keeps its last press."""
 
-    Args:
-        sensor: presses and reads.
-        arrangement: shapes in order of visit.
-        rng: of sizes and orientations.
-    """
+    last_press: RecordedPress | None = None
 
-    def __init__(self, sensor: TactileSensor, arrangement: Sequence[int], rng: np.random.Generator) -> None:
-        self._world = TouchWorld.sample(sensor, arrangement, rng)
-        self._sensor = sensor
-
-    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, RecordedPress]:
-        """See :class:`Objects`."""
+    def touch(self, pose: Name, rng: np.random.Generator) -> Touch:
         before = deepcopy(rng)
-        image, _ = self._world.press(pose, rng)
-        press = RecordedPress(image, self._sensor.scene, self._world.current, pose, before)
-        return self._sensor.read(image[None], [pose])[0], press
-
-    def advance(self) -> None:
-        """See :class:`Objects`."""
-        self._world.advance()
+        image, _ = self.press(pose, rng)
+        self.last_press = RecordedPress(image, self._sensor.scene, self.current, pose, before)
+        return self._sensor.read(image[None], [pose])[0]
 
 
 @dataclass(frozen=True, eq=False)
 class SampledTouches:
-    """Touches drawn from an observation model: no physics, no network, and beliefs that are exactly right.
+    """Touches drawn from an observation model: no physics, no network, and exactly calibrated beliefs.
 
     Attributes:
-        model: what touches are drawn from.
+        model: the distribution of the touches.
         pose_labels: names of the poses.
     """
 
     model: ArrayModel
     pose_labels: tuple[str, ...]
 
-    def objects(self, arrangement: Sequence[int], rng: np.random.Generator) -> SampledObjects:
+    def world(self, arrangement: Sequence[int], rng: np.random.Generator) -> SyntheticWorld:
         """See :class:`Touches`."""
-        return SampledObjects(self.model, arrangement)
-
-
-class SampledObjects:
-    """Objects that feel as the model says.
-
-    Args:
-        model: what touches are drawn from.
-        arrangement: shapes in order of visit.
-    """
-
-    def __init__(self, model: ArrayModel, arrangement: Sequence[int]) -> None:
-        self._world = SyntheticWorld(model, arrangement)
-
-    def touch(self, pose: int, rng: np.random.Generator) -> tuple[Touch, None]:
-        """See :class:`Objects`."""
-        return self._world.touch(pose, rng), None
-
-    def advance(self) -> None:
-        """See :class:`Objects`."""
-        self._world.advance()
+        return SyntheticWorld(self.model, arrangement)

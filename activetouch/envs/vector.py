@@ -1,4 +1,4 @@
-"""The paper's task on recorded touches as a vectorised Gymnasium environment."""
+"""The paper's task on recorded touches as a Gymnasium ``VectorEnv``."""
 
 from __future__ import annotations
 
@@ -15,16 +15,13 @@ from activetouch.envs.batched_episodes import BankEpisodes
 
 
 class BankVectorEnv(VectorEnv):
-    """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that speak Gymnasium.
+    """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that use Gymnasium.
 
-    An episode that ends is begun anew in the same step: its last observation is in ``infos["final_obs"]``. ``infos``
-    also has ``is_success`` and ``num_touches`` of every episode, as they were before that.
+    An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation. ``infos`` also
+    has ``is_success`` and ``num_touches`` of every episode before the replacement.
 
         bank = TouchBank.open(Path("data/coarse-bank/calibration"))
         envs = BankVectorEnv(BankEpisodes(bank, model, target="cone", num_envs=64, state="posterior"))
-
-    Args:
-        episodes: what is played.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # type: ignore[misc]
@@ -38,16 +35,16 @@ class BankVectorEnv(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Which actions make sense, ``(B, P + 2)``."""
+        """Valid actions, ``(B, P + 2)``."""
         return self._episodes.action_masks()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """New episodes in all rows.
+        """Start new episodes in all rows.
 
         Raises:
-            BadOption: any option, as there is none.
+            BadOption: there are options.
         """
         if options:
             raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
@@ -58,7 +55,7 @@ class BankVectorEnv(VectorEnv):
     def step(
         self, actions: NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """One action in each episode."""
+        """Take one action in each episode."""
         result = self._episodes.step(np.asarray(actions, np.int64))
         observations, touches = self._episodes.observe(), self._episodes.num_touches
         infos: dict[str, Any] = {"is_success": result.success, "num_touches": touches}

@@ -1,9 +1,8 @@
-"""Other observations of the same episodes, and a reward for learning.
+"""Wrappers that change the observation or shape the reward.
 
     env = PosteriorState(gymnasium.make("activetouch.envs:activetouch/ObjectTest-v0", scene="coarse", target="cone"))
 
-Observations are wrappers, not flags: what is learned from differs, what happens does not. One of them takes the place
-of the environment's own observation; a reward may be shaped inside or outside of it.
+Only one wrapper may replace the observation; :class:`BeliefShaping` can be inside or outside of it.
 """
 
 from __future__ import annotations
@@ -20,30 +19,29 @@ from activetouch.envs.base import TouchEnv
 from belief.errors import ActiveTouchError
 from belief.policy_state import certainty, posterior_state
 
-_SMALLEST = 36  # pixels that the convolutions of common libraries need
+_SMALLEST = 36  # pixels; the convolutions of common libraries need this many
 
 
 class NoImage(ActiveTouchError, TypeError):
-    """Images were asked for where touches have none."""
+    """The touches have no images."""
 
 
 class WrappedTwice(ActiveTouchError, TypeError):
-    """An observation was to be replaced that is replaced already."""
+    """Two wrappers replace the observation."""
 
 
 def _untouched(env: gymnasium.Env, wrapper: type) -> TouchEnv:
-    """The environment within, if its own observation comes through.
+    """The wrapped environment.
 
     Raises:
-        WrappedTwice: it does not.
+        WrappedTwice: a wrapper has replaced its observation.
     """
     own, inner = _touch_env(env), env
     while isinstance(inner, gymnasium.Wrapper):
         if isinstance(inner, gymnasium.ObservationWrapper) or inner.observation_space != inner.env.observation_space:
             raise WrappedTwice(
-                f"{wrapper.__name__} takes the place of the environment's own observation, which "
-                f"{type(inner).__name__} has taken already: use one of them. Wrappers of observations in general, such "
-                f"as FlattenObservation, go outside: FlattenObservation({wrapper.__name__}(env))"
+                f"{wrapper.__name__} and {type(inner).__name__} both replace the environment's observation: use one of "
+                f"them. General wrappers go outside: FlattenObservation({wrapper.__name__}(env))"
             )
         inner = inner.env
     return own
@@ -51,22 +49,21 @@ def _untouched(env: gymnasium.Env, wrapper: type) -> TouchEnv:
 
 def _touch_env(env: gymnasium.Env) -> TouchEnv:
     if not isinstance(env.unwrapped, TouchEnv):
-        raise TypeError(f"this wrapper is for the environments of activetouch.envs, got {env.unwrapped}")
+        raise TypeError(f"this wrapper needs an environment of activetouch.envs, got {env.unwrapped}")
     return env.unwrapped
 
 
 class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
-    """What the touches add up to: :func:`belief.policy_state.posterior_state`, a ``Box(-1, 1)`` of K + P + 2 numbers.
+    """The posterior as observation, a ``Box(-1, 1)`` of K + P + 2 numbers.
 
-    The belief about the current object, the log-odds of the target squashed to [-1, 1], for each pose how worn it is
-    (n/(n + 1) after n touches), the time; and of a whole search the share of objects left.
+    It contains :func:`belief.policy_state.posterior_state` and, in a whole search, the fraction of objects left.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
         RecordConstructorArgs.__init__(self)
         gymnasium.ObservationWrapper.__init__(self, env)
         _untouched(env, type(self))
-        size = cast(spaces.Box, env.observation_space).shape[0] - 1  # P poses and the log-odds for P + 2 actions
+        size = cast(spaces.Box, env.observation_space).shape[0] - 1  # P poses and the log-odds replace P + 2 actions
         self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def observation(self, observation: Any) -> NDArray[np.float32]:
@@ -76,11 +73,14 @@ class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
 
 
 class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
-    """The touch as the sensor saw it, for policies that read it themselves.
+    """The sensor's image as observation, for policies with their own image encoder.
 
     A `Dict` of ``image``, ``(H, W, 1)`` or ``(H, W, 3)`` uint8, black before an object's first touch, and ``state``:
-    the previous action, one-hot, the time, and of a whole search the share of objects left. Pixels of images smaller
-    than 36 × 36 are repeated until they are not.
+    the previous action, one-hot, the time, and in a whole search the fraction of objects left. Pixels are repeated so
+    that images have at least 36 × 36.
+
+    Raises:
+        NoImage: the touches are not live.
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
@@ -89,7 +89,7 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
         touches = _untouched(env, type(self)).touches
         sensor = getattr(touches, "sensor", None)
         if sensor is None:
-            raise NoImage(f"only live touches have images, these are {type(touches).__name__}")
+            raise NoImage(f"only live touches have images, got {type(touches).__name__}")
         height, width, *channels = sensor.scene.image_shape
         self._repeat = -(-_SMALLEST // min(height, width)) if min(height, width) < _SMALLEST else 1
         shape = (height * self._repeat, width * self._repeat, *(channels or [1]))
@@ -112,10 +112,10 @@ class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):
 
 
 class BeliefShaping(gymnasium.Wrapper, RecordConstructorArgs):
-    """A small reward for becoming sure: the paper's β, which it names and does not define (decision 0031).
+    """Potential-based shaping of the reward by the certainty of the belief: the paper's β (decision 0031).
 
-    F = β (γ Φ(s') - Φ(s)) with Φ = |:func:`belief.policy_state.certainty`|, and Φ = 0 once the episode has terminated:
-    a difference of potentials, which leaves the best policy the best (Ng, Harada & Russell 1999).
+    Adds β (γ Φ(s') - Φ(s)) with Φ = |:func:`belief.policy_state.certainty`|, and Φ = 0 after termination. This does not
+    change the optimal policy (Ng, Harada & Russell 1999).
 
     Args:
         env: the environment.

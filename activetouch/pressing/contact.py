@@ -1,4 +1,4 @@
-"""The physics record of one press, before any picture is made of it."""
+"""Contacts: the forces, depths and pressures of one press."""
 
 from __future__ import annotations
 
@@ -14,24 +14,20 @@ from activetouch.pressing.trace import Trace
 
 Floats = NDArray[np.float64]
 
-# Arrays of up to 128 kB are taken from memory at hand; larger ones are asked of the system anew each time, at twice the
-# cost of the rays themselves.
-_RAYS_AT_ONCE = 8192
+_RAYS_AT_ONCE = 8192  # larger arrays are allocated by the system, which takes twice the time of the rays
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """What one press did to the pad.
+    """The contact of one press; arrays are ``(num_taxels, num_taxels)``, rows along z, columns along y.
 
     Attributes:
-        pad: the pad that was pressed.
-        gap: distance of the object's surface behind its first point of contact, for every taxel, ≥ 0, ``inf``
-            beside the object [m], ``(num_taxels, num_taxels)``.
-        force: normal force in the pause [N]; 0 for an object that missed the pad.
-        indentation: how far each taxel's surface is pushed in, ≥ 0 [m], ``(num_taxels, num_taxels)``.
-        pressure: on every taxel [Pa], ``(num_taxels, num_taxels)``; its integral is ``force`` unless the layer
-            bottomed out.
-        trace: of the press, step by step, where it was asked for.
+        pad: the pressed pad.
+        gap: distance of the object's surface behind its first point of contact [m], ≥ 0; ``inf`` beside the object.
+        force: normal force in the pause [N]; 0 for a miss.
+        indentation: of the pad's surface [m], ≥ 0.
+        pressure: on every taxel [Pa]; its integral is ``force`` unless the layer bottomed out.
+        trace: time series of the press, if recorded.
     """
 
     pad: Pad
@@ -48,12 +44,12 @@ class Contact:
 
     @property
     def is_bottomed_out(self) -> bool:
-        """Whether the layer reached its limit before it carried the force, as under a sharp tip."""
+        """Whether the layer reached its maximal depth before it carried the force, as under a sharp tip."""
         return self.depth >= self.pad.max_depth
 
     @property
     def centre_of_pressure(self) -> Floats:
-        """Where the force acts, along y and z from the pad's centre [m], ``(2,)``; 0 without pressure."""
+        """Point where the force acts, along y and z from the pad's centre [m], ``(2,)``; 0 without pressure."""
         total = self.pressure.sum()
         if total == 0.0:
             return np.zeros(2)
@@ -66,8 +62,8 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
     Args:
         pad: the pad.
         gap: from :func:`surface_gap`.
-        force: normal force [N]; ignored where no taxel is below the object.
-        stiffness: of layer and object skin together, relative to the pad's.
+        force: normal force [N]; ignored if the object misses the pad.
+        stiffness: of the layer and the object's skin together, relative to the pad's.
         trace: of the press.
     """
     force = force if np.isfinite(gap.min()) else 0.0
@@ -77,34 +73,34 @@ def elastic_contact(pad: Pad, gap: Floats, force: float, stiffness: float = 1.0,
 
 
 def contact_at_depth(pad: Pad, gap: Floats, depth: float, stiffness: float = 1.0) -> Contact:
-    """:func:`elastic_contact` the other way round: the contact whose deepest taxel is indented by ``depth``.
+    """The inverse of :func:`elastic_contact`: the contact whose deepest taxel is indented by ``depth``.
 
     Args:
         pad: the pad.
         gap: from :func:`surface_gap`.
         depth: of the deepest taxel, in ``[0, pad.max_depth]`` [m].
-        stiffness: of layer and object skin together, relative to the pad's.
+        stiffness: of the layer and the object's skin together, relative to the pad's.
 
     Raises:
-        ValueError: the layer is not as deep as that, or the depth is negative or NaN.
+        ValueError: the depth is outside its range.
     """
     if not 0.0 <= depth <= pad.max_depth:
-        raise ValueError(f"depth must be in [0, {pad.max_depth:g}] m, where the layer ends; got {depth:g}")
+        raise ValueError(f"depth must be in [0, {pad.max_depth:g}] m, the thickness of the layer; got {depth:g}")
     indentation = np.maximum(depth - gap, 0.0)
     pressure = (stiffness * pad.stiffness) * indentation
     return Contact(pad, gap, float(pressure.sum()) * pad.taxel_area, indentation, pressure)
 
 
 def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -> Contact:
-    """A contact as it would look with the force and the depth of another: a control, not physics.
+    """A control for experiments: a contact with the force and depth of another contact.
 
-    The indentation is as deep as the lender's, and the force in the pause as large, although this surface would need
-    another force for that depth. The forces of a trace are scaled alike, and act where they did.
+    The result is not physical, because this surface would need another force for that depth. The forces of a trace are
+    scaled; their points stay.
 
     Args:
         lender: gives force and depth.
         contact: gives the gap, and the points of its trace.
-        stiffness: of layer and object skin together, relative to the pad's, for this contact.
+        stiffness: of the layer and the object's skin together, relative to the pad's, for this contact.
 
     Raises:
         ValueError: the lender is deeper than the contact's layer.
@@ -117,24 +113,22 @@ def with_numbers_of(lender: Contact, contact: Contact, stiffness: float = 1.0) -
 
 
 def _held_force(contact: Contact) -> float:
-    """Length of the force vector at the end of the pause [N], friction included where there is a trace."""
+    """Magnitude of the force at the end of the pause [N]; it includes friction if there is a trace."""
     if contact.trace is None:
         return contact.force
     return float(np.linalg.norm(contact.trace.force[contact.trace.end_of_pause - 1])) if contact.force else 0.0
 
 
 def surface_gap(pad: Pad, placement: Placement) -> Floats:
-    """Gap between the pad and an object that just touches it, for every taxel [m].
+    """Gap between the pad and an object that just touches it, ``(num_taxels, num_taxels)`` [m].
 
-    Returns:
-        ``(num_taxels, num_taxels)``, smallest value 0, ``inf`` where no surface lies above the taxel; all ``inf`` when
-        the object misses the pad.
+    The smallest value is 0. It is ``inf`` beside the object, and everywhere for a miss.
     """
     return first_touch(pad, placement)[0]
 
 
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
-    """:func:`surface_gap`, and how far the object's centre is in front of the pad then [m]; ``nan`` for a miss."""
+    """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
     rotation = to_matrix(placement.orientation)
     to_object = rotation.T / placement.scale  # the object's frame, at nominal size
     clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object

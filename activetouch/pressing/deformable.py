@@ -1,9 +1,6 @@
-"""A press on a pad that deforms: the slow reference for the elastic foundation of the other presses.
+"""A press on a deformable pad: the slow reference for the elastic foundation of the other presses.
 
-The foundation of :class:`activetouch.pressing.pad.Pad` is a bed of independent springs. Here the pad is a block of
-isotropic elastic solid, discretised by MuJoCo into tetrahedra (a *flex*), whose face dips around the object, bulges
-beside it and carries more under an edge. Nothing here is shared with the foundation but the pad's size and where the
-object stands.
+The pad is a block of isotropic elastic solid, which MuJoCo discretises into tetrahedra (a *flex*).
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, first_touch
 from activetouch.pressing.dynamic import require_force
-from activetouch.pressing.pad import Pad
+from activetouch.pressing.pad import Pad, SoftPad
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.shapes import Shape
@@ -28,55 +25,35 @@ from activetouch.shapes import Shape
 if TYPE_CHECKING:
     import mujoco
 
-    from activetouch.pressing.soft_rig import SoftPad
-
 Floats = NDArray[np.float64]
 
-_CLEARANCE = 0.0005  # of the object at the start [m]; a corner between two taxels is a tenth of it nearer
+_CLEARANCE = 0.0005  # distance between object and pad at the start [m]
 _SMOOTHING = (0.25, 0.5, 0.25)  # of the forces of neighbouring nodes
 
 
 @dataclass(frozen=True)
-class Deformable(Press):
-    """The object is pulled against an elastic block with the stop force until the pad carries it.
+class Deformable(SoftPad, Press):
+    """A constant force pulls the object against an elastic block until the block carries it.
 
-    Of the setup, only the pad is modelled. The indentation is that of the block's face and may exceed the pad's
-    ``max_depth``: a block does not bottom out.
+    Only the pad of the setup is modelled. The indentation may exceed the pad's ``max_depth``. See
+    :class:`activetouch.pressing.pad.SoftPad` for the settings of the block.
 
     Attributes:
-        nodes: of the block along an edge of its face; the time of a press grows with their square. Odd
-            numbers put a node on the approach axis, where edges and tips touch.
-        layers: of tetrahedra through the thickness.
-        young: Young's modulus [Pa]; the default gives the foundation's 1.5 mm under a 20 mm sphere at 2 N.
-        poisson: Poisson's ratio, in [0, 0.5); close to 0.5 linear tetrahedra lock.
-        damping: of the material, relative to its stiffness [s]; it settles the block and does not move its rest.
-        timestep: of the simulation [s].
-        admittance: velocity of the guide per newton of missing force [m/s/N].
-        tolerance: how near the force must stay to the stop, relative.
-        pause: for how long [s].
-        patience: how long to wait for that before giving up [s].
+        tolerance: largest relative force error in the pause.
+        pause: time during which the error must stay within the tolerance [s].
+        patience: time after which the press fails [s].
     """
 
     moves: ClassVar[bool] = True
     is_slow: ClassVar[bool] = True
     deforms: ClassVar[bool] = True
 
-    nodes: int = 25
-    layers: int = 4
-    young: float = 1.03e5
-    poisson: float = 0.3
-    damping: float = 0.005
-    timestep: float = 0.002
-    admittance: float = 0.05
     tolerance: float = 0.02
     pause: float = 0.04
     patience: float = 2.0
 
     def __post_init__(self) -> None:
-        if self.nodes < 2 or self.layers < 2:
-            raise ValueError(f"the block needs 2 nodes and 2 layers or more, got {self.nodes} and {self.layers}")
-        if not (self.young > 0.0 and 0.0 <= self.poisson < 0.5):
-            raise ValueError(f"young must be positive and poisson in [0, 0.5), got {self.young} Pa, {self.poisson}")
+        super().__post_init__()
         if not self.pause >= self.timestep > 0.0:
             raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
 
@@ -90,9 +67,9 @@ class Deformable(Press):
         if not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
             return Contact(pad, gap, 0.0, blank, blank)
-        # All elastic stresses are proportional to Young's modulus: a block s times as stiff is the block under F / s.
+        # Stresses are proportional to Young's modulus: a block s times as stiff deforms as this one under F / s.
         stop = target_force / placement.stiffness
-        rig = shared_soft_rig(self._soft_pad(pad), placement.shape)
+        rig = shared_soft_rig(pad, self, placement.shape)
         rig.place(touching + _CLEARANCE, placement, stop)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = round(self.pause / self.timestep), round(self.patience / self.timestep)
@@ -114,14 +91,7 @@ class Deformable(Press):
         """See :class:`Press`."""
         from activetouch.pressing.soft_rig import build_soft_spec  # loads MuJoCo
 
-        return build_soft_spec(self._soft_pad(setup.pad), shape).compile()
-
-    def _soft_pad(self, pad: Pad) -> SoftPad:
-        from activetouch.pressing.soft_rig import SoftPad  # loads MuJoCo
-
-        return SoftPad(
-            pad, self.nodes, self.layers, self.young, self.poisson, self.damping, self.timestep, self.admittance
-        )
+        return build_soft_spec(setup.pad, self, shape).compile()
 
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:
@@ -132,15 +102,14 @@ def _on_taxels(pad: Pad, nodal: Floats) -> Floats:
 
 
 def _pressure(pad: Pad, node_forces: Floats, force: float) -> Floats:
-    """Pressure on every taxel [Pa], of integral ``force``, from the forces on the nodes of the face.
+    """Pressure on every taxel [Pa], with integral ``force``, from the forces on the nodes of the face.
 
-    Each node's force is spread over the part of the face nearer to it than to others, half of it along the rim.
-    MuJoCo gives a tetrahedron under a flat face one contact, at an arbitrary place on it, so that neighbouring nodes
-    share their force by chance; the smoothing undoes that.
+    MuJoCo makes one contact per tetrahedron, at an arbitrary point, which splits a force arbitrarily between
+    neighbouring nodes. Smoothing removes this.
     """
     for axis in (0, 1):
         node_forces = convolve1d(node_forces, _SMOOTHING, axis=axis, mode="reflect")  # keeps the sum
     share = np.ones(len(node_forces))
-    share[[0, -1]] = 0.5
+    share[[0, -1]] = 0.5  # nodes on the rim represent half the area
     pressure = _on_taxels(pad, np.maximum(node_forces, 0.0) / np.outer(share, share))
     return pressure * (force / (pressure.sum() * pad.taxel_area))

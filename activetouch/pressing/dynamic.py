@@ -1,4 +1,4 @@
-"""A guarded move with force control in stepped MuJoCo: approach, contact, pause, withdraw."""
+"""Presses simulated step by step in MuJoCo: approach, contact, pause, withdraw."""
 
 from __future__ import annotations
 
@@ -16,51 +16,77 @@ from activetouch.shapes import Shape
 if TYPE_CHECKING:
     import mujoco
 
+    from activetouch.pressing.rig import Rig
+
 _LONGEST_STEP = 0.001  # [m]
 
 
-def require_steps(timestep: float, speed: float, pause: float) -> None:
-    """Refuse a motion that could jump through the pad, or a pause of no steps."""
-    if not pause >= timestep > 0.0:
-        raise ValueError(f"pause must be at least one timestep, got {pause} s and {timestep} s")
-    if not 0.0 < speed * timestep <= _LONGEST_STEP:
-        raise ValueError(
-            f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
-            f"step; got {speed} m/s × {timestep} s"
-        )
-
-
 def require_force(target_force: float) -> None:
-    """Refuse a force that is negative or not finite."""
+    """Check that a force is finite and ≥ 0."""
     if not 0.0 <= target_force < float("inf"):
         raise ValueError(f"target_force must be finite and ≥ 0 N, got {target_force}")
 
 
-def start_position(start: float, setup: Setup, placement: Placement) -> float:
-    """Where a press starts: ``start`` [m] in front of the pad, or further for an object that would touch it there."""
-    return max(start, placement.bounding_radius + setup.pad.max_depth)
+class SteppedPress(Press):
+    """A press whose motion is simulated in MuJoCo on a rigid pad with a soft contact.
+
+    Attributes:
+        timestep: of the simulation [s].
+        speed: of the free motion [m/s].
+        pause: duration of the pause [s].
+        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
+    """
+
+    moves: ClassVar[bool] = True
+
+    timestep: float
+    speed: float
+    pause: float
+    start: float
+
+    def __post_init__(self) -> None:
+        if not self.pause >= self.timestep > 0.0:
+            raise ValueError(f"pause must be at least one timestep, got {self.pause} s and {self.timestep} s")
+        if not 0.0 < self.speed * self.timestep <= _LONGEST_STEP:
+            raise ValueError(
+                f"speed × timestep must be in (0, {_LONGEST_STEP} m], or the object could pass through the pad in one "
+                f"step; got {self.speed} m/s × {self.timestep} s"
+            )
+
+    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
+        """See :class:`Press`."""
+        from activetouch.pressing.rig import build_spec  # loads MuJoCo
+
+        return build_spec(setup, shape, self.timestep, self.traced).compile()
+
+    def _place(self, setup: Setup, placement: Placement) -> tuple[Rig, float]:
+        """The rig with the object at the start, and the position of the object's centre [m]."""
+        from activetouch.pressing.rig import shared_rig  # loads MuJoCo
+
+        rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
+        position = max(self.start, placement.bounding_radius + setup.pad.max_depth)
+        rig.place(position, placement)
+        return rig, position
 
 
 @dataclass(frozen=True)
-class Dynamic(Press):
-    """The object moves at ``speed`` until the pad pushes back, then with a velocity proportional to the missing force.
+class Dynamic(SteppedPress):
+    """A guarded move with admittance control: in contact, the velocity is proportional to the force error.
 
-    The force is read once it has stayed near the stop for the whole ``pause`` (admittance control). At the far end of
-    the guide it is read whatever it is: nothing after a miss, little where the object glances off the pad's rim.
+    The press ends when the force has stayed near the target force for the whole ``pause``. If the guide reaches its end
+    before, the force is read there: 0 after a miss, little if the object glances off the pad's rim.
 
     Attributes:
         timestep: of the simulation [s].
         speed: of the free approach and of the withdrawal [m/s].
-        admittance: velocity per newton of missing force [m/s/N].
-        tolerance: how near the force must stay to the stop, relative.
-        pause: for how long [s].
-        patience: how long to wait for that before giving up [s].
-        start: distance of the object's centre from the pad at the start [m]; larger objects start further.
-        travel: how far past the pad's face the centre may go before it counts as a miss [m].
-        traced: whether to sense force vector and contact point in every step, for ``Contact.trace``.
+        admittance: velocity per newton of force error [m/s/N].
+        tolerance: largest relative force error in the pause.
+        pause: time during which the error must stay within the tolerance [s].
+        patience: time in contact after which the press fails [s].
+        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
+        travel: distance past the pad's face at which the guide ends [m].
+        traced: whether to record force vector and contact point in every step, for ``Contact.trace``.
     """
-
-    moves: ClassVar[bool] = True
 
     timestep: float = 0.002
     speed: float = 0.1
@@ -72,17 +98,11 @@ class Dynamic(Press):
     travel: float = 0.005
     traced: bool = False
 
-    def __post_init__(self) -> None:
-        require_steps(self.timestep, self.speed, self.pause)
-
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
-        from activetouch.pressing.rig import shared_rig  # loads MuJoCo
-
         require_force(target_force)
-        rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
-        position = withdrawn = start_position(self.start, setup, placement)
-        rig.place(position, placement)
+        rig, withdrawn = self._place(setup, placement)
+        position = withdrawn
         force, num_settled, num_steps = 0.0, 0, 0
         wanted = round(self.pause / self.timestep)
         limit = round((self.patience + position / self.speed) / self.timestep)
@@ -93,9 +113,9 @@ class Dynamic(Press):
             near = abs(force - target_force) <= self.tolerance * target_force
             num_settled = num_settled + 1 if near else 0
             num_steps += 1
-        at_end = position <= -self.travel  # missed, or glancing off: hold there, and read what there is to read
+        at_end = position <= -self.travel  # missed, or glancing off
         if num_settled == wanted:
-            rig.relabel(wanted, Phase.PAUSE)  # which steps were the pause shows only at its end
+            rig.relabel(wanted, Phase.PAUSE)  # known only after the pause
         elif at_end and force > 0.0:
             for _ in range(wanted):
                 force = rig.step(position, Phase.PAUSE)
@@ -111,12 +131,6 @@ class Dynamic(Press):
                 f"speed (now {self.speed} m/s)."
             )
         return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
-
-    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
-        """See :class:`Press`."""
-        from activetouch.pressing.rig import build_spec  # loads MuJoCo
-
-        return build_spec(setup, shape, self.timestep, self.traced).compile()
 
     def with_trace(self) -> Dynamic:
         """See :class:`Press`."""

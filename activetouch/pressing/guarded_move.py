@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,35 +10,28 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
-from activetouch.pressing.dynamic import require_force, require_steps, start_position
-from activetouch.pressing.press import Press
+from activetouch.pressing.dynamic import SteppedPress, require_force
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
-from activetouch.shapes import Shape
 
-if TYPE_CHECKING:
-    import mujoco
-
-_LARGEST_FORCE = 1e4  # [N]; a pad that pushes harder than this is no pad
+_LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
 
 
 @dataclass(frozen=True)
-class GuardedMove(Press):
-    """Forward at constant speed, stop where the force reaches the threshold, hold that position, and go back.
+class GuardedMove(SteppedPress):
+    """Forward at constant speed until the force exceeds a threshold, hold that position, and go back.
 
-    Nothing regulates the force: it is what the pad answers while the guide holds still, so it differs from the
-    threshold by what the object's momentum and the last step added.
+    The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
+    of the last step.
 
     Attributes:
         timestep: of the simulation [s].
         speed: forward and backward [m/s].
-        pause: how long to hold before the force is read [s].
-        start: distance of the object's centre from the pad at the start [m]; larger objects start further.
-        travel: how far past the pad's face the centre may go; there it stops, touched or not [m].
-        rotation_time: that a rotation between two presses takes [s].
+        pause: time to hold the position before the force is read [s].
+        start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
+        travel: distance past the pad's face at which the guide ends [m].
+        rotation_time: duration of a rotation between two presses [s].
     """
-
-    moves: ClassVar[bool] = True
 
     timestep: float = 0.002
     speed: float = 0.02
@@ -48,18 +40,11 @@ class GuardedMove(Press):
     travel: float = 0.005
     rotation_time: float = 0.2
 
-    def __post_init__(self) -> None:
-        require_steps(self.timestep, self.speed, self.pause)
-
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`; ``target_force`` is the threshold."""
-        from activetouch.pressing.rig import shared_rig  # loads MuJoCo
-
         require_force(target_force)
-        rig = shared_rig(setup, placement.shape, self.timestep, traced=True)
-        position = withdrawn = start_position(self.start, setup, placement)
-        rig.place(position, placement)
-        force = 0.0
+        rig, withdrawn = self._place(setup, placement)
+        position, force = withdrawn, 0.0
         while position > -self.travel and force < target_force:
             position -= self.timestep * self.speed
             force = rig.step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
@@ -80,21 +65,11 @@ class GuardedMove(Press):
         """See :class:`Press`."""
         return True
 
-    def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel:
-        """See :class:`Press`."""
-        from activetouch.pressing.rig import build_spec  # loads MuJoCo
-
-        return build_spec(setup, shape, self.timestep, traced=True).compile()
-
     def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """See :class:`Press`; the object turns evenly and the short way."""
-        from activetouch.pressing.rig import shared_rig  # loads MuJoCo
-
-        rig = shared_rig(setup, placement.shape, self.timestep, traced=True)
-        position = start_position(self.start, setup, placement)
-        rig.place(position, placement)
+        """See :class:`Press`; the object turns along the shorter arc."""
+        rig, position = self._place(setup, placement)
         start, end = np.asarray(placement.orientation), np.asarray(orientation)
-        end = end if start @ end >= 0.0 else -end  # the same rotation, the short way
+        end = end if start @ end >= 0.0 else -end  # the same rotation
         for share in np.linspace(0.0, 1.0, max(1, round(self.rotation_time / self.timestep)) + 1)[1:]:
             between = (1.0 - share) * start + share * end
             rig.turn(between / np.linalg.norm(between))

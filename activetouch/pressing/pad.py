@@ -1,9 +1,8 @@
-"""The tactile pad: where its taxels are, and how its elastic layer answers to a shape pressed into it.
+"""The tactile pad: the positions of its taxels and the force law of its elastic layer.
 
-The layer is a Winkler foundation, a bed of independent springs: a taxel indented by δ [m] carries the
-pressure k·δ [Pa] (Johnson, *Contact Mechanics*, §4.3). The indentation of a press is the one at which the
-pressures add up to the normal force, so the image's integral *is* the force. It is not taken from MuJoCo's
-soft contact, whose depth follows the number of contact points (decision 0003).
+The layer is a Winkler foundation of independent springs: a taxel indented by δ [m] carries the pressure k·δ [Pa]
+(Johnson, *Contact Mechanics*, §4.3). In a press the pressures add up to the normal force. Decision 0003 compares this
+with MuJoCo's soft contact.
 """
 
 from __future__ import annotations
@@ -24,12 +23,10 @@ class Pad:
     Attributes:
         half_width: half the edge of the sensing face [m]; the paper's pad is 30 × 30 mm.
         half_thickness: half the thickness of the pad body [m].
-        num_taxels: points along an edge at which the layer is computed; each is a taxel of the image, unless the
-            renderer reads several as one.
-        stiffness: k of the elastic foundation [N/m³]; 1.5 mm under a 20 mm sphere at 2 N.
+        num_taxels: number of points along an edge; each is a taxel of the image unless the renderer bins them.
+        stiffness: k of the elastic foundation [N/m³]; the default gives 1.5 mm under a 20 mm sphere at 2 N.
         max_depth: indentation at which the layer bottoms out, also the full scale of the image [m].
-        contact_time: time constant of MuJoCo's soft contact [s]; shorter is stiffer. It moves the object, and has no
-            part in the imprint.
+        contact_time: time constant of MuJoCo's soft contact [s]. It affects the motion, not the imprint.
         damping_ratio: of that contact; below 1 the object bounces.
     """
 
@@ -61,18 +58,15 @@ class Pad:
         return np.stack([np.zeros(z.size), y.ravel(), z.ravel()])
 
     def indentation(self, gap: Floats, force: float) -> float:
-        """Depth of the deepest taxel under a normal force [m], at most ``max_depth``.
+        """Depth δ of the deepest taxel under a normal force, in ``[0, max_depth]`` [m].
 
-        Solves F = k·A·∑ max(0, δ − gap) for δ. The sum is convex and piecewise linear in δ, so Newton's
-        method from the right descends to the root and ends there exactly.
+        Solves F = k·A·∑ max(0, δ − gap). The sum is convex and piecewise linear in δ, so Newton's method from the right
+        ends exactly at the root.
 
         Args:
-            gap: distance of the surface behind the first point of contact, any shape, ≥ 0, ``inf`` where
-                the surface misses the taxel [m].
+            gap: distance of the surface behind the first point of contact, any array shape, ≥ 0, ``inf`` for taxels
+                beside the object [m].
             force: normal force [N], ≥ 0.
-
-        Returns:
-            δ in ``[0, max_depth]``; ``max_depth`` where the layer bottoms out before it carries the force.
 
         Raises:
             ValueError: the force is negative or not finite.
@@ -89,6 +83,36 @@ class Pad:
         while True:
             loaded = reached[reached < depth]
             lower = (load + loaded.sum()) / loaded.size
-            if lower >= depth:  # rounding is the only thing left to remove
+            if lower >= depth:  # converged up to rounding
                 return depth
             depth, reached = lower, loaded
+
+
+@dataclass(frozen=True)
+class SoftPad:
+    """A pad that is a block of elastic solid, discretised into tetrahedra, and the simulation of a press on it.
+
+    Attributes:
+        nodes: of the block along an edge of its face; the time of a press grows with their square. With an odd number,
+            a node lies on the approach axis.
+        layers: of tetrahedra through the thickness.
+        young: Young's modulus [Pa]; the default gives the foundation's depth, 1.5 mm under a 20 mm sphere at 2 N.
+        poisson: Poisson's ratio, in [0, 0.5); linear tetrahedra lock near 0.5.
+        damping: of the material, relative to its stiffness [s]; it does not change the equilibrium.
+        timestep: of the simulation [s].
+        admittance: velocity of the guide per newton of force error [m/s/N].
+    """
+
+    nodes: int = 25
+    layers: int = 4
+    young: float = 1.03e5
+    poisson: float = 0.3
+    damping: float = 0.005
+    timestep: float = 0.002
+    admittance: float = 0.05
+
+    def __post_init__(self) -> None:
+        if self.nodes < 2 or self.layers < 2:
+            raise ValueError(f"the block needs at least 2 nodes and 2 layers, got {self.nodes} and {self.layers}")
+        if not (self.young > 0.0 and 0.0 <= self.poisson < 0.5):
+            raise ValueError(f"young must be positive and poisson in [0, 0.5), got {self.young} Pa, {self.poisson}")

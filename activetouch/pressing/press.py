@@ -1,10 +1,9 @@
-"""The protocol of presses, and the simplest one: interchangeable ways in which an object comes to press on the pad.
+"""The protocol of presses, and the simplest press.
 
-``Quasistatic`` simulates no time: the object rests on the pad with exactly the target force. ``Dynamic``
-(:mod:`activetouch.pressing.dynamic`) simulates the motion in MuJoCo, with contact timing and misses; ``GuardedMove``
-(:mod:`activetouch.pressing.guarded_move`) is the paper's own cycle in the same physics. These three compute the imprint
-by one force law (:func:`activetouch.pressing.contact.elastic_contact`). ``Deformable``
-(:mod:`activetouch.pressing.deformable`) simulates a soft pad in MuJoCo; it is slow, and the reference for the others.
+``Quasistatic`` does not simulate time. ``Dynamic`` (:mod:`activetouch.pressing.dynamic`) and ``GuardedMove``
+(:mod:`activetouch.pressing.guarded_move`), the paper's cycle, simulate the motion in MuJoCo. These three compute the
+imprint by one force law (:func:`activetouch.pressing.contact.elastic_contact`). ``Deformable``
+(:mod:`activetouch.pressing.deformable`), the slow reference, simulates a soft pad.
 """
 
 from __future__ import annotations
@@ -26,13 +25,12 @@ if TYPE_CHECKING:
 
 
 class Press(Protocol):
-    """A way to press an object against the pad. Derive a press of your own from this class; only `press` is required.
+    """A way to press an object against the pad. Derive your own press from this class; only ``press`` is required.
 
     Attributes:
         moves: whether the object's motion is simulated, so that it can slide or bounce.
         is_slow: whether one press takes seconds.
-        deforms: whether the pad itself is simulated as a soft body, so that the imprint does not follow from the
-            object's geometry and depth alone.
+        deforms: whether the pad is a soft body, so that geometry and depth do not determine the imprint.
     """
 
     moves: ClassVar[bool] = False
@@ -46,10 +44,10 @@ class Press(Protocol):
 
     @abstractmethod
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
-        """The contact in the pause, without force where the object never met the pad.
+        """The contact in the pause; its force is 0 for a miss.
 
         Args:
-            setup: the pad and what else is modelled.
+            setup: the pad and its surroundings.
             placement: the object.
             target_force: force at which the motion stops [N].
 
@@ -58,7 +56,7 @@ class Press(Protocol):
         """
 
     def compiled(self, setup: Setup, shape: Shape) -> mujoco.MjModel | None:
-        """The MuJoCo model of a press of this shape; None where MuJoCo is not used."""
+        """The MuJoCo model of a press of this shape; None if the press does not use MuJoCo."""
         return None
 
     def with_trace(self) -> Press:
@@ -66,22 +64,22 @@ class Press(Protocol):
         return self
 
     def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
-        """The time series of turning the withdrawn object from its placement to another orientation.
+        """The time series of a rotation of the withdrawn object to another orientation.
 
         Args:
-            setup: the pad and what else is modelled.
-            placement: the object, before it is turned.
-            orientation: unit quaternion ``wxyz``, after it is turned.
+            setup: the pad and its surroundings.
+            placement: the object before the rotation.
+            orientation: unit quaternion ``wxyz`` after the rotation.
 
         Raises:
-            WrongPress: this kind of press does not simulate rotations.
+            WrongPress: this press does not simulate rotations.
         """
-        raise WrongPress(f"rotations are simulated by guarded moves only, not by {self}; use the scene 'paper'")
+        raise WrongPress(f"only guarded moves simulate rotations, not {self}; use the scene 'paper'")
 
 
 @dataclass(frozen=True)
 class Quasistatic(Press):
-    """A press without simulated time: the object rests on the pad with exactly the target force. It needs no MuJoCo."""
+    """A press without simulated time: the object rests on the pad with exactly the target force."""
 
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""

@@ -1,10 +1,8 @@
-"""The MuJoCo model of a press: a soft pad, an object on a linear guide, and what else the setup asks for.
+"""The MuJoCo model of a press: a pad with a soft contact, an object on a linear guide, and the surroundings.
 
-By default that is two geoms, one slide joint and one contact pair; no gravity, no robot. Only the pad and the
-pressed object are a contact pair, so what cannot touch is never tested for contact. Parked objects are fixed to the
-world: there is one model for each object that can be active, and to park it is to go on with another's model. A model
-is compiled once, at the largest size, and each press only rewrites the object's size, orientation and offset in place:
-MuJoCo's bounding volumes then stay conservative, and contacts are those of a freshly compiled model.
+The default model has two geoms, one slide joint, one contact pair and no gravity. Each shape has its own model, in
+which parked objects are fixed to the world. A model is compiled once, at the largest size; a press sets size,
+orientation and offset in place, so that MuJoCo's bounding volumes remain valid.
 """
 
 from __future__ import annotations
@@ -35,29 +33,20 @@ _MASS = 0.5  # of object and guide together [kg]; with the pad's contact it give
 _SERVO_STIFFNESS = 20_000.0  # of the guide's position servo [N/m]
 _PAD_SOLIMP = (0.7, 0.9, 0.003, 0.5, 2.0)  # impedance from 0.7 to 0.9 over 3 mm
 LARGEST_SCALE = 2.0
-"""Size at which an object is compiled, relative to nominal; it can be pressed at any size up to that."""
-_PARKING = (0.10, 0.25, 0.10)  # x [m] and first y [m] of the parking area, and distance between its places [m]
+"""Size at which an object is compiled, relative to nominal: the largest size of a press."""
+_PARKING = (0.10, 0.25, 0.10)  # of the parking area: x, first y and distance between places [m]
 _DARK, _GREY, _ORANGE, _BLUE = (0.15, 0.16, 0.2, 1), (0.6, 0.62, 0.66, 1), (0.9, 0.45, 0.1, 1), (0.3, 0.5, 0.75, 1)
 _NO_CONTACT = {"contype": 0, "conaffinity": 0}
-# Half-extents of the finger's segments [m] (paper §5.2): the base stands on the floor's origin, the tip on it.
+# Half-extents of the finger's segments [m] (paper §5.2); the tip stands on the base.
 _FINGER_BASE, _FINGER_TIP = (0.02, 0.02, 0.05), (0.02, 0.02, 0.02)
-# A contact sensor that reports force and position of all contacts together (MuJoCo manual, "contact" sensor).
+# Settings of MuJoCo's contact sensor: net force and position of all contacts.
 _FORCE_AND_POSITION, _NET_FORCE = (1 << 1) | (1 << 4), 3
-
-_GEOM_TYPES = {
-    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
-    "box": mujoco.mjtGeom.mjGEOM_BOX,
-    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
-    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
-    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
-}
 
 
 def build_spec(
     setup: Setup, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
 ) -> mujoco.MjSpec:
-    """The model of a setup and one object at its largest size, ready to compile."""
+    """The model of a setup and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
     spec = mujoco.MjSpec()
     spec.option.timestep = timestep
     spec.option.gravity = [0.0, 0.0, 0.0]
@@ -66,23 +55,28 @@ def build_spec(
     pad, world = setup.pad, spec.worldbody
     world.add_geom(
         name="pad",
-        type=_GEOM_TYPES["box"],
+        type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[pad.half_thickness, pad.half_width, pad.half_width],
         pos=[-pad.half_thickness, 0.0, setup.height],
         rgba=_DARK,
         **_NO_CONTACT,
     )
     if setup.finger:
-        # Wider than the pad but a pad's thickness behind its face, where no object comes: it needs no contact pair.
+        # No object reaches the finger behind the pad, so it needs no contact pair.
         x, z = -2 * pad.half_thickness - _FINGER_TIP[0], setup.height - _FINGER_TIP[2] - _FINGER_BASE[2]
         for name, size, height in (("base", _FINGER_BASE, z), ("tip", _FINGER_TIP, setup.height)):
             position = [x, 0.0, height]
             world.add_geom(
-                name=f"finger_{name}", type=_GEOM_TYPES["box"], size=size, pos=position, rgba=_GREY, **_NO_CONTACT
+                name=f"finger_{name}",
+                type=mujoco.mjtGeom.mjGEOM_BOX,
+                size=size,
+                pos=position,
+                rgba=_GREY,
+                **_NO_CONTACT,
             )
     guide = world.add_body(name="guide", pos=[0.0, 0.0, setup.height])
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
-    body = guide.add_body(name="object")  # its own body, so that turning it leaves the guide's axis alone
+    body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
     contact = {} if setup.robot is not None and setup.robot.collisions else _NO_CONTACT
     add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
     softness = [pad.contact_time, pad.damping_ratio]
@@ -105,25 +99,26 @@ def build_spec(
 def add_solid(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, shape: Shape, scale: float, **properties: object
 ) -> None:
-    """Give a body the geom of a shape."""
+    """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom."""
     geom = shape.geom
+    kind = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
     if geom.vertices is not None:
         spec.add_mesh(name=name, uservert=(geom.vertices * scale).ravel())
-        body.add_geom(name=name, type=_GEOM_TYPES[geom.type], meshname=name, **properties)
+        body.add_geom(name=name, type=kind, meshname=name, **properties)
     else:
-        body.add_geom(name=name, type=_GEOM_TYPES[geom.type], size=np.asarray(geom.size) * scale, **properties)
+        body.add_geom(name=name, type=kind, size=np.asarray(geom.size) * scale, **properties)
 
 
 class Rig:
-    """A compiled setup with one object, placed and pressed again and again.
+    """A compiled model of a setup and one object, which can be placed and pressed many times.
 
     Args:
-        setup: the pad and what else is modelled.
+        setup: the pad and its surroundings.
         shape: of the object.
         timestep: of the simulation [s].
-        traced: whether force vector and contact point are sensed in every step.
-        largest_scale: size up to which the object can be placed. Rays are cast against the bounding volumes of that
-            size, so a model to be looked at must be compiled at the size that is placed.
+        traced: whether to record force vector and contact point in every step.
+        largest_scale: largest size of the object. For pictures it must be the placed size, because rays are tested
+            against the bounding volumes of the largest size.
     """
 
     def __init__(
@@ -147,16 +142,20 @@ class Rig:
         self._reaction = self.data.qfrc_constraint[joint.dofadr[0] :]
         self._control = self.data.ctrl[self.model.actuator("guide").id :]
         self._sensors = self.data.sensordata
-        servos = self.model.actuator_trnid[1:, 0]  # a robot's, one for each of its joints
+        servos = self.model.actuator_trnid[1:, 0]  # of a robot's joints
         self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
         size, centre = self.model.geom_size[self._geom], self.model.geom_pos[self._geom]
-        # The centre of mass too: where a mesh lies in its body's inertial frame, MuJoCo takes its place from there.
+        # MuJoCo places a mesh relative to the centre of mass of its body, so this is scaled too.
         self._largest = size.copy(), centre.copy(), self.model.body_ipos[self._body].copy(), self._vertices.copy()
         self._rows: list[tuple[float, NDArray[np.float64]]] = []
         self._phases: list[Phase] = []
 
     def place(self, position: float, placement: Placement) -> None:
-        """Put the object at rest, its centre ``position`` [m] in front of the pad."""
+        """Put the object at rest with its centre ``position`` [m] in front of the pad.
+
+        Raises:
+            ValueError: the object is larger than the largest size.
+        """
         factor = placement.scale / self._largest_scale
         if not 0.0 < factor <= 1.0:
             raise ValueError(f"scale must be in (0, {self._largest_scale}], got {placement.scale}")
@@ -175,11 +174,11 @@ class Rig:
         self._control[1:] = self._stance
 
     def turn(self, orientation: Quaternion) -> None:
-        """Give the object another orientation."""
+        """Set the orientation of the object."""
         self.model.body_quat[self._body] = orientation
 
     def step(self, position: float, phase: Phase) -> float:
-        """Command the guide to ``position`` [m], advance one timestep, and return the pad's push [N]."""
+        """Command the guide to ``position`` [m], simulate one timestep, and return the normal force [N]."""
         self._control[0] = position
         mujoco.mj_step(self.model, self.data)
         if self._traced:
@@ -193,7 +192,7 @@ class Rig:
             self._phases[-num_steps:] = [phase] * num_steps
 
     def trace(self) -> Trace | None:
-        """What was sensed since the object was placed; None without sensors."""
+        """The trace since the object was placed; None if not traced."""
         if not self._traced:
             return None
         num_steps = len(self._rows)
@@ -208,10 +207,7 @@ class Rig:
 
     @property
     def force(self) -> float:
-        """Normal force between pad and object [N]: contact is all that constrains the guide.
-
-        An object that has slipped past the rim is pushed on, away from the face; on the face itself that is no force.
-        """
+        """Normal force between pad and object [N], the constraint force on the guide; 0 behind the pad's rim."""
         return max(float(self._reaction[0]), 0.0)
 
     @property
@@ -222,9 +218,5 @@ class Rig:
 
 @lru_cache(maxsize=64)
 def shared_rig(setup: Setup, shape: Shape, timestep: float, traced: bool) -> Rig:
-    """The process's rig for a shape on a setup, compiled when first needed.
-
-    Every press sets everything it depends on, so a press does not remember the one before; but a process can run only
-    one at a time.
-    """
+    """The cached rig of this process; a press does not depend on earlier ones, but only one can run at a time."""
     return Rig(setup, shape, timestep, traced)

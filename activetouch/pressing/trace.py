@@ -1,7 +1,7 @@
-"""The time series of a press: position of the object, force on it, and which phase the motion was in (paper §5.4).
+"""Time series of presses: position of the object, force on it, and phase of the motion (paper §5.4).
 
 contact = Dynamic(traced=True).press(setup, placement, target_force=2.0)
-write_csv(Path("cone.csv"), [contact.trace])           # pandas.read_csv reads it back
+write_csv(Path("cone.csv"), [contact.trace])
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ COLUMNS = ("cycle", "time", "x", "y", "z", "fx", "fy", "fz", "phase")
 
 
 class Phase(StrEnum):
-    """What the guide is doing (paper §5.3: forward, pause, backward, rotation; the first split at contact)."""
+    """Phases of a press (paper §5.3); the paper's forward phase is split at first contact."""
 
     APPROACH = "approach"
     CONTACT = "contact"
@@ -33,12 +33,12 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One row for every step of a press, T of them.
+    """Time series of a press with T steps.
 
     Attributes:
         time: since the start [s], ``(T,)``.
         position: of the object's centre [m], ``(T, 3)``, world frame.
-        force: of the pad on the object [N], ``(T, 3)``, world frame; +x pushes it back.
+        force: of the pad on the object [N], ``(T, 3)``, world frame; +x points away from the pad.
         point: where the force acts, along y and z from the pad's centre [m], ``(T, 2)``; 0 without contact.
         phase: of the motion, ``(T,)``.
     """
@@ -53,17 +53,21 @@ class Trace:
         return len(self.time)
 
     def select(self, rows: slice) -> Trace:
-        """Some of the rows."""
+        """The steps in a slice."""
         return Trace(self.time[rows], self.position[rows], self.force[rows], self.point[rows], self.phase[rows])
 
     @property
     def end_of_pause(self) -> int:
-        """Row after the last one of the pause; 0 where nothing was held, as in a miss."""
+        """Index of the step after the pause; 0 without a pause, as in a miss."""
         return next((row for row in range(len(self), 0, -1) if self.phase[row - 1] is Phase.PAUSE), 0)
 
 
 def join(traces: Iterable[Trace]) -> Trace:
-    """Traces one after the other, as one time series."""
+    """Concatenate traces; time continues from one to the next.
+
+    Raises:
+        ValueError: there is no trace.
+    """
     parts, start = [], 0.0
     for trace in traces:
         parts.append(replace(trace, time=trace.time + start))
@@ -76,7 +80,7 @@ def join(traces: Iterable[Trace]) -> Trace:
 
 
 def write_csv(path: Path, cycles: Sequence[Trace]) -> None:
-    """One row a step, cycle after cycle, with the columns :data:`COLUMNS`; time goes on across cycles. Atomic."""
+    """Write one row per step with the columns :data:`COLUMNS`, atomically; time continues across cycles."""
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)

@@ -1,7 +1,7 @@
-"""From contacts to tactile images: renderers, and the sensor's faults.
+"""Renderers, which map contacts to tactile images, and faults of the sensor.
 
-To add a renderer, write a class with the call of :class:`TactileRenderer` in a file here and one line in
-:data:`RENDERERS`; to add a fault, write a class with the call of :class:`Fault`.
+To add a renderer, write a class with the members of :class:`TactileRenderer` in a file here and one line in
+:data:`RENDERERS`; to add a fault, write a class with the members of :class:`Fault`.
 """
 
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from activetouch.rendering.renderer import TactileRenderer
 RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
     {"force_patch": ForcePatchRenderer(), "pressure": PressureRenderer(), "gelsight": GelSightRenderer()}
 )
-"""Every renderer by name, as it comes."""
+"""The renderers by name, with default settings."""
 
 __all__ = [
     "RENDERERS",

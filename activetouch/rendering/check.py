@@ -1,4 +1,4 @@
-"""Check that a renderer keeps the contract that scenes, collections and networks rely on."""
+"""A check of the contract of renderers, which scenes, collections and networks rely on."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ _FORCES = (0.01, 1.0, 3.0, 100.0)  # [N]
 
 
 def check_renderer(renderer: TactileRenderer, pad: Pad | None = None) -> tuple[int, ...]:
-    """Try a renderer of one's own on misses and on presses of every shape, from a light touch to a crushing one.
+    """Check a renderer on a miss and on presses of every shape between 0.01 N and 100 N.
 
-    Checked are that it says whether it is isotropic, that images are floating-point arrays in [0, 1] of one shape, that
-    the same contact gives the same image, that a contact is left as it was, and that a press of a sphere shows.
+    It must have the attribute ``isotropic``. Its images must be floating-point arrays in [0, 1] of one shape, and the
+    same for the same contact. It must not change the contact, and a pressed sphere must be visible.
 
     Args:
-        renderer: to be checked.
-        pad: it is to render; the default one unless given.
+        renderer: the renderer to check.
+        pad: the pad to render; a default :class:`Pad` if None.
 
     Returns:
         The shape of its images.
 
     Raises:
-        WrongRenderer: an image breaks the rule of :class:`TactileRenderer`, or the object is no renderer.
-        BrokenContract: another promise is not kept.
+        WrongRenderer: an image violates the rules of :class:`TactileRenderer`, or the object is no renderer.
+        BrokenContract: another rule is violated.
 
     >>> from activetouch.rendering import PressureRenderer
     >>> check_renderer(PressureRenderer())
@@ -53,7 +53,7 @@ def check_renderer(renderer: TactileRenderer, pad: Pad | None = None) -> tuple[i
                 f"{renderer!r} gives {images['a miss'].shape} for a miss and {images[name].shape} for {name}"
             )
         if not np.array_equal(images[name], renderer(contact)):
-            raise BrokenContract(f"{renderer!r} gives another image of {name} when asked again")
+            raise BrokenContract(f"{renderer!r} gives another image of {name} when called again")
         if not all(np.array_equal(b, a) for b, a in zip(before, (contact.pressure, contact.indentation), strict=True)):
             raise BrokenContract(f"{renderer!r} changes the contact of {name}")
     if np.array_equal(images["a sphere at 3.0 N"], images["a miss"]):

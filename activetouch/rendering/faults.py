@@ -1,16 +1,15 @@
-"""Imperfections of a real sensor, applied to the ideal image one after the other.
+"""Faults: imperfections of a real sensor, applied to the ideal image one after the other.
 
     scene = Scene(faults=(Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(bits=4)))
 
-Every part takes an image in [0, 1], in grey or in colour, and a generator, and gives an image back. What comes out of
-the last one is saturated and converted to 8 bits.
+A fault maps an image in [0, 1], in grey or in colour, to an image. The last image is clipped and converted to 8 bits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +23,21 @@ class Fault(Protocol):
     """One imperfection of a sensor.
 
     Attributes:
-        isotropic: whether it treats a turned or mirrored image as it treats the original.
+        isotropic: whether it commutes with quarter turns and mirroring of the image.
     """
 
     isotropic: ClassVar[bool]
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
-        """The image as this sensor gives it, of the same shape; values may leave [0, 1]."""
+        """The image after this fault, of the same shape; values may leave [0, 1]."""
+
+
+AnyFault = TypeVar("AnyFault", bound=Fault)
 
 
 @dataclass(frozen=True)
 class Gain:
-    """An uncertain amplification, drawn anew for every touch: at most ``half_range`` off, relative."""
+    """An amplification drawn for every touch, uniform in 1 ± ``half_range``."""
 
     isotropic: ClassVar[bool] = True
 
@@ -52,7 +54,7 @@ class Gain:
 
 @dataclass(frozen=True)
 class Noise:
-    """Independent Gaussian noise on every taxel, ``std`` relative to full scale."""
+    """Independent Gaussian noise on every taxel; ``std`` is relative to full scale."""
 
     isotropic: ClassVar[bool] = True
 
@@ -69,11 +71,11 @@ class Noise:
 
 @dataclass(frozen=True)
 class DeadTaxels:
-    """Taxels that always read zero: the same ones in every touch, because they are broken.
+    """Broken taxels, which read zero in every touch.
 
     Attributes:
-        share: of all taxels, rounded to a whole number of them.
-        seed: which specimen of the sensor; decides which taxels.
+        share: fraction of all taxels, rounded to a whole number of taxels.
+        seed: determines which taxels are broken.
     """
 
     isotropic: ClassVar[bool] = False
@@ -98,7 +100,7 @@ class DeadTaxels:
 
 @dataclass(frozen=True)
 class Quantisation:
-    """A converter with ``bits`` bits; every image is converted to 8 bits afterwards in any case."""
+    """An analogue-to-digital converter with ``bits`` bits; every image is converted to 8 bits afterwards."""
 
     isotropic: ClassVar[bool] = True
 
@@ -116,10 +118,10 @@ class Quantisation:
 
 @dataclass(frozen=True)
 class Hysteresis:
-    """Backlash: a taxel follows a change only after it has exceeded ``width`` (relative to full scale).
+    """The play operator: a taxel follows a change only beyond ``width``, relative to full scale.
 
-    This is the play operator, started from a released pad: every press loads the taxels from zero, so what is loaded
-    reads ``width`` too little and light pressure goes unnoticed (Visintin, *Differential Models of Hysteresis*, III.2).
+    Every press loads the taxels from zero, so readings are ``width`` too low (Visintin, *Differential Models of
+    Hysteresis*, III.2).
     """
 
     isotropic: ClassVar[bool] = True
@@ -135,17 +137,32 @@ class Hysteresis:
         return np.maximum(image - self.width, 0.0)
 
 
+def faults_of(kind: type[AnyFault], faults: Sequence[Fault]) -> list[AnyFault]:
+    """The faults of one kind."""
+    return [fault for fault in faults if isinstance(fault, kind)]
+
+
+def change_faults(
+    kind: type[AnyFault], faults: Sequence[Fault], change: Callable[[AnyFault], Fault]
+) -> tuple[Fault, ...]:
+    """All faults, those of one kind changed.
+
+    Args:
+        kind: class of the faults to change.
+        faults: in the order of their application.
+        change: replaces a fault of this kind.
+    """
+    return tuple(change(fault) if isinstance(fault, kind) else fault for fault in faults)
+
+
 def split_at_noise(faults: Sequence[Fault]) -> tuple[Sequence[Fault], Sequence[Fault]]:
-    """The faults before the first :class:`Noise`, and that one with all after it; all faults and none without noise."""
+    """The faults before the first :class:`Noise`, and the rest, which is empty without noise."""
     first = next((n for n, fault in enumerate(faults) if isinstance(fault, Noise)), len(faults))
     return faults[:first], faults[first:]
 
 
 def gain_and_noise(faults: Sequence[Fault]) -> tuple[float, float, Sequence[Fault]]:
-    """The statistics of a sensor that amplifies by at most one uncertain gain and then adds noise.
-
-    Args:
-        faults: of the sensor, in turn.
+    """The statistics of a sensor with at most one gain, followed by noise.
 
     Returns:
         Half range of the gain, 0 without one; standard deviation of the noise; and the faults after the noise.
@@ -159,42 +176,40 @@ def gain_and_noise(faults: Sequence[Fault]) -> tuple[float, float, Sequence[Faul
             return 0.0, std, after[1:]
         case [Gain(half_range=gain)], [Noise(std=std)] if std > 0.0:
             return gain, std, after[1:]
-    raise UnknownLikelihood(f"the distribution of readings is known for a Gain at most, then Noise; got {faults}")
+    raise UnknownLikelihood(f"the likelihood of a reading needs at most one Gain, then Noise; got {faults}")
 
 
 def live_taxels(faults: Sequence[Fault], edge: int) -> NDArray[np.bool_]:
-    """Which taxels of a square image still read anything, ``(edge, edge)``.
-
-    Args:
-        faults: nothing but :class:`DeadTaxels`.
-        edge: taxels along an edge.
+    """The taxels of an image of ``edge`` × ``edge`` taxels that work, ``(edge, edge)``.
 
     Raises:
-        UnknownLikelihood: there are other faults.
+        UnknownLikelihood: there are faults other than :class:`DeadTaxels`.
     """
     live = np.ones((edge, edge), bool)
     for fault in faults:
         if not isinstance(fault, DeadTaxels):
-            raise UnknownLikelihood(
-                f"the probability of a reading is known up to DeadTaxels after the noise; got {fault}"
-            )
+            raise UnknownLikelihood(f"the likelihood of a reading needs DeadTaxels only after the noise; got {fault}")
         live &= fault(np.ones((edge, edge)), np.random.default_rng(0)) > 0.0
     return live
 
 
 def rescaled_noise(faults: Sequence[Fault], factor: float) -> tuple[Fault, ...]:
     """The faults with the standard deviation of all noise multiplied by ``factor``."""
-    return tuple(replace(f, std=f.std * factor) if isinstance(f, Noise) else f for f in faults)
+    return change_faults(Noise, faults, lambda noise: replace(noise, std=noise.std * factor))
 
 
 def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """The sensor's reading of an image: all faults in turn, then saturation and 8 bits."""
+    """The sensor's reading of an image: all faults in turn, then clipping to [0, 1] and 8 bits.
+
+    Raises:
+        ValueError: the image contains NaN.
+    """
     for fault in faults:
         image = fault(image, rng)
     image = np.clip(image, 0.0, 1.0)
     if np.isnan(image.min()):
         raise ValueError(
-            f"an image of NaN cannot be read out; taxels {np.argwhere(np.isnan(image))[0].tolist()} and on"
+            f"cannot read out an image with NaN, first in taxel {np.argwhere(np.isnan(image))[0].tolist()}"
         )
     image *= 255.0
     return np.rint(image, out=image).astype(np.uint8)

@@ -1,8 +1,8 @@
 """The paper's tactile image: a force vector drawn as a patch (paper §5.5).
 
-All it knows of the contact is one force vector and one contact point at a time: a disc at the point, its radius
-proportional to the force, one for every reading of a short window, summed, smoothed, normalised and coloured. The paper
-does not give the numbers; these are ours.
+Each reading of force and contact point in a short time window is drawn as a disc at that point, with a radius
+proportional to the force. The discs are summed, smoothed, normalised and coloured. The paper does not give the
+parameters; these are ours.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ForcePatchRenderer:
-    """Discs at the contact point, Gaussian-smoothed, normalised to their own maximum, in a perceptual colormap.
+    """Discs at the contact points, Gaussian-smoothed, normalised to their maximum, in a matplotlib colormap.
 
     Attributes:
-        window: readings drawn into one image: those of the last so many seconds [s].
-        radius_per_newton: of a disc [m/N].
+        window: length of the time window drawn into one image [s].
+        radius_per_newton: radius of a disc per newton [m/N].
         smoothing: standard deviation of the Gaussian, relative to the pad's edge.
-        colormap: name of a matplotlib colormap.
+        colormap: name of the colormap.
     """
 
     isotropic: ClassVar[bool] = True
+    reads_taxels: ClassVar[bool] = False
 
     window: float = 0.05
     radius_per_newton: float = 0.0015
@@ -42,18 +43,18 @@ class ForcePatchRenderer:
 
     def __call__(self, contact: Contact) -> Floats:
         """The image ``(num_taxels, num_taxels, 3)`` of the window that ends with the pause."""
-        if contact.trace is None:  # nothing moved: one reading, normal to the pad
+        if contact.trace is None:  # no simulated time: one reading, normal to the pad
             return self._draw(contact.pad, np.array([contact.force]), contact.centre_of_pressure[None])
         return self._window(contact, contact.trace.end_of_pause)
 
     def windows(self, contact: Contact, stride: float) -> Iterator[Floats]:
-        """Images of a window that slides over the whole press, ``stride`` [s] apart (paper §5.6).
+        """Images of a window that slides over the time in contact in steps of ``stride`` [s] (paper §5.6).
 
         Raises:
             ValueError: the contact has no trace.
         """
         if contact.trace is None:
-            raise ValueError("there is no trace to slide over; press with a fidelity that records one (GuardedMove)")
+            raise ValueError("the contact has no trace; press with a fidelity that records one, such as GuardedMove")
         touched = np.flatnonzero(contact.trace.force.any(axis=1))
         if touched.size:
             step = np.diff(contact.trace.time[:2]).item()
@@ -62,7 +63,7 @@ class ForcePatchRenderer:
 
     def _window(self, contact: Contact, end: int) -> Floats:
         trace = contact.trace
-        assert trace is not None, "callers look first"
+        assert trace is not None, "callers check"
         rows = trace.select(slice(0, end))
         recent = rows.time > (rows.time[-1] - self.window if end else 0.0)
         return self._draw(contact.pad, np.linalg.norm(rows.force[recent], axis=1), rows.point[recent])
@@ -72,7 +73,7 @@ class ForcePatchRenderer:
         edge = pad.taxel_centres[2].reshape(pad.num_taxels, -1)[:, 0]  # the same along rows and columns
         squares = (edge - points[:, :, None]) ** 2  # (readings, 2, n): along y, along z
         distance = squares[:, 1, :, None] + squares[:, 0, None, :]
-        # At least a taxel wide, or a small force on a coarse pad would leave nothing.
+        # At least a taxel wide, or a small force on a coarse pad would draw nothing.
         radii = np.maximum(self.radius_per_newton * magnitudes, pad.half_width / pad.num_taxels * np.sqrt(2.0))
         intensity = magnitudes @ (distance <= radii[:, None, None] ** 2).reshape(len(magnitudes), pad.num_taxels**2)
         image = gaussian_filter(intensity.reshape(pad.num_taxels, -1), self.smoothing * pad.num_taxels)

@@ -1,8 +1,7 @@
-"""What a camera behind an elastic, reflecting membrane sees under three coloured lights (Yuan et al. 2017).
+"""Images of a GelSight sensor: a camera behind a reflecting membrane under three coloured lights (Yuan et al. 2017).
 
-The membrane follows the indented surface but cannot fold as sharply, so the indentation is smoothed. Its slope decides
-how much of each light it sends to the camera (Lambert's law): red, green and blue come from three sides, and an
-untouched pad is evenly grey.
+The membrane is the smoothed indentation. By Lambert's law, its slope determines how much of each light it reflects to
+the camera. Red, green and blue come from three sides, so an untouched pad is evenly grey.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ class GelSightRenderer:
     """Shading of the smoothed indentation.
 
     Attributes:
-        smoothing: standard deviation of the membrane's smoothing [m].
-        elevation: of the lights above the membrane [rad]; lower lights show slopes more strongly.
-        brightness: of the untouched pad, in [0, 1].
+        smoothing: standard deviation of the Gaussian that smooths the indentation [m].
+        elevation: angle of the lights above the membrane [rad]; a lower angle increases the contrast of slopes.
+        brightness: grey value of the untouched pad, in [0, 1].
     """
 
     isotropic: ClassVar[bool] = False  # each colour of light comes from one side
@@ -39,11 +38,11 @@ class GelSightRenderer:
         """The image ``(num_taxels, num_taxels, 3)``.
 
         Raises:
-            ValueError: a pad of a single taxel, which has no slope.
+            ValueError: the pad has only one taxel.
         """
         pad = contact.pad
         if pad.num_taxels < 2:
-            raise ValueError("a GelSight image needs slopes, so a pad of at least 2 × 2 taxels")
+            raise ValueError("a GelSight image needs a pad of at least 2 × 2 taxels")
         spacing = 2 * pad.half_width / pad.num_taxels
         surface = -gaussian_filter(contact.indentation, self.smoothing / spacing)
         along_z, along_y = np.gradient(surface, spacing)

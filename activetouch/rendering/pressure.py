@@ -1,4 +1,4 @@
-"""What an array of pressure taxels reads."""
+"""Images of an array of pressure taxels."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from activetouch.pressing.contact import Contact
 
 @dataclass(frozen=True)
 class PressureRenderer:
-    """Mean pressure on every taxel, relative to the pad's full scale, where the layer bottoms out.
+    """Mean pressure on every taxel, relative to full scale, the pressure at which the layer bottoms out.
 
     Attributes:
-        binning: points of the pad along an edge that one taxel covers. A coarse array feels everything that presses on
-            it, not only what lies above the taxels' centres; so it is a fine pad whose points are read together.
+        binning: number of pad points along the edge of one taxel. A coarse array is a fine pad whose points are
+            averaged, so a taxel measures all contact on its area.
     """
 
     isotropic: ClassVar[bool] = True
@@ -36,7 +36,7 @@ class PressureRenderer:
         """
         pad, edge = contact.pad, self.binning
         if pad.num_taxels % edge:
-            raise ValueError(f"binning must divide the pad's {pad.num_taxels} points an edge, got {edge}")
+            raise ValueError(f"binning must divide the pad's {pad.num_taxels} points per edge, got {edge}")
         if edge == 1:
             return contact.pressure / (pad.stiffness * pad.max_depth)
         blocks = contact.pressure.reshape(pad.num_taxels // edge, edge, pad.num_taxels // edge, edge)

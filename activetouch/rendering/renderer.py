@@ -1,4 +1,4 @@
-"""What every renderer is: a callable from contact to image, and the check of what it gives."""
+"""The protocol of renderers, and checks of renderers and their images."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from activetouch.errors import WrongRenderer
 from activetouch.pressing.contact import Contact
 
 _RULE = "a renderer gives floating-point images in [0, 1], (n, n) in grey or (n, n, 3) in colour"
-_SLACK = 1e-6  # below 0, of rounding
-_HIGHEST = 10.0  # a taxel that is pressed beyond full scale saturates; this is no pressure but another unit
+_SLACK = 1e-6  # rounding errors below 0
+_HIGHEST = 10.0  # taxels saturate above full scale; values beyond this have another unit
 
 
 class TactileRenderer(Protocol):
-    """Turns the physics of a press into the image an ideal sensor would give.
+    """Maps the contact of a press to the image of an ideal sensor.
 
-    The rule: an image is a floating-point array with values in [0, 1], 1 being full scale, of shape ``(n, n)`` in grey
-    or ``(n, n, 3)`` in colour, and of the same shape for every contact. What exceeds full scale saturates; values below
-    0 or far above 1, such as an image of bytes that was not divided by 255, and values that are not finite, are a
-    :class:`activetouch.errors.WrongRenderer`. Every image is checked.
+    An image is a floating-point array with values in [0, 1], where 1 is full scale, of shape ``(n, n)`` in grey or
+    ``(n, n, 3)`` in colour, and of the same shape for every contact. Values above full scale saturate. Values below 0,
+    above 10 or not finite raise :class:`activetouch.errors.WrongRenderer`. Every image is checked.
+
+    A renderer whose images are not readings of taxels may set ``reads_taxels = False``; ``robustness`` then leaves out
+    faults of taxels.
 
     Attributes:
         isotropic: whether a turned or mirrored contact gives the turned or mirrored image.
@@ -30,37 +32,33 @@ class TactileRenderer(Protocol):
     isotropic: ClassVar[bool]
 
     def __call__(self, contact: Contact) -> NDArray[np.float64]:
-        """The image in [0, 1]: ``(n, n)``, or ``(n, n, 3)`` in colour; n is ``num_taxels`` unless taxels are binned.
-
-        Rows run along z, columns along y. A miss gives the image of the untouched pad.
-        """
+        """The image in [0, 1]; rows run along z, columns along y. A miss gives the image of the untouched pad."""
 
 
 def require_renderer(renderer: object) -> None:
-    """Refuse what cannot be a renderer.
+    """Check that an object can be a renderer.
 
     Raises:
         WrongRenderer: it is not callable, or does not say whether it is isotropic.
     """
     if isinstance(renderer, str):
         raise WrongRenderer(
-            f"a scene's renderer is an object, not the name {renderer!r}; activetouch.rendering.RENDERERS has the "
-            "known ones by name"
+            f"a scene's renderer is an object, not a name: activetouch.rendering.RENDERERS[{renderer!r}], for example"
         )
     if isinstance(renderer, type) or not callable(renderer):
-        raise WrongRenderer(f"{renderer!r} is no renderer: it must be an object that is called with a contact")
+        raise WrongRenderer(f"{renderer!r} is no renderer: a renderer is an object that can be called with a contact")
     if not isinstance(getattr(renderer, "isotropic", None), bool):
         raise WrongRenderer(
-            f"{renderer!r} does not say whether it is isotropic (whether a turned or mirrored contact gives the turned "
-            "or mirrored image): give its class an attribute isotropic, True or False"
+            f"{renderer!r} has no attribute isotropic: set it to True if a turned or mirrored contact gives the turned "
+            "or mirrored image, else to False"
         )
 
 
 def require_image(image: NDArray[np.floating], renderer: object) -> NDArray[np.floating]:
-    """An image, if it keeps the rule of :class:`TactileRenderer`.
+    """The image, unchanged.
 
     Raises:
-        WrongRenderer: it does not.
+        WrongRenderer: it violates the rules of :class:`TactileRenderer`.
     """
     if not isinstance(image, np.ndarray) or image.dtype.kind != "f":
         kind = f"an array of {image.dtype}" if isinstance(image, np.ndarray) else f"a {type(image).__name__}"

@@ -1,1 +1,1 @@
-"""Solids with exact ray geometry for touch images and a collision geom for MuJoCo; the tables are in ``shapes``."""
+"""Solids with exact ray geometry and a collision geom for MuJoCo."""

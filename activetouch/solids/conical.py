@@ -1,4 +1,4 @@
-"""Solids of revolution with straight sides: cylinder, frustum, cone. The other two are special frusta."""
+"""Solids of revolution with straight sides: frustum, cylinder, cone."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from activetouch.solids.solid import Floats, Geom, ahead, quadratic_roots, require_lengths, ring
 
-_SLACK = 1.0 + 1e-12  # a ray through the rim must not slip between side and cap
+_SLACK = 1.0 + 1e-12  # so that no ray passes between side and cap
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Frustum:
         bottom_radius: radius at the bottom [m].
         top_radius: radius at the top, smaller or larger [m].
         height: from bottom to top [m].
-        num_facets: sides of the prismoid MuJoCo collides with: it has no frustum.
+        num_facets: number of sides of the mesh for MuJoCo, which has no frustum.
     """
 
     bottom_radius: float
@@ -111,7 +111,7 @@ class Cone:
 
     @property
     def geom(self) -> Geom:
-        """A convex pyramid of ``num_facets`` sides: MuJoCo has no cone. See :class:`Shape`."""
+        """A pyramid with ``num_facets`` sides, because MuJoCo has no cone. See :class:`Shape`."""
         base = ring(self.radius, -self.height / 2, self.num_facets)
         return Geom("mesh", vertices=np.vstack([base, [0.0, 0.0, self.height / 2]]))
 

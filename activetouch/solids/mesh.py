@@ -1,4 +1,4 @@
-"""Any closed triangle mesh as a shape, convex or not: how users bring their own objects."""
+"""Closed triangle meshes as shapes, convex or not."""
 
 from __future__ import annotations
 
@@ -17,27 +17,26 @@ from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
 from activetouch.solids.triangles import Ints, edges, tetrahedra
 
-_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of what a fingertip-sized pad can feel [m]
-_TYPICAL_RADIUS = 0.005  # from here on a guess at the unit is worth telling [m]
+_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of objects for a fingertip-sized pad [m]
+_TYPICAL_RADIUS = 0.005  # smallest radius for which an error message suggests a unit [m]
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """A solid in one piece bounded by triangles, convex or not.
+    """A connected solid bounded by triangles, convex or not.
 
-    Meshes are equal when their triangles are, to the nanometre, whatever their names. MuJoCo collides with the convex
-    hull, the touch image is that of the true surface. Whether the surface cuts through itself is not checked; rays
-    then stop where they first enter any part.
+    Meshes are equal if their triangles are equal to the nanometre; names do not matter. MuJoCo collides with the convex
+    hull; the touch image shows the true surface. Self-intersections are not checked.
 
     Attributes:
-        name: what to call it, the file's name for example.
-        vertices: ``(v, 3)`` [m]; those that no triangle uses are dropped.
+        name: for messages, such as the name of the file.
+        vertices: ``(v, 3)`` [m]; unused vertices are removed.
         faces: corners of the triangles as indices of vertices, counter-clockwise from outside, ``(f, 3)``.
 
     Raises:
-        BadMesh: there is no triangle, a vertex is not finite, the surface is open, inside out or in several pieces, or
-            the size is absurd.
+        BadMesh: there is no triangle, a vertex is not finite, the surface is open, inside out or not connected, or the
+            size is outside 0.5 mm to 100 mm.
     """
 
     name: str
@@ -48,9 +47,9 @@ class Mesh:
         vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
         faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
         if len(faces) == 0:
-            raise BadMesh(f"{self.name}: there are no triangles in it")
+            raise BadMesh(f"{self.name}: there are no triangles")
         if faces.min() < 0 or faces.max() >= len(vertices):
-            raise BadMesh(f"{self.name}: a triangle names a vertex that is not among the {len(vertices)} there are")
+            raise BadMesh(f"{self.name}: a triangle has a vertex that is not among the {len(vertices)} vertices")
         used, renamed = np.unique(faces, return_inverse=True)
         object.__setattr__(self, "vertices", vertices[used])
         object.__setattr__(self, "faces", renamed.reshape(-1, 3))
@@ -59,18 +58,18 @@ class Mesh:
 
     @classmethod
     def from_file(cls, path: Path | str, scale: float = 1.0) -> Mesh:
-        """The mesh in an STL, OBJ, PLY or OFF file, moved so that its centre of mass is the origin.
+        """The mesh in an STL, OBJ, PLY or OFF file, with its centre of mass moved to the origin.
 
-        Corners that are equal to 10 nm are joined, and triangles that face the wrong way are turned round.
+        Corners within 10 nm are merged, and triangles are oriented consistently.
 
         Args:
-            path: the file. Nothing in it is executed, and no other file that it names is opened.
+            path: the file. Files that it refers to are not opened.
             scale: metres per unit of the file; 0.001 for a file in millimetres.
 
         Raises:
-            FileNotFoundError: there is no such file.
-            BadMesh: the file cannot be read, or what is in it is no solid object.
-            ValueError: the scale is not a positive number.
+            FileNotFoundError: the file does not exist.
+            BadMesh: the file cannot be read, or its contents are not a solid.
+            ValueError: the scale is not positive and finite.
         """
         from activetouch.solids.mesh_file import read_surface  # loads trimesh
 
@@ -94,7 +93,7 @@ class Mesh:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the triangles, with vertices to the nanometre, which no rounding of another machine changes."""
+        """SHA-256 of the triangles, with vertices rounded to the nanometre."""
         content = np.round(self.vertices * 1e9).astype("<i8").tobytes(), self.faces.astype("<i8").tobytes()
         return hashlib.sha256(b"".join(content)).hexdigest()
 
@@ -108,7 +107,7 @@ class Mesh:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
 
     def _surface_problem(self) -> str | None:
-        """What keeps the triangles from bounding one solid."""
+        """The reason why the triangles do not bound one solid, if any."""
         if not np.isfinite(self.vertices).all():
             return "some vertices are not finite numbers"
         directed, sharing = edges(self.faces)
@@ -118,9 +117,9 @@ class Mesh:
                 "triangles. Fill its holes, or make it solid, in the program it comes from"
             )
         if len(np.unique(directed)) < len(directed):
-            return "its triangles disagree about which side is outside"
+            return "its triangles are not oriented consistently"
         if (num_pieces := self._num_pieces()) > 1:
-            return f"it consists of {num_pieces} separate surfaces; join them into one solid and fill its cavities"
+            return f"it has {num_pieces} separate surfaces; join them into one solid and fill its cavities"
         if tetrahedra(self.vertices, self.faces).sum() <= 0.0:
             return "it encloses no volume, or is inside out"
         return None
@@ -131,7 +130,7 @@ class Mesh:
         return int(connected_components(coo_array((np.ones(start.size), (start, end)), (size, size)))[0])
 
     def _size_problem(self) -> str | None:
-        """What keeps it from being an object that can be felt, with a guess at the unit it is in."""
+        """The reason why the size is unsuitable, if any, with suggested units."""
         if _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
             return None
         guesses = [

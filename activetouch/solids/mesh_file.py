@@ -1,4 +1,4 @@
-"""From a mesh file to the surface of a centred solid, as far as that can be had without guessing."""
+"""Reading of mesh files, and repair of their triangles."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints, edges, tetrahedra
 
 _FORMATS = (".stl", ".obj", ".ply", ".off")
-_SAME_POINT = 1e-8  # [m]; STL repeats a corner in every triangle, to seven digits
+_SAME_POINT = 1e-8  # [m]; STL repeats corners in every triangle, with seven digits
 
 
-@np.errstate(over="ignore", invalid="ignore")  # coordinates of 1e300 become such as are refused
+@np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
 def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
     """Vertices in metres about the centre of mass, ``(v, 3)``, and triangles that face outwards, ``(f, 3)``.
 
@@ -25,7 +25,7 @@ def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
         scale: metres per unit of the file.
 
     Raises:
-        FileNotFoundError: there is no such file.
+        FileNotFoundError: the file does not exist.
         BadMesh: the file cannot be read.
     """
     vertices, faces = _welded(*_read(path), scale)
@@ -36,7 +36,7 @@ def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         trimesh.repair.fix_winding(mesh)
         faces = np.asarray(mesh.faces, dtype=np.intp)
-    vertices = vertices - vertices.mean(axis=0)  # so that a part far from its origin is weighed accurately
+    vertices = vertices - vertices.mean(axis=0)  # for accuracy far from the origin
     volumes = tetrahedra(vertices, faces)
     volume = volumes.sum()
     if volume < 0.0:
@@ -50,18 +50,18 @@ def _read(path: Path) -> tuple[Floats, Ints]:
     kind = path.suffix.lower()
     if kind not in _FORMATS:
         raise BadMesh(f"{path.name}: meshes are read from {', '.join(_FORMATS)} files")
-    content = io.BytesIO(path.read_bytes())  # nameless, so that nothing beside it is looked for
+    content = io.BytesIO(path.read_bytes())  # without a name, so that no other file is opened
     try:
         mesh = trimesh.load_mesh(content, file_type=kind[1:], process=False, skip_materials=True)
         return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.intp)
-    except Exception as error:  # a parser fails in as many ways as a file can be broken
-        # It looks for a package that guesses encodings once the content is no text it knows.
+    except Exception as error:  # parsers raise many kinds of errors
+        # If the content is no text, trimesh tries to import a package that guesses encodings.
         reason = "neither text nor a complete binary file" if isinstance(error, ImportError) else error
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()} ({reason})") from error
 
 
 def _welded(vertices: Floats, faces: Ints, scale: float) -> tuple[Floats, Ints]:
-    """The triangles with corners joined where they meet, in metres, without those that have shrunk to a line."""
+    """The triangles in metres, with equal corners merged, and without degenerate triangles."""
     vertices = vertices.reshape(-1, 3) * scale
     _, first, same = np.unique(np.round(vertices / _SAME_POINT), axis=0, return_index=True, return_inverse=True)
     faces = same.ravel()[faces.reshape(-1, 3)]

@@ -1,8 +1,8 @@
-"""Where parallel rays first meet a closed surface of triangles, without a loop over rays or triangles.
+"""First intersections of parallel rays with a closed surface of triangles, without loops over rays or triangles.
 
-Seen along the rays, triangles are flat and rays are points. The plane is cut into as many rows as there are rays in
-a column; the rays are sorted by row, then along the row. Every triangle asks every row it crosses for the rays
-between its left and its right side, which makes few enough (triangle, ray) pairs to test them all.
+In the plane perpendicular to the rays, rays are points. The points are sorted into √n rows, and within a row from left
+to right. For every row that a triangle crosses, binary search finds the rays between its left and right side. Only
+these (triangle, ray) pairs are tested.
 """
 
 from __future__ import annotations
@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-_MAX_PAIRS = 1 << 18  # tested at a time; bounds memory to some 100 MB
-_NARROWEST = 1e-9  # extent given to rays that lie in a line [m]
-_MARGIN = 1e-9  # by which rows and sides are widened against rounding, relative to their extent
+_MAX_PAIRS = 1 << 18  # tested at a time; limits memory to about 100 MB
+_NARROWEST = 1e-9  # smallest extent of the rays [m], if they lie on a line
+_MARGIN = 1e-9  # relative widening of rows and triangles against rounding
 
 
 def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Floats) -> Floats:
-    """Distance along rays to the first triangle that faces them [m]; ``inf`` where there is none.
+    """Distance along rays to the first triangle that faces them [m]; ``inf`` if there is none.
 
-    No ray slips between two triangles that share an edge: both decide on which side of the edge it passes by numbers
-    that differ in sign only.
+    No ray passes between two triangles with a common edge: the signed areas that decide this differ only in sign.
 
     Args:
         vertices: ``(v, 3)`` [m].
@@ -42,7 +41,7 @@ def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Float
     x, y = (vertices @ frame[0])[faces].T, (vertices @ frame[1])[faces].T  # (3, f)
     depth = vertices @ direction
     area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
-    in_view = area > 0.0  # those that face away are left to the rays that come from the other side
+    in_view = area > 0.0  # triangles that face the rays
     for corner, ray in ((x, ray_x), (y, ray_y)):
         in_view &= (corner.max(axis=0) >= ray.min()) & (corner.min(axis=0) <= ray.max())
     faces, x, y = faces[in_view], x[:, in_view], y[:, in_view]
@@ -62,14 +61,14 @@ def first_entry(vertices: Floats, faces: Ints, origins: Floats, direction: Float
 
 
 def _frame_towards_viewer(direction: Floats) -> Floats:
-    """Two unit vectors across the rays, x and y, with z = −direction a right-handed frame, ``(2, 3)``."""
+    """Unit vectors x and y that form a right-handed frame with z = −direction, ``(2, 3)``."""
     x = np.cross(np.eye(3)[np.argmin(np.abs(direction))], direction)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(x, direction)])
 
 
 class _Rows:
-    """Rays sorted into rows of equal height, and within a row from left to right."""
+    """Rays, sorted into rows of equal height, and within a row from left to right."""
 
     def __init__(self, x: Floats, y: Floats) -> None:
         self._num = max(1, int(np.sqrt(x.size)))
@@ -78,19 +77,14 @@ class _Rows:
         self._height = max(float(np.ptp(y)), _NARROWEST) / self._num
         row, along = self._row(y), (x - self._left) / self._width
         self._order = np.lexsort((along, row))
-        self._place = (row + along)[self._order]  # along is in [0, 1), so that one number holds both
+        self._place = (row + along)[self._order]  # one sort key, because along is in [0, 1)
 
     def _row(self, y: Floats) -> Ints:
         rows = (y - self._bottom) / self._height
         return np.clip(rows, 0, self._num - 1).astype(np.intp)
 
     def pairs(self, x: Floats, y: Floats) -> Iterator[tuple[Ints, Ints]]:
-        """Indices of triangles and of the rays that may meet them, in portions.
-
-        Args:
-            x: of the triangles' corners, ``(3, f)`` [m].
-            y: likewise.
-        """
+        """Indices of triangles and of rays that may hit them, in portions; corners are at x and y, ``(3, f)`` [m]."""
         lowest = self._row(y.min(axis=0))
         num_rows = self._row(y.max(axis=0)) - lowest + 1
         for some in _portions(num_rows):
@@ -104,9 +98,9 @@ class _Rows:
                 yield triangle[crossing], self._order[place]
 
     def _sides(self, x: Floats, y: Floats, row: Ints) -> tuple[Floats, Floats]:
-        """How far along its row each triangle begins and ends, in ``[0, 1]``."""
+        """Left and right end of each triangle in its row, in ``[0, 1]``."""
         x = (x - self._left) / self._width
-        y = (y - self._bottom) / self._height - row  # the row is 0 to 1, widened a little
+        y = (y - self._bottom) / self._height - row  # the row is from 0 to 1
         low, high = -_MARGIN * self._num, 1.0 + _MARGIN * self._num
         next_x, next_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
         rise = next_y - y
@@ -120,14 +114,14 @@ class _Rows:
 
 
 def _expand(offset: int, starts: Ints, counts: Ints) -> tuple[Ints, Ints]:
-    """Owner and value of every number in the ranges ``starts[i] … starts[i] + counts[i]``; owners from ``offset``."""
+    """Range index i + ``offset`` and value of all numbers in the ranges ``starts[i] … starts[i] + counts[i] - 1``."""
     owner = np.repeat(np.arange(len(counts)), counts)
     value = np.arange(len(owner)) + (starts - (np.cumsum(counts) - counts))[owner]
     return owner + offset, value
 
 
 def _portions(counts: Ints) -> Iterator[slice]:
-    """Slices whose counts add up to at most ``_MAX_PAIRS`` and one count more."""
+    """Slices whose counts sum to about ``_MAX_PAIRS``."""
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
     cuts = np.searchsorted(ends, np.arange(_MAX_PAIRS, total, _MAX_PAIRS), side="left") + 1

@@ -1,4 +1,4 @@
-"""Solids made of balls: sphere, half sphere, capsule, ellipsoid."""
+"""Round solids: sphere, ellipsoid, capsule, half sphere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths,
 
 
 def _chord(origins: Floats, direction: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Distances to the middle of each ray's chord through a ball, and half the chord's length; NaN for a miss."""
+    """Distance to the middle of each ray's chord in a ball, and half the length of the chord; NaN for a miss."""
     along = direction @ origins  # (n,)
     with np.errstate(invalid="ignore"):
         half_chord = np.sqrt(along**2 - (np.einsum("in,in->n", origins, origins) - radius**2))
@@ -65,7 +65,7 @@ class Ellipsoid:
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
         half_axes = np.asarray(self.half_axes)
-        squeezed = direction / half_axes  # in the frame in which the ellipsoid is the unit ball
+        squeezed = direction / half_axes  # in coordinates in which the ellipsoid is the unit ball
         stretch = float(np.linalg.norm(squeezed))
         return Sphere(1.0).entry_distance(origins / half_axes[:, None], squeezed / stretch) / stretch
 
@@ -115,7 +115,7 @@ class Dome:
 
     @property
     def geom(self) -> Geom:
-        """A convex polyhedron of ``num_facets`` facets around: MuJoCo has no half ball. See :class:`Shape`."""
+        """A polyhedron, because MuJoCo has no half ball. See :class:`Shape`."""
         elevations = np.linspace(0.0, np.pi / 2, self.num_facets // 4, endpoint=False)
         rings = [
             ring(self.radius * np.cos(e), self.radius * (np.sin(e) - 0.5), self.num_facets) for e in elevations.tolist()

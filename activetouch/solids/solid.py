@@ -1,4 +1,4 @@
-"""What a solid is: how far away its surface is along parallel rays, and how MuJoCo collides with it."""
+"""The protocol of shapes, and geometry that several solids use."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ _PARALLEL = 1e-12  # sine of the angle below which a ray counts as parallel to a
 
 @dataclass(frozen=True)
 class Geom:
-    """How MuJoCo collides with a shape: a primitive's ``size`` [m] or the ``vertices`` (n, 3) [m] of a mesh.
+    """Collision geometry for MuJoCo: the ``size`` of a primitive [m] or the ``vertices`` ``(n, 3)`` of a mesh [m].
 
-    MuJoCo collides with the convex hull of a mesh. The physics of a solid with a hole or a hollow (a torus, a cup)
-    is therefore that of its hull, while its touch image is that of its true surface.
+    MuJoCo collides with the convex hull of a mesh; the touch image shows the true surface.
     """
 
     type: str
@@ -27,27 +26,27 @@ class Geom:
 
 
 class Shape(Protocol):
-    """A solid about its origin, outside of which every ray of the pad starts.
+    """A solid around its origin.
 
-    Shapes are keys of caches: equal ones must hash alike. Their ``repr`` is part of what identifies a run.
+    Shapes are keys of caches, so equal shapes must have equal hashes. Their ``repr`` is part of the identity of a run.
     """
 
     def __hash__(self) -> int: ...
 
     @property
     def bounding_radius(self) -> float:
-        """Radius of an origin-centred ball that holds the solid, the smallest such ball if known [m]."""
+        """Radius of a ball around the origin that contains the solid, the smallest one if known [m]."""
 
     @property
     def geom(self) -> Geom:
-        """The collision geometry handed to MuJoCo."""
+        """Collision geometry for MuJoCo."""
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
-        """Distance at which rays first meet the solid [m]; ``inf`` for a ray that misses it.
+        """Distance at which rays enter the solid [m]; ``inf`` for a miss.
 
         Args:
             origins: ray starts, ``(3, n)`` [m], all outside the solid, object frame.
-            direction: one unit vector ``(3,)`` shared by all rays, object frame.
+            direction: unit vector ``(3,)`` of all rays, object frame.
 
         Returns:
             ``(n,)``, in ``[0, inf]``.
@@ -55,29 +54,28 @@ class Shape(Protocol):
 
 
 def require_lengths(solid: object, *lengths: float) -> None:
-    """Refuse a solid that has no size, or one without end.
+    """Check the lengths of a solid.
 
     Raises:
-        ValueError: a length is not finite or not above zero; shows the solid.
+        ValueError: a length is not positive and finite.
     """
     if not (np.isfinite(lengths).all() and min(lengths) > 0.0):
         raise ValueError(f"a solid needs finite lengths above zero, got {solid}")
 
 
 def ahead(distance: Floats) -> Floats:
-    """The distances themselves, with ``inf`` for what lies behind a ray's start."""
+    """The distances, with negative ones and NaN replaced by ``inf``."""
     return np.where(distance >= 0.0, distance, np.inf)
 
 
 def clip(enter: Floats, leave: Floats, height: Floats, slope: float) -> None:
-    """Cut the intervals ``[enter, leave]`` of the rays, in place, to the half-space under a plane.
+    """Intersect the intervals ``[enter, leave]`` of the rays, in place, with the half-space below a plane.
 
-    Applied to every plane of a convex solid this is the slab method. A ray along a plane is either under it or
-    misses, so that no quotient of two rounding errors decides where it enters.
+    Applied to every plane of a convex solid, this is the slab method.
 
     Args:
-        enter: distances at which the rays enter what they were cut to before, ``(n,)`` [m].
-        leave: distances at which they leave it, ``(n,)`` [m]; below ``enter`` for a miss.
+        enter: distances at which the rays enter, ``(n,)`` [m].
+        leave: distances at which they leave, ``(n,)`` [m]; below ``enter`` for a miss.
         height: height of the ray starts above the plane, ``(n,)`` [m].
         slope: height gained per metre of ray, the same for all.
     """
@@ -90,16 +88,13 @@ def clip(enter: Floats, leave: Floats, height: Floats, slope: float) -> None:
 
 
 def quadratic_roots(a: float, half_b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """Roots of a·t² + 2·half_b·t + c, without cancellation; NaN where there is none.
-
-    With a = 0 one root is NaN and the other is the linear one, which is what the callers need.
-    """
+    """Roots of a·t² + 2·half_b·t + c, without cancellation; NaN if there is none, and for the first root if a = 0."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         q = -(half_b + np.copysign(np.sqrt(half_b**2 - a * c), half_b))
         return q / a if a != 0 else np.full_like(q, np.nan), c / q
 
 
 def ring(radius: float, z: float, num_points: int) -> Floats:
-    """Corners of a regular polygon about the z axis, the first on the x axis, ``(num_points, 3)`` [m]."""
+    """Corners of a regular polygon around the z axis, the first on the x axis, ``(num_points, 3)`` [m]."""
     angle = np.linspace(0.0, 2 * np.pi, num_points, endpoint=False)
     return np.column_stack([np.cos(angle) * radius, np.sin(angle) * radius, np.full(num_points, z)])

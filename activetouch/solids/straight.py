@@ -1,4 +1,4 @@
-"""Convex solids with flat faces: box, wedge, prism, pyramid, and the hull of any points."""
+"""Convex solids with flat faces: box, wedge, prism, pyramid, and convex hulls."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths,
 
 
 class _FlatFaced(ABC):
-    """The hull of its corners, met by rays with the slab method."""
+    """The convex hull of its corners."""
 
     @property
     @abstractmethod
     def corners(self) -> Floats:
-        """Points whose convex hull the solid is, ``(n, 3)`` [m]."""
+        """Corners of the solid, ``(n, 3)`` [m]."""
 
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
         """Unit outward normals of the faces, ``(m, 3)``, and their distances from the origin, ``(m,)`` [m]."""
-        facets = ConvexHull(self.corners).equations  # triangles, so that most faces come in several
+        facets = ConvexHull(self.corners).equations  # triangles; a face can have several
         _, first = np.unique(np.round(facets, 9), axis=0, return_index=True)
         return facets[first, :3], -facets[first, 3]
 
@@ -64,7 +64,7 @@ class Box(_FlatFaced):
 
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
-        """Known without looking for a hull."""
+        """The planes of the faces, without rounding."""
         return np.vstack([np.eye(3), -np.eye(3)]), np.tile(self.half_extents, 2)
 
     @property
@@ -75,7 +75,7 @@ class Box(_FlatFaced):
 
 @dataclass(frozen=True)
 class Wedge(_FlatFaced):
-    """Right-angled triangular prism along its y axis, a ramp that falls along x; origin at the centroid.
+    """Right-angled triangular prism along its y axis, whose height falls along x; origin at the centroid.
 
     Attributes:
         length: of the base, along x [m].
@@ -137,7 +137,7 @@ class Pyramid(_FlatFaced):
 
 @dataclass(frozen=True)
 class ConvexPolyhedron(_FlatFaced):
-    """Convex hull of at least four ``vertices`` [m], given as a tuple of tuples; the origin must lie inside.
+    """Convex hull of at least four ``vertices`` [m], a tuple of tuples; the origin must lie inside.
 
     Raises:
         ValueError: a vertex is not finite, the vertices span no volume, or the origin is not inside.

@@ -1,4 +1,4 @@
-"""A ring: the one solid of the tables with a hole."""
+"""The torus."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from activetouch.solids.solid import Floats, Geom, ahead, ring
 
-_MAX_STEPS = 60  # more than bisection alone would need
+_MAX_STEPS = 60  # more than bisection needs
 _CONVERGED = 1e-14  # in units of the ring's radius
 
 
 @dataclass(frozen=True)
 class Torus:
-    """Ring about its z axis: ``ring_radius`` of its centre line, ``tube_radius`` of its cross-section [m].
+    """Ring around its z axis: ``ring_radius`` of its centre line, ``tube_radius`` of its cross-section [m].
 
-    MuJoCo collides with its convex hull, a disc: a press on the hole is carried by the disc's flat face.
+    MuJoCo collides with its convex hull, so a press on the hole meets a flat face.
     """
 
     ring_radius: float
@@ -35,7 +35,7 @@ class Torus:
 
     @property
     def geom(self) -> Geom:
-        """The outer half of the tube, whose hull is that of the torus. See :class:`Shape`."""
+        """The outer half of the tube, which has the same convex hull. See :class:`Shape`."""
         angles = np.linspace(-np.pi / 2, np.pi / 2, self.num_facets // 4 + 1)
         across, up = self.ring_radius + self.tube_radius * np.cos(angles), self.tube_radius * np.sin(angles)
         rings = [ring(a, z, self.num_facets) for a, z in zip(across.tolist(), up.tolist(), strict=True)]
@@ -44,9 +44,9 @@ class Torus:
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`.
 
-        Along a ray, with s counted from its point nearest to the centre and lengths in ring radii, the torus is where
-        the quartic s⁴ + b·s² + c·s + d ≤ 0. It has at most two minima. The ray enters before the first if the quartic
-        is negative there, else between the maximum and the second minimum; on either stretch it only falls.
+        Along a ray, with s measured from the point nearest to the centre in units of the ring's radius, the torus is
+        where s⁴ + b·s² + c·s + d ≤ 0. The quartic has at most two minima. The ray enters before the first minimum if
+        the quartic is negative there, else between the maximum and the second minimum. It decreases on both intervals.
         """
         tube = self.tube_radius / self.ring_radius
         nearest = -(direction @ origins)
@@ -62,7 +62,7 @@ class Torus:
         c = 8 * z * dz
         d = k * k - 4 * (miss - z * z)
         first, middle, second = _turning_points(b / 2, c / 4)
-        # A ray that starts in the hole has left the first stretch behind.
+        # The first interval may lie behind the start of the ray, if it starts in the hole.
         enters_first = (_quartic(first, b, c, d) <= 0.0) & (first >= -nearest[near] / self.ring_radius)
         enters = enters_first | (_quartic(second, b, c, d) <= 0.0)
         low = np.where(enters_first, -np.sqrt((1.0 + tube) ** 2 - miss), middle)[enters]
@@ -77,7 +77,7 @@ def _quartic(s: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 
 def _turning_points(p: Floats, q: Floats) -> tuple[Floats, Floats, Floats]:
-    """Real roots of s³ + p·s + q in rising order; where there is one only, it is given three times."""
+    """Real roots of s³ + p·s + q in increasing order; a single root is returned three times."""
     third = p / 3
     discriminant = (q / 2) ** 2 + third**3
     three = discriminant < 0.0
@@ -93,7 +93,7 @@ def _turning_points(p: Floats, q: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _falling_root(low: Floats, high: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """Root of a quartic in an interval on which it falls from ≥ 0 to ≤ 0: Newton's method, kept in by bisection."""
+    """Root of a quartic that decreases from ≥ 0 to ≤ 0 in an interval: Newton's method, safeguarded by bisection."""
     root = low.copy()
     active: NDArray[np.intp] = np.arange(len(root))
     s = low.copy()
@@ -108,7 +108,7 @@ def _falling_root(low: Floats, high: Floats, b: Floats, c: Floats, d: Floats) ->
         root[active] = step
         if not moved.any():
             break
-        if moved.mean() < 0.7:  # drop the finished ones; most rays finish within a few steps
+        if moved.mean() < 0.7:  # remove converged rays
             active, s, low, high = active[moved], step[moved], low[moved], high[moved]
             b, c, d = b[moved], c[moved], d[moved]
         else:

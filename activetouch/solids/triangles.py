@@ -11,7 +11,7 @@ Ints = NDArray[np.intp]
 
 
 def edges(faces: Ints) -> tuple[Ints, Ints]:
-    """One number for every directed edge, ``(3 f,)``, and for each edge how many triangles share it."""
+    """An identifier of every directed edge, ``(3 f,)``, and the number of triangles at each undirected edge."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max()) + 1
     _, sharing = np.unique(np.minimum(start, end) * size + np.maximum(start, end), return_counts=True)

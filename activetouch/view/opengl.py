@@ -1,7 +1,7 @@
-"""Draws one view of a model with MuJoCo's renderer: a program of its own, because OpenGL has to be tried.
+"""Drawing of a model with MuJoCo's renderer in a child process.
 
-Which backend works shows only when it is used, MuJoCo chooses it when it is imported, and a wrong one may take the
-process with it. So :func:`draw_in_child` runs this module with one backend after the other.
+MuJoCo chooses an OpenGL backend at import, and a wrong one may crash the process. So :func:`draw_in_child` runs this
+module with one backend after the other.
 
     python -m activetouch.view.opengl folder        # reads view.json, model.mjb and qpos.npy there, writes image.npy
 """
@@ -21,18 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 SKY = (237, 240, 245)
-"""Colour of what is behind everything."""
+"""Colour of the background."""
 _BACKENDS = ("egl", "osmesa", "glfw")
 
 
 @dataclass(frozen=True)
-class View:
-    """What a picture shows.
+class CameraView:
+    """Camera and size of a picture.
 
     Attributes:
-        lookat: point in the middle of it [m].
+        lookat: point in the middle of the picture [m].
         distance: of the camera from that point [m].
-        azimuth, elevation: direction in which the camera looks [degrees].
+        azimuth, elevation: direction of view [degrees].
         field_of_view: vertical [degrees].
         width, height: of the picture [pixels].
     """
@@ -46,11 +46,8 @@ class View:
     height: int
 
 
-def draw_in_child(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> NDArray[np.uint8] | None:
-    """The view, ``(height, width, 3)``, by the first backend that works; None where none does.
-
-    The backend that ``MUJOCO_GL`` names is tried first.
-    """
+def draw_in_child(model: mujoco.MjModel, data: mujoco.MjData, view: CameraView) -> NDArray[np.uint8] | None:
+    """The picture ``(height, width, 3)`` by the first backend that works, ``MUJOCO_GL`` first; None if none works."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         mujoco.mj_saveModel(model, str(folder / "model.mjb"))
@@ -65,15 +62,15 @@ def draw_in_child(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> NDA
 
 
 def main(folder: Path) -> None:
-    """Draw what the folder describes."""
-    view = View(**json.loads((folder / "view.json").read_text()))
+    """Draw the model in a folder, and write the image there."""
+    view = CameraView(**json.loads((folder / "view.json").read_text()))
     model = mujoco.MjModel.from_binary_path(str(folder / "model.mjb"))
     data = mujoco.MjData(model)
     data.qpos[:] = np.load(folder / "qpos.npy")
     mujoco.mj_forward(model, data)
     model.vis.global_.fovy = view.field_of_view
     model.vis.global_.offwidth, model.vis.global_.offheight = view.width, view.height
-    model.vis.quality.shadowsize, model.vis.quality.offsamples = 0, 4  # shadows cost most of the time in software
+    model.vis.quality.shadowsize, model.vis.quality.offsamples = 0, 4  # shadows are slow in software
     model.vis.headlight.ambient, model.vis.headlight.diffuse = np.full(3, 0.5), np.full(3, 0.6)
     camera = mujoco.MjvCamera()
     camera.lookat, camera.distance = view.lookat, view.distance
@@ -83,7 +80,7 @@ def main(folder: Path) -> None:
         image = renderer.render().copy()
         renderer.enable_depth_rendering()
         depth = renderer.render()
-        image[depth > 0.99 * depth.max()] = SKY  # where there is nothing
+        image[depth > 0.99 * depth.max()] = SKY
         np.save(folder / "image.npy", image)
 
 

@@ -1,7 +1,4 @@
-"""A picture of a press in its scene: through MuJoCo's renderer where OpenGL is there, by ray casting where it is not.
-
-Rays and a little shading draw the same view, without shadows, in a fraction of a second and on any machine.
-"""
+"""Pictures of a press in its scene, by MuJoCo's renderer if OpenGL works, else by ray casting."""
 
 from __future__ import annotations
 
@@ -13,25 +10,29 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.rig import Rig
 from activetouch.pressing.setup import Setup
-from activetouch.view.opengl import SKY, View, draw_in_child
-
-Image = NDArray[np.uint8]
+from activetouch.view.opengl import SKY, CameraView, draw_in_child
 
 GL_HINT = (
     "no OpenGL backend works here, so the scene is drawn by ray casting. For MuJoCo's own renderer install "
     "activetouch[viewer] and, on Debian or Ubuntu, the package libegl1 (with a GPU) or libosmesa6 (without)."
 )
-_LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light; need not be a unit vector
+_LIGHT = np.array([0.45, -0.55, 0.7])  # direction towards the light
 _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW = 128.0, -27.0, 35.0  # of the camera [degrees]: from the front right and above
 _OVERSAMPLING = 2
 
 
 def press_picture(
     setup: Setup, placement: Placement, depth: float, width: int = 640, height: int = 480, opengl: bool = True
-) -> tuple[Image, bool]:
-    """The setup, the object pressed ``depth`` [m] into the pad, ``(height, width, 3)``; and whether OpenGL drew it.
+) -> tuple[NDArray[np.uint8], bool]:
+    """A picture ``(height, width, 3)`` of the object pressed ``depth`` [m] into the pad, and whether OpenGL drew it.
 
-    Without ``opengl`` it is not even tried: that saves a second or two a picture.
+    Args:
+        setup: the pad and its surroundings.
+        placement: the object.
+        depth: of the press [m].
+        width: of the picture [pixels].
+        height: of the picture [pixels].
+        opengl: whether to try OpenGL, which takes a second or two per picture.
     """
     _, touching = first_touch(setup.pad, placement)
     position = touching - depth if np.isfinite(touching) else placement.bounding_radius
@@ -40,17 +41,17 @@ def press_picture(
     mujoco.mj_forward(rig.model, rig.data)
     lookat = np.array([0.0, 0.0, setup.height])
     reach = 4.5 * max(setup.pad.half_width, placement.bounding_radius)
-    if setup.robot is not None or setup.loaded:  # show them too
+    if setup.robot is not None or setup.loaded:
         lookat, reach = np.array([0.0, 0.1, setup.height]), 0.45
     if setup.robot is not None:
         reach = 1.1
-    view = View(tuple(lookat.tolist()), reach, _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW, width, height)
+    view = CameraView(tuple(lookat.tolist()), reach, _AZIMUTH, _ELEVATION, _FIELD_OF_VIEW, width, height)
     drawn = draw_in_child(rig.model, rig.data, view) if opengl else None
     return (cast_rays(rig.model, rig.data, view), False) if drawn is None else (drawn, True)
 
 
-def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, view: View) -> Image:
-    """A view without OpenGL: one ray a sample, Lambert shading in the geoms' colours, ``(height, width, 3)``."""
+def cast_rays(model: mujoco.MjModel, data: mujoco.MjData, view: CameraView) -> NDArray[np.uint8]:
+    """A picture ``(height, width, 3)`` by ray casting, with Lambert shading in the geoms' colours."""
     azimuth, elevation = np.deg2rad([view.azimuth, view.elevation])
     forward = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     camera = np.array(view.lookat) - view.distance * forward

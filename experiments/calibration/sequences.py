@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
+from activetouch.envs.touch_bank import TouchRounds
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
@@ -16,17 +17,10 @@ from belief.touch_batch import TouchBatch
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Rounds:
-    """Logits of N objects that were touched in each of P poses in each of R rounds.
-
-    Attributes:
-        logits: logits over K shapes, ``(N, R, P, K)``.
-        shapes: true shapes of the objects, ``(N,)``.
-    """
+class Rounds(TouchRounds):
+    """Logits of a collection's split, from which sequences of touches are drawn."""
 
     logits: Floats
-    shapes: NDArray[np.int64]
 
     @classmethod
     def of(cls, touches: TouchSet, logits: Floats, num_poses: int) -> Rounds:
@@ -34,21 +28,6 @@ class Rounds:
         num_objects = len(np.unique(touches.object_ids))
         by_object = (num_objects, -1, num_poses)
         return cls(logits.reshape(*by_object, logits.shape[1]), touches.shapes.reshape(by_object)[:, 0, 0])
-
-    @property
-    def num_objects(self) -> int:
-        """N."""
-        return self.logits.shape[0]
-
-    @property
-    def num_rounds(self) -> int:
-        """R."""
-        return self.logits.shape[1]
-
-    @property
-    def num_poses(self) -> int:
-        """P."""
-        return self.logits.shape[2]
 
     def singles(self) -> Sequences:
         """Sequences of one touch each."""

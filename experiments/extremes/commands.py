@@ -19,7 +19,7 @@ from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
 from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses
 from experiments.press.explain import Explain
-from experiments.press.touch import Touch
+from experiments.press.touch import TouchCommand
 from experiments.scene_choice import DuplicateShape, SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
@@ -129,7 +129,7 @@ CASES: tuple[Case, ...] = (
     refuses("RunFolder", "a missing shard", in_folder(_missing_shard), FileNotFoundError, "play it with"),
     refuses("replay", "an empty folder", in_folder(lambda f: Replay(f).run()), FileNotFoundError, "holds no run"),
     refuses("replay", "a missing episode", in_folder(_missing_episode), FileNotFoundError, "numbers 0 to 2"),
-    refuses("touch", "a misspelt shape", Touch(shape="conee").run, UnknownName, "Did you mean 'cone'"),
+    refuses("touch", "a misspelt shape", TouchCommand(shape="conee").run, UnknownName, "Did you mean 'cone'"),
     refuses("explain", "an unknown scene", Explain(SceneChoice("nowhere")).run, UnknownName, "Known: paper"),
     refuses("collect", "a mesh named like a shape", in_folder(_named_like_a_shape), DuplicateShape, "other names"),
     refuses("collect", "a missing manifest", in_folder(_of_no_manifest), CorruptFile, "none"),

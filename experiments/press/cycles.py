@@ -1,4 +1,4 @@
-"""The paper's data collection: approach, contact, pause, withdraw, rotate, again and again (paper §5.3, §5.4)."""
+"""The paper's data collection: cycles of approach, contact, pause, withdraw, rotate (paper §5.3, §5.4)."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from activetouch.scene import Scene, WorldObject
 
 
 def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.random.Generator) -> list[Trace]:
-    """Press an object again and again, turning it to a new random orientation after each press.
+    """Press an object repeatedly, with a rotation to a new random orientation after each press.
 
     Args:
-        scene: whose presses rotate the object, as guarded moves do.
+        scene: its presses must simulate rotations, as guarded moves do.
         thing: the object.
         num_cycles: number of presses.
-        rng: chance of offsets, thresholds and rotations.
+        rng: of offsets, thresholds and rotations.
 
     Returns:
-        One trace a cycle, with all five phases in their order; a miss has no ``contact``.
+        One trace per cycle with all five phases; a miss has no phase ``contact``.
 
     Raises:
-        WrongPress: the scene's presses do not rotate.
+        WrongPress: the scene's presses do not simulate rotations.
         UnstablePress: the simulation diverged.
     """
     placement = scene.place(thing, 0, rng)

@@ -1,7 +1,4 @@
-"""``activetouch explain``: contents of a scene and their cost, compared with the next simpler and next richer scene.
-
-It also prints a lower bound on the number of touches that the sensor needs to distinguish shapes.
-"""
+"""``activetouch explain``: parts of a scene, and lower bounds on the touches that its sensor needs."""
 
 from __future__ import annotations
 
@@ -20,8 +17,8 @@ from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments
 from experiments.command_line.console import plain_console
-from experiments.press.inventory import Entry, inventory, leaner, richer
-from experiments.press.step_counter import Cost, measure
+from experiments.press.inventory import InventoryItem, inventory, leaner, richer
+from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from planners.bounds.touch_count import touch_count_bounds
@@ -60,27 +57,29 @@ class Explain:
         rows = []
         for relation, change, scene in track(variants, "measuring", console=console, transient=True):
             try:
-                rows.append((relation, change, measure(scene, self.presses)))
+                rows.append((relation, change, press_cost(scene, self.presses)))
             except MissingRobot:
                 console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
         console.print(_cost_table(rows).rich())
 
 
-def hidden_variables(named: NamedScene) -> list[Entry]:
+def hidden_variables(named: NamedScene) -> list[InventoryItem]:
     """The hidden variables of the belief about the scene."""
     shapes, objects = len(named.scene.shapes), named.num_objects
     if named.composition is Composition.DISTINCT:
         return [
-            Entry(objects * shapes, "hidden probabilities", "shape of every object, coupled because no two are alike"),
-            Entry(
+            InventoryItem(
+                objects * shapes, "hidden probabilities", "shape of every object, coupled because no two are alike"
+            ),
+            InventoryItem(
                 objects,
                 "objects",
                 f"their coupling is summed exactly over {2**shapes} subsets of shapes, not {shapes}! orders",
             ),
         ]
     return [
-        Entry(shapes, "hidden probabilities", "shape of the current object; the others are independent of it"),
-        Entry(objects, "objects", "any mixture of shapes"),
+        InventoryItem(shapes, "hidden probabilities", "shape of the current object; the others are independent of it"),
+        InventoryItem(objects, "objects", "any mixture of shapes"),
     ]
 
 
@@ -98,7 +97,7 @@ def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float 
     ]
     alike = [f"{shape_labels[one]} and {shape_labels[other]}" for one, other in limits.indistinguishable]
     return Table(
-        f"fewest touches that tell two shapes apart with {error:.0%} error",
+        f"lower bounds on the touches that distinguish two shapes with {error:.0%} error",
         [
             "true shape",
             ("other shape", ""),
@@ -108,11 +107,11 @@ def limits_table(table: OutcomeTable, shape_labels: Sequence[str], error: float 
         ],
         rows,
         "Mean over searches, for any decider: Wald's bound for independent touches in the best pose. Pairs that no "
-        f"pose tells apart: {', '.join(alike) or 'none'}.",
+        f"pose distinguishes: {', '.join(alike) or 'none'}.",
     )
 
 
-def _what_table(name: str, entries: list[Entry]) -> Table:
+def _what_table(name: str, entries: list[InventoryItem]) -> Table:
     rows = [(entry.number, entry.part, entry.why) for entry in entries]
     return Table(f"what the scene '{name}' models", [("number", "d"), ("part", ""), ("why", "")], rows)
 

@@ -1,8 +1,7 @@
 """``activetouch fidelity``: agreement of the fast ways to press with each other and with a soft pad.
 
-The same placements are pressed with the same target force in every fidelity and compared by image and by force. The
-command also measures how much force and depth reveal about the shape without an image: this must not be more for
-dynamic presses than for quasistatic ones, whose depth follows from geometry and force alone.
+The same placements are pressed with the same target force in every fidelity. The command also measures how well force
+and depth alone predict the shape. For dynamic presses this should not be better than for quasistatic ones.
 """
 
 from __future__ import annotations
@@ -44,15 +43,15 @@ FORCES = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 
 @dataclass(frozen=True, eq=False)
 class Pressed:
-    """Some presses of one shape in one fidelity.
+    """n presses of one shape in one fidelity.
 
     Attributes:
-        target: force asked for [N], ``(n,)``.
-        force: reached [N], ``(n,)``; NaN where the simulation gave up.
+        target: target force [N], ``(n,)``.
+        force: measured force [N], ``(n,)``; NaN if the simulation failed.
         depth: of the imprint [m], ``(n,)``.
-        engine_depth: that MuJoCo's own soft contact came to [m], ``(n,)``; NaN without one.
-        images: ideal ones, ``(n, taxels)``.
-        bottomed_out: ``(n,)``.
+        engine_depth: of MuJoCo's soft contact [m], ``(n,)``; NaN without one.
+        images: pressures, ``(n, taxels)``.
+        bottomed_out: whether the layer bottomed out, ``(n,)``.
     """
 
     target: Floats
@@ -65,16 +64,16 @@ class Pressed:
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a fidelity agrees with the quasistatic one, on the same placements and target forces.
+    """Agreement of a fidelity with the quasistatic one.
 
     Attributes:
-        num_presses: compared.
-        unstable: given up by the simulation, on top.
-        correlation: of images, median.
-        correlation_low: of images, fifth percentile.
-        force_error: relative, median of the absolute value.
-        force_error_high: the same, 95th percentile.
-        bottomed_out: share of the quasistatic presses that reached the layer's limit.
+        num_presses: number of compared presses.
+        unstable: number of failed simulations.
+        correlation: median correlation of images.
+        correlation_low: its fifth percentile.
+        force_error: median absolute relative error of the force.
+        force_error_high: its 95th percentile.
+        bottomed_out: fraction of quasistatic presses in which the layer bottomed out.
     """
 
     num_presses: int
@@ -87,7 +86,7 @@ class Agreement:
 
 
 @dataclass(frozen=True)
-class Fidelity:
+class FidelityCommand:
     """Press the same placements quasistatically, dynamically and on the soft pad, and compare images and forces.
 
     For example:
@@ -119,13 +118,13 @@ class Fidelity:
         if self.soft_presses:
             others["deformable"] = self._press(scene, Deformable(), self.soft_presses, "deformable")
         agreement = {
-            name: {label: compare(plain[label], pressed) for label, pressed in other.items()}
+            name: {label: agreement_of(plain[label], pressed) for label, pressed in other.items()}
             for name, other in others.items()
         }
         leaks = {
-            "quasistatic": leak(plain, "depth"),
-            "dynamic": leak(stepped, "depth"),
-            "dynamic, with the depth of MuJoCo's contact": leak(stepped, "engine_depth"),
+            "quasistatic": shape_accuracy(plain, "depth"),
+            "dynamic": shape_accuracy(stepped, "depth"),
+            "dynamic, with the depth of MuJoCo's contact": shape_accuracy(stepped, "engine_depth"),
         }
         curves = self._curves() if self.soft_presses else {}
         for name, rows in agreement.items():
@@ -206,13 +205,13 @@ def _press_some(scene: Scene, shape: int, numbers: range, seed: int) -> tuple[in
     return shape, numbers[0], Pressed(target_, force, depth, engine, np.array(images), bottomed_out)
 
 
-def compare(reference: Pressed, other: Pressed) -> Agreement:
-    """How ``other`` agrees with the first so many presses of ``reference``."""
+def agreement_of(reference: Pressed, other: Pressed) -> Agreement:
+    """Agreement of ``other`` with the first presses of ``reference``."""
     n = len(other.force)
     good = np.isfinite(other.force) & (other.force > 0.0) & (reference.force[:n] > 0.0)
     first, second = (p - p.mean(axis=1, keepdims=True) for p in (reference.images[:n][good], other.images[good]))
     norms = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-    # A pad that is pressed evenly all over has no pattern to correlate; both images are then constant.
+    # Constant images of an evenly pressed pad have no correlation.
     flat = norms == 0.0
     correlations = np.where(flat, 1.0, np.einsum("ij,ij->i", first, second) / np.where(flat, 1.0, norms))
     errors = np.abs(other.force[good] / other.target[good] - 1.0)
@@ -227,8 +226,8 @@ def compare(reference: Pressed, other: Pressed) -> Agreement:
     )
 
 
-def leak(pressed: dict[str, Pressed], depth: str) -> float:
-    """Share of presses whose shape force and depth give away: the odd presses guessed from the even ones."""
+def shape_accuracy(pressed: dict[str, Pressed], depth: str) -> float:
+    """Fraction of odd presses whose shape is predicted from force and depth by their neighbours among the even ones."""
     numbers = np.concatenate([np.column_stack([p.force, getattr(p, depth)]) for p in pressed.values()])
     shapes = np.concatenate([np.full(len(p.force), k) for k, p in enumerate(pressed.values())])
     good = np.isfinite(numbers).all(axis=1)

@@ -25,7 +25,7 @@ _PHASE_COLOURS = {
 
 
 def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path) -> None:
-    """Write a picture of one press: the scene, force over time, height map, and every renderer's image."""
+    """Draw one press: the scene, force over time, height map, and every renderer's image."""
     with figure((10, 6.4), path) as drawn:
         top, bottom = np.asarray(drawn.subfigures(2, 1, height_ratios=(1.15, 1)))
         scene, trace = top.subplots(1, 2)
@@ -48,7 +48,7 @@ def draw_touch(title: str, view: NDArray[np.uint8], contact: Contact, path: Path
 def _draw_trace(axes: Axes, trace: Trace | None) -> None:
     if trace is None:
         axes.set_axis_off()
-        axes.text(0.5, 0.5, "no time was stepped", ha="center", va="center", transform=axes.transAxes)
+        axes.text(0.5, 0.5, "the press does not simulate time", ha="center", va="center", transform=axes.transAxes)
         return
     phases = np.array([list(_PHASE_COLOURS).index(phase) for phase in trace.phase])
     starts = np.flatnonzero(np.diff(phases, prepend=-1)).tolist()
@@ -65,7 +65,7 @@ def _draw_trace(axes: Axes, trace: Trace | None) -> None:
 
 
 def draw_gallery(images: Mapping[tuple[str, str, str], NDArray[np.float64]], poses: Sequence[str], path: Path) -> None:
-    """Write a table of images: a row for every (shape, renderer), a column for every pose."""
+    """Draw a table of images by (shape, renderer, pose): a row per shape and renderer, a column per pose."""
     rows = list(dict.fromkeys((shape, renderer) for shape, renderer, _ in images))
     with figure((1.25 * len(poses) + 1.4, 1.2 * len(rows)), path, dpi=110) as drawn:
         grid = drawn.subplots(len(rows), len(poses), squeeze=False)

@@ -1,8 +1,4 @@
-"""The parts that a scene models, counted in the compiled model, and what each is for.
-
-for entry in inventory(SCENES["paper"].scene):
-print(entry.number, entry.part, entry.why)
-"""
+"""The parts that a scene models, counted in the compiled model, and their purpose."""
 
 from __future__ import annotations
 
@@ -22,23 +18,23 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One kind of thing a scene models: how many, what, and what for."""
+class InventoryItem:
+    """A kind of part of a scene: its number, its name and its purpose."""
 
     number: int
     part: str
     why: str
 
 
-def inventory(scene: Scene) -> list[Entry]:
-    """What is modelled for one press of the scene; kinds it has none of are left out."""
+def inventory(scene: Scene) -> list[InventoryItem]:
+    """The parts in the model of one press of the scene."""
     pad, faults = scene.pad, [type(fault).__name__ for fault in scene.faults]
     spacing = 1e3 * 2 * pad.half_width / pad.num_taxels
     entries = [
-        Entry(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
-        Entry(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
-        Entry(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
-        Entry(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
+        InventoryItem(len(scene.shapes), "shapes", "what an object can be: " + ", ".join(scene.shape_labels)),
+        InventoryItem(len(scene.poses), "poses", "sides of an object that can be turned to the pad"),
+        InventoryItem(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
+        InventoryItem(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
@@ -46,35 +42,41 @@ def inventory(scene: Scene) -> list[Entry]:
     return [entry for entry in entries if entry.number]
 
 
-def _rigid_bodies(model: mujoco.MjModel) -> list[Entry]:
+def _rigid_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
     names = [model.geom(index).name for index in range(model.ngeom)]
     robot = np.array([name.startswith("robot_") for name in names])
     meeting = int(np.count_nonzero(robot & ((model.geom_contype | model.geom_conaffinity) != 0)))
     return [
-        Entry(2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"),
-        Entry(1, "slide joint", "the guide's, along x"),
-        Entry(model.njnt - 1, "hinge joints", "of the robot"),
-        Entry(1, "actuator", "the servo that moves the guide"),
-        Entry(model.nu - 1, "servos", "that hold the robot"),
-        Entry(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
-        Entry(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
-        Entry(model.nsensor, "sensor", "force vector and contact point in every step"),
-        Entry(sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"),
-        Entry(sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"),
-        Entry(int(np.count_nonzero(robot)), "robot parts", "to be seen and bumped into; they stand still"),
+        InventoryItem(
+            2, "moving bodies", "the guide, and on it the object, so that turning it does not turn the guide"
+        ),
+        InventoryItem(1, "slide joint", "the guide's, along x"),
+        InventoryItem(model.njnt - 1, "hinge joints", "of the robot"),
+        InventoryItem(1, "actuator", "the servo that moves the guide"),
+        InventoryItem(model.nu - 1, "servos", "that hold the robot"),
+        InventoryItem(model.npair, "contact pair", "pad and pressed object; nothing else can touch"),
+        InventoryItem(meeting, "parts in the way", "of the robot: what an object that misses the pad can bump into"),
+        InventoryItem(model.nsensor, "sensor", "force vector and contact point in every step"),
+        InventoryItem(
+            sum(name.startswith("finger") for name in names), "finger segments", "carry the pad, as in the paper"
+        ),
+        InventoryItem(
+            sum(name.startswith("parked") for name in names), "parked objects", "fixed to the world, no contact"
+        ),
+        InventoryItem(int(np.count_nonzero(robot)), "robot parts", "to be seen and bumped into; they stand still"),
     ]
 
 
-def _soft_bodies(model: mujoco.MjModel) -> list[Entry]:
+def _soft_bodies(model: mujoco.MjModel) -> list[InventoryItem]:
     return [
-        Entry(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
-        Entry(model.nflexelem, "flex elements", "of the soft pad"),
-        Entry(model.nv, "degrees of freedom", "of the nodes and the guide"),
+        InventoryItem(model.nflexvert, "flex nodes", "of the soft pad, which deforms where it is touched"),
+        InventoryItem(model.nflexelem, "flex elements", "of the soft pad"),
+        InventoryItem(model.nv, "degrees of freedom", "of the nodes and the guide"),
     ]
 
 
 def leaner(scene: Scene) -> tuple[str, Scene] | None:
-    """The scene without the last thing it adds to the leanest one, and what that is; None for the leanest."""
+    """The next simpler scene, and the difference; None for the simplest."""
     press = scene.press_model
     if scene.robot is not None:
         return "without the robot", replace(scene, robot=None)
@@ -88,7 +90,7 @@ def leaner(scene: Scene) -> tuple[str, Scene] | None:
 
 
 def richer(scene: Scene) -> tuple[str, Scene] | None:
-    """The scene with the next thing that could be modelled, and what that is; None for the richest."""
+    """The next richer scene, and the difference; None for the richest."""
     press = scene.press_model
     if press.deforms:
         return None

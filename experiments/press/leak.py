@@ -1,12 +1,11 @@
-"""``activetouch leak``: how much of the accuracy comes from the depth and force of a press instead of its geometry.
+"""``activetouch leak``: how much of the accuracy comes from the force and depth of a press instead of its geometry.
 
-Force and depth may depend on the shape, and an image shows them. So the classifier's accuracy is compared with:
+The accuracy of the classifier is compared with:
 
 * predictions from force, from depth and from both, without an image;
-* the *exchange*: every touch is shown once more, with its own geometry and the force and depth of another, drawn from
-  all touches. Force and depth tell nothing about whose geometry that image shows (depth is shuffled), nor does the
-  geometry about whose force and depth (geometry is removed). A sensor that owes its accuracy to geometry keeps it;
-* small networks trained on each kind of image, because a network may fail on exchanged images it was not trained on.
+* its accuracy on *exchanged* images, which show the geometry of one touch with the force and depth of another. They are
+  scored with the shape of the geometry (force and depth are shuffled) and with the other shape (geometry is removed);
+* small networks trained on each kind of image, because a network may fail on images it was not trained on.
 """
 
 from __future__ import annotations
@@ -55,21 +54,21 @@ Readings = Mapping[str, Callable[[Images], NDArray[Any]]]
 PLAIN, SHUFFLED, REMOVED = "touch as it is", "force and depth of another touch", "geometry of another touch"
 NO_IMAGE, CLASSIFIER, _SMALL = "nearest neighbours, no image", "classifier", "small network, trained on: "
 _PER_TASK = 48
-_KEY = 0x1EAF  # keeps this chance apart from that of collections and episodes with the same seed
+_KEY = 0x1EAF  # so that generators differ from those of collections and episodes with the same seed
 _TEST, _TRAIN, _INTERVALS = range(3)
 
 
 @dataclass(frozen=True, eq=False)
 class Exchanged:
-    """N touches, each shown as it is and with the force and depth of another.
+    """N touches, each with its own image and an exchanged image.
 
     Attributes:
-        shapes: of the objects touched, ``(N,)``.
-        object_ids, poses: of them, from 0, and what was turned to the pad, ``(N,)``.
-        lenders: which touch lends its force and depth to this one, a permutation, ``(N,)``.
-        numbers: force [N] and depth [m] of the touches as they are, ``(N, 2)``.
-        plain: what was read of the images as they are, by reading, N rows each.
-        lent: what was read of the images with the lenders' force and depth.
+        shapes: of the objects, ``(N,)``.
+        object_ids, poses: of the touches, ``(N,)``.
+        lenders: the touches that give force and depth to the exchanged images, a permutation, ``(N,)``.
+        numbers: force [N] and depth [m], ``(N, 2)``.
+        plain: readings of the own images by name, N rows each.
+        lent: readings of the exchanged images.
     """
 
     shapes: Integers
@@ -81,15 +80,15 @@ class Exchanged:
     lent: Mapping[str, NDArray[Any]]
 
     def labelled(self, kind: str) -> TouchSet:
-        """The images of one kind, which must have been kept as the reading "image", with the touches they tell of."""
-        told = self.lenders if kind == REMOVED else np.arange(len(self.lenders))
+        """The images of one kind, from the reading "image", with the labels that they are scored with."""
+        labels = self.lenders if kind == REMOVED else np.arange(len(self.lenders))
         columns = (self.shapes, self.object_ids, self.poses, *self.numbers.T)
-        return TouchSet((self.plain if kind == PLAIN else self.lent)["image"], *(column[told] for column in columns))
+        return TouchSet((self.plain if kind == PLAIN else self.lent)["image"], *(column[labels] for column in columns))
 
 
 @dataclass(frozen=True)
 class Leak:
-    """Measure how much force and depth reveal about the shape, and how much of the accuracy of images comes from them.
+    """Measure how well force and depth predict the shape, and how much of the classifier's accuracy comes from them.
 
     For example:
 
@@ -100,7 +99,7 @@ class Leak:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     sensor: Path | None = None
-    """Folder of a classifier; the scene's shipped one by default, if it is for these images and shapes."""
+    """Folder of a classifier; by default the scene's shipped one, if it fits the images and shapes."""
     objects: Annotated[int, Within(2, 10**8)] = 150
     """Number of objects of every shape to measure on; each is touched once in every pose."""
     train: CountOrNone = 0
@@ -148,10 +147,7 @@ class Leak:
             "training": {"objects_per_shape": self.train, **asdict(self._recipe)} if self.train else None,
             "chance": 1 / len(scene.shapes),
             "accuracy": {
-                who: {
-                    shown: cluster_bootstrap(right, np.arange(len(right)), rng)  # a number an object
-                    for shown, right in rights.items()
-                }
+                who: {shown: cluster_bootstrap(right, np.arange(len(right)), rng) for shown, right in rights.items()}
                 for who, rights in shares.items()
             },
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},
@@ -165,7 +161,7 @@ class Leak:
     def _classifier(self, scene: Scene) -> TouchClassifier | None:
         own = named_scene(self.choice.scene).scene
         if self.sensor is None and (own.renderer != scene.renderer or own.shape_labels != scene.shape_labels):
-            print(f"no sensor for these images and shapes comes with {self.choice.scene}; --sensor gives one")
+            print(f"the sensor of {self.choice.scene} does not fit these images and shapes; give another with --sensor")
             return None
         from activetouch.perception.classifier import TouchClassifier  # loads torch
 
@@ -174,16 +170,16 @@ class Leak:
         return TouchClassifier.load(folder / CLASSIFIER_FILE)
 
     def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:
-        """What networks answer that learned from equally many images of each kind."""
+        """Fractions of correct answers of networks trained on each kind of image."""
         from activetouch.perception.training import Trainer  # loads torch
 
         kept, shares = {"image": partial(averaged, size=self.input_size)}, {}
         known = exchange(scene, self.train, (self.seed, _TRAIN), kept, self.jobs)
         for kind in (PLAIN, SHUFFLED, REMOVED):
-            learned, checked = known.labelled(kind), test.labelled(kind)  # the test is for the reports only
+            learned, checked = known.labelled(kind), test.labelled(kind)  # the latter for reports only
             card = card_for(learned, "cnn", self.input_size, scene.shape_labels, scene.pose_labels)
             classifier = new_classifier(card, self._recipe.seed)
-            with tempfile.TemporaryDirectory() as out:  # a training of a minute needs no resuming
+            with tempfile.TemporaryDirectory() as out:
                 trainer = Trainer(classifier, self._recipe, learned, checked, Path(out, "state"), scene.symmetry)
                 run_to_the_end(trainer, Path(out, "tensorboard"))
             plain, lent = (trainer.finish().read(seen["image"]).labels for seen in (test.plain, test.lent))
@@ -192,22 +188,22 @@ class Leak:
 
 
 def exchange(scene: Scene, num_objects: int, key: Key, readings: Readings, jobs: int = 1) -> Exchanged:
-    """Touch fresh objects in every pose, show each touch with another's force and depth, too, and read both images.
+    """Touch new objects in every pose, and apply readings to the own and the exchanged images.
 
     Args:
-        scene: where the presses come from.
+        scene: the world.
         num_objects: of every shape.
-        key: seed and stream of chance.
-        readings: from images ``(n, …)`` to n rows each; they are read as they come, because all would fill the memory.
-        jobs: processes that press.
+        key: seed and stream of the generators.
+        readings: functions from images ``(n, …)`` to n rows, by name.
+        jobs: number of processes that press.
 
     Raises:
-        WrongPress: the scene's imprints do not follow from geometry and depth.
+        WrongPress: geometry and depth do not determine the imprints of the scene.
     """
     if scene.press_model.deforms:
         raise WrongPress(
-            "the imprint on a deformable pad does not follow from geometry and depth, so it cannot show another depth; "
-            "take --fidelity quasistatic, dynamic or guarded_move"
+            "geometry and depth do not determine the imprint on a deformable pad; choose --fidelity quasistatic, "
+            "dynamic or guarded_move"
         )
     touches = np.arange(num_objects * len(scene.shapes) * len(scene.poses))
     lenders = keyed_rng([*key, _KEY], is_fixed_length=True).permutation(len(touches))
@@ -243,7 +239,7 @@ def _touch_some(scene: Scene, key: Key, touches: Integers, lenders: Integers) ->
 
 
 def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
-    """A touch, and the stiffness of its object; the same however often it is asked for."""
+    """The contact with a number and the stiffness of its object; equal arguments give equal results."""
     number, pose = divmod(touch, len(scene.poses))
     thing = scene.sample_object(number % len(scene.shapes), keyed_rng([*key, _KEY, number, 2]))
     rng = keyed_rng([*key, _KEY, touch, 3])
@@ -251,12 +247,12 @@ def _press(scene: Scene, key: Key, touch: int) -> tuple[Contact, float]:
 
 
 def judged(touched: Exchanged, plain: Integers, lent: Integers) -> dict[str, Floats]:
-    """Share of right guesses for every object: of touches as they are, and of exchanged ones, judged by either side.
+    """Fraction of correct predictions for every object, by kind of image.
 
     Args:
         touched: the touches.
-        plain: shapes guessed from the images as they are, ``(N,)``.
-        lent: from the exchanged ones, ``(N,)``.
+        plain: shapes predicted from the own images, ``(N,)``.
+        lent: shapes predicted from the exchanged images, ``(N,)``.
     """
     shapes, ids, lenders = touched.shapes, touched.object_ids, touched.lenders
     return {
@@ -267,7 +263,7 @@ def judged(touched: Exchanged, plain: Integers, lent: Integers) -> dict[str, Flo
 
 
 def _pairs(shares: Shares) -> dict[str, tuple[Floats, Floats]]:
-    """What to compare, object by object: every reader with itself after the exchange, and with what needs no image."""
+    """Paired comparisons: every reader with itself on exchanged images, and with predictions without an image."""
     pairs = {}
     for who, rights in shares.items():
         if who != NO_IMAGE:
@@ -278,10 +274,10 @@ def _pairs(shares: Shares) -> dict[str, tuple[Floats, Floats]]:
 
 
 def _write(result: dict[str, Any], out: Path) -> None:
-    """Show the result, and write it into a folder for programs and for readers."""
+    """Print the result, and write it as JSON and Markdown."""
     measured = Table(
-        "Fraction of right answers",
-        ("reader", "images", "right [95 %]"),
+        "Fraction of correct answers",
+        ("reader", "images", "correct [95 %]"),
         [
             (who, shown, interval(*right))
             for who, rights in result["accuracy"].items()
@@ -290,13 +286,14 @@ def _write(result: dict[str, Any], out: Path) -> None:
     )
     compared = Table(
         "Differences",
-        ("difference", "right [95 %]"),
+        ("difference", "correct [95 %]"),
         [(name, interval(*difference, spec="+.3f")) for name, difference in result["differences"].items()],
     )
     heading = (
-        f"{result['scene']['scene']}, {result['renderer']}, seed {result['seed']}: share of right answers, of "
-        f"{result['num_touches']} touches of {result['num_objects']} objects; intervals resample objects. Chance is "
-        f"{result['chance']:.3f}. Shown the geometry of another touch, the shape whose force and depth it has is right."
+        f"{result['scene']['scene']}, {result['renderer']}, seed {result['seed']}: fraction of correct "
+        f"answers for {result['num_touches']} touches of {result['num_objects']} objects; intervals resample objects. "
+        f"Chance is {result['chance']:.3f}. With the geometry of another touch, the correct shape is that of the touch "
+        "that gives force and depth."
     )
     write_text(out / "leak.json", json.dumps(result, indent=1) + "\n")
     write_text(out / "leak.md", "\n\n".join([heading, measured.markdown(), compared.markdown()]) + "\n")

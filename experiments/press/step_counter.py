@@ -1,4 +1,4 @@
-"""Time and memory that presses of a scene take, measured in a process that loads nothing else."""
+"""Time and memory of the presses of a scene."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _HEAVY = ("mujoco", "scipy", "trimesh", "matplotlib", "torch", "transformers")
 
 @dataclass(frozen=True)
 class Cost:
-    """What presses of a scene cost, in a process of their own.
+    """Cost of the presses of a scene, in a process of their own.
 
     Attributes:
-        step: mean time of a step of MuJoCo [s]; 0 where none is made.
-        num_steps: mean number of them in a press.
-        press: median time of a press, its image aside [s].
-        image: median time of rendering and reading out [s].
+        step: mean time of a step of MuJoCo [s]; 0 without steps.
+        num_steps: mean number of steps per press.
+        press: median time of a press without its image [s].
+        image: median time of rendering and read-out [s].
         memory: of the process [MB].
-        imports: heavy packages it loaded.
+        imports: large packages that the process loaded.
     """
 
     step: float
@@ -39,13 +39,8 @@ class Cost:
     imports: tuple[str, ...]
 
 
-def measure(scene: Scene, num_presses: int) -> Cost:
-    """The cost of presses of all shapes, measured in a new process.
-
-    Args:
-        scene: to press in.
-        num_presses: number of presses to average over.
-    """
+def press_cost(scene: Scene, num_presses: int) -> Cost:
+    """Cost of ``num_presses`` presses of all shapes, measured in a new process."""
     return in_own_process(multiprocessing.get_context("spawn"), _measure_here, scene, num_presses)
 
 
@@ -53,7 +48,7 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
     rng = np.random.default_rng(0)
     things = [scene.sample_object(number % len(scene.shapes), rng) for number in range(num_presses)]
     for thing in things[: len(scene.shapes)]:
-        scene.press(thing, 0, rng)  # compile what is compiled once
+        scene.press(thing, 0, rng)  # compiles the models
     steps: list[float] = []
     if "mujoco" in sys.modules:
         import mujoco
@@ -71,7 +66,7 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
         started = time.perf_counter()
         contact = scene.press(thing, number % len(scene.poses), rng).contact
         pressed = time.perf_counter()
-        read_out(scene.image(contact), scene.faults, rng)  # once more, to know its share
+        read_out(scene.image(contact), scene.faults, rng)  # again, to measure its time
         images.append(time.perf_counter() - pressed)
         presses.append(pressed - started - images[-1])
     return Cost(
@@ -85,9 +80,9 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
 
 
 def _resident_megabytes() -> float:
-    """Memory this process holds [MB]; NaN where the system does not say."""
+    """Memory of this process [MB]; NaN if the system does not report it."""
     try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])  # the peak would count the parent's, before exec
+        pages = int(Path("/proc/self/statm").read_text().split()[1])  # the peak would include the parent's
     except OSError:
         return float("nan")
     return pages * resource.getpagesize() / 1e6

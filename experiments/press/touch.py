@@ -1,8 +1,4 @@
-"""Commands that show single presses.
-
-``touch`` draws one of them, ``gallery`` all shapes in all poses, ``record`` writes the paper's CSV files, ``view``
-opens MuJoCo's window.
-"""
+"""The commands ``touch``, ``gallery``, ``record`` and ``view``, which show single presses."""
 
 from __future__ import annotations
 
@@ -23,7 +19,6 @@ from activetouch.placement import Placement
 from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
-from belief.errors import UnknownName
 from belief.files import require_writable, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
@@ -34,20 +29,14 @@ if TYPE_CHECKING:
     from activetouch.pressing.contact import Contact
 
 
-def _index(kind: str, label: str, labels: tuple[str, ...]) -> int:
-    if label not in labels:
-        raise UnknownName(kind, label, list(labels))
-    return labels.index(label)
-
-
 def traced(scene: Scene) -> Scene:
-    """The scene with a force trace, where its presses can have one."""
+    """The scene with a trace of its presses, if they can record one."""
     return replace(scene, press_model=scene.press_model.with_trace())
 
 
 @dataclass(frozen=True)
-class Touch:
-    """Draw one press: the scene, the height map, what three sensors see, and the force over time.
+class TouchCommand:
+    """Draw one press: the scene, the height map, the images of three renderers, and the force over time.
 
     For example:
 
@@ -58,13 +47,13 @@ class Touch:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     shape: str = "cylinder"
-    """What to press."""
+    """Label of the shape to press."""
     pose: str = "front"
-    """In which pose."""
+    """Label of the pose."""
     seed: Seed = 0
-    """Of the object's size and orientation and of the press."""
+    """Seed of the object's size and orientation and of the press."""
     out: Picture = Path("runs/touch.png")
-    """Picture to write; the ending decides the format."""
+    """File for the picture; the ending decides the format."""
 
     def run(self) -> None:
         """Press once and draw."""
@@ -74,7 +63,7 @@ class Touch:
 
         require_writable_file(self.out)
         scene = traced(self.choice.named.scene)
-        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        placement, contact = press_new_object(scene, self.shape, self.pose, self.seed)
         view, by_opengl = press_picture(scene.setup, placement, contact.depth)
         if not by_opengl:
             print(GL_HINT)
@@ -85,18 +74,20 @@ class Touch:
         print(f"wrote {self.out}")
 
 
-def press_once(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
-    """The placement and the contact of a new object pressed once."""
+def press_new_object(scene: Scene, shape: str, pose: str, seed: int) -> tuple[Placement, Contact]:
+    """Placement and contact of one press of a new random object.
+
+    Raises:
+        UnknownName: the scene has no such shape or pose.
+    """
     rng = np.random.default_rng(seed)
-    shape_index, pose_index = _index("shape", shape, scene.shape_labels), _index("pose", pose, scene.pose_labels)
-    thing = scene.sample_object(shape_index, rng)
-    pressed = scene.press(thing, pose_index, rng)
+    pressed = scene.press(scene.sample_object(shape, rng), pose, rng)
     return pressed.placement, pressed.contact
 
 
 @dataclass(frozen=True)
 class Gallery:
-    """Draw every shape in every pose, as each renderer shows it.
+    """Draw the images of every shape in every pose by every renderer.
 
     For example:
 
@@ -106,9 +97,9 @@ class Gallery:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     seed: Seed = 4
-    """Of the objects' sizes and orientations."""
+    """Seed of the objects' sizes and orientations."""
     out: Picture = Path("docs/gallery.png")
-    """Picture to write; the ending decides the format."""
+    """File for the picture; the ending decides the format."""
 
     def run(self) -> None:
         """Press every shape in every pose and draw."""
@@ -132,10 +123,10 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Record:
-    """Press an object of each shape again and again and log every step, one CSV file an object (paper §5.4).
+    """Press an object of each shape repeatedly and write every step, one CSV file per object (paper §5.4).
 
     The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause,
-    withdraw, rotate). Only guarded moves rotate, so the scene is the paper's by default.
+    withdraw, rotate). Rotations need guarded moves, as in the default scene ``paper``.
 
     For example:
 
@@ -145,9 +136,9 @@ class Record:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=lambda: SceneChoice(scene="paper"))
     """The world."""
     cycles: Count = 10
-    """Presses of each object."""
+    """Number of presses of each object."""
     seed: Seed = 0
-    """Of the objects and their presses."""
+    """Seed of the objects and their presses."""
     out: Path = Path("runs/log")
     """Folder for the files."""
 
@@ -164,7 +155,11 @@ class Record:
 
 
 def _require_viewer() -> ModuleType:
-    """MuJoCo's viewer, or an error that says what is missing; without a display it would end the process."""
+    """MuJoCo's viewer.
+
+    Raises:
+        MissingPackage: it is not installed, or there is no display, which would end the process.
+    """
     try:
         import glfw  # type: ignore[import-not-found]  # of an extra
         from mujoco import viewer
@@ -173,15 +168,15 @@ def _require_viewer() -> ModuleType:
             f"the viewer cannot be opened ({error}). Install it with: pip install 'activetouch[viewer]'"
         ) from error
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it warns, too, that there is no display
+        warnings.simplefilter("ignore")  # it also warns
         if not glfw.init():
-            raise MissingPackage("there is no display to open a window on; activetouch touch draws into a file")
+            raise MissingPackage("there is no display for a window; activetouch touch draws into a file")
     return viewer
 
 
 @dataclass(frozen=True)
 class View:
-    """Open the scene in MuJoCo's window and press an object in it; needs the extra ``viewer`` and a display.
+    """Show a press in MuJoCo's window; this needs the extra ``viewer`` and a display.
 
     For example:
 
@@ -191,23 +186,23 @@ class View:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     shape: str = "cone"
-    """What to press."""
+    """Label of the shape to press."""
     pose: str = "front"
-    """In which pose."""
+    """Label of the pose."""
     seed: Seed = 0
-    """Of the object's size and orientation and of the press."""
+    """Seed of the object's size and orientation and of the press."""
 
     def run(self) -> None:
-        """Open the window; it stays until it is closed."""
+        """Show the press until the window is closed."""
         check_arguments(self)
         import mujoco
 
         from activetouch.pressing.rig import Rig
 
         scene = traced(self.choice.named.scene)
-        placement, contact = press_once(scene, self.shape, self.pose, self.seed)
+        placement, contact = press_new_object(scene, self.shape, self.pose, self.seed)
         if contact.trace is None:
-            raise WrongPress("nothing moves in this scene; choose --fidelity dynamic or guarded_move")
+            raise WrongPress("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
         viewer = _require_viewer()
         rig = Rig(scene.setup, placement.shape, timestep=float(contact.trace.time[0]))
         rig.place(float(contact.trace.position[0, 0]), placement)

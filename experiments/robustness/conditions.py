@@ -10,11 +10,9 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeAlias
 
-from activetouch import rendering
 from activetouch.distributions import LogUniform, Uniform
-from activetouch.orientations import Presentation
-from activetouch.pressing.press import Press
-from activetouch.rendering import DeadTaxels, Fault, Gain, Noise
+from activetouch.rendering import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation
+from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS
 
@@ -25,20 +23,20 @@ class DoesNotApply(Exception):
     """A condition does not apply to a scene; the message says why."""
 
 
-def _fault(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
+def _faulty(change: Callable[[tuple[Fault, ...]], tuple[Fault, ...]]) -> Change:
     def changed(scene: Scene) -> Scene:
-        if isinstance(scene.renderer, rendering.ForcePatchRenderer):
+        if not getattr(scene.renderer, "reads_taxels", True):
             raise DoesNotApply("its images are drawings of one force, not readings of taxels")
         return replace(scene, faults=change(scene.faults))
 
     return changed
 
 
-def _every(kind: type[Fault], change: Callable[[Fault], Fault]) -> Change:
+def _every(kind: type[Fault], change: Callable[..., Fault]) -> Change:
     def changed(scene: Scene) -> Scene:
-        if not any(isinstance(fault, kind) for fault in scene.faults):
+        if not faults_of(kind, scene.faults):
             raise DoesNotApply(f"its sensor has no {kind.__name__.lower()}")
-        return replace(scene, faults=tuple(change(f) if isinstance(f, kind) else f for f in scene.faults))
+        return replace(scene, faults=change_faults(kind, scene.faults, change))
 
     return changed
 
@@ -47,12 +45,12 @@ def _dead(share: float) -> Change:
     """More dead taxels, in addition to those of the sensor."""
 
     def changed(scene: Scene) -> Scene:
-        number = scene.image_shape[0] ** 2
-        dead = next((fault for fault in scene.faults if isinstance(fault, DeadTaxels)), DeadTaxels(0.0))
+        number, old = scene.image_shape[0] ** 2, faults_of(DeadTaxels, scene.faults)
+        dead = old[0] if old else DeadTaxels(0.0)
         more = replace(dead, share=min(dead.share + share, 1.0))
         if round(more.share * number) == round(dead.share * number):
             raise DoesNotApply(f"{100 * share:g} % of its {number} taxels is less than one")
-        return _fault(lambda faults: (*(f for f in faults if not isinstance(f, DeadTaxels)), more))(scene)
+        return _faulty(lambda faults: (*(fault for fault in faults if fault not in old), more))(scene)
 
     return changed
 
@@ -65,9 +63,10 @@ def _sized(low: float, high: float) -> Change:
     """Sizes outside the training range: ``low`` and ``high`` are added to its lower, or to its upper, end."""
 
     def changed(scene: Scene) -> Scene:
-        if not isinstance(scene.variation.size, Uniform):
+        smallest, largest = scene.variation.size.support
+        if smallest == largest:
             raise DoesNotApply("its sizes have no range")
-        end = scene.variation.size.high if high > 0.0 else scene.variation.size.low
+        end = largest if high > 0.0 else smallest
         return _varied(size=Uniform(end + low, end + high))(scene)
 
     return changed
@@ -79,13 +78,9 @@ def _rubbing(scene: Scene) -> Scene:
     return _varied(friction=Uniform(0.3, 1.0))(scene)
 
 
-def _pressed(press: Press) -> Change:
-    return lambda scene: scene if type(scene.press_model) is type(press) else replace(scene, press_model=press)
-
-
-def _shown(presentation: Presentation) -> Change:
-    same = type(presentation)
-    return lambda scene: scene if type(scene.presentation) is same else replace(scene, presentation=presentation)
+def _with(name: str, part: object) -> Change:
+    """Another kind of press or presentation; a scene that has this kind, with any settings, stays as it is."""
+    return lambda scene: scene if type(getattr(scene, name)) is type(part) else replace(scene, **{name: part})
 
 
 CONDITIONS: Mapping[str, Change] = MappingProxyType(
@@ -95,8 +90,8 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "gain ± 30 %": _every(Gain, lambda gain: replace(gain, half_range=0.3)),
         "1 % more dead": _dead(0.01),
         "5 % more dead": _dead(0.05),
-        "4 bits": _fault(lambda faults: (*faults, rendering.Quantisation(4))),
-        "hysteresis 5 %": _fault(lambda faults: (rendering.Hysteresis(0.05), *faults)),
+        "4 bits": _faulty(lambda faults: (*faults, Quantisation(4))),
+        "hysteresis 5 %": _faulty(lambda faults: (Hysteresis(0.05), *faults)),
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
@@ -105,10 +100,10 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
         "force 0.5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
         "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
-        **{f"press {name}": _pressed(press) for name, press in FIDELITIES.items()},
-        **{f"objects {name}": _shown(presentation) for name, presentation in PRESENTATIONS.items()},
+        **{f"press {name}": _with("press_model", press) for name, press in FIDELITIES.items()},
+        **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},
         "all taxels dead": _dead(1.0),
     }
 )
-"""Change of a scene by name. Smaller and larger are relative to the nominal size. The last one is the lower bound: a
-sensor without information."""
+"""Change of a scene by name. Sizes are relative to the nominal size. The last condition is the lower bound: a sensor
+without information."""

@@ -15,8 +15,8 @@ from experiments.robustness.shifted_touches import AS_TRAINED
 _TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
-def tables(numbers: Mapping[str, Any]) -> list[Table]:
-    """Tables of a report."""
+def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
+    """Tables of a report, from the contents of ``robustness.json``."""
     name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects of every shape, {numbers['num_poses']} poses"
     rows = []
     for condition, row in numbers["conditions"].items():
@@ -54,9 +54,9 @@ def tables(numbers: Mapping[str, Any]) -> list[Table]:
 
 
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
-    """Draw the errors of one touch and of all touches fused in every condition; the endings decide the formats.
+    """Draw the error rates of one touch and of all touches fused; the endings of the paths decide the formats.
 
-    The scale is logarithmic above 1 % and linear below, so that zero can be shown.
+    The scale is logarithmic above 1 % and linear below, so that it can show zero.
     """
     rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
     with figure((9, 1.3 + 0.24 * len(rows)), *paths) as drawn:

@@ -1,8 +1,7 @@
 """``activetouch robustness``: accuracy and calibration of a sensor outside the world it was trained in.
 
-The same objects are touched in every pose under many conditions, with one change at a time, so differences to the
-training world are paired. Objects of unseen shapes follow: the classifier must predict a shape that it knows, and two
-out-of-distribution scores are measured by their AUROC.
+The same objects are touched in every pose under many conditions, so differences to the training world are paired.
+Touches of unseen shapes measure two out-of-distribution scores by their AUROC.
 """
 
 from __future__ import annotations
@@ -72,7 +71,7 @@ class Robustness:
     def run(self) -> None:
         """Touch, measure, print and write."""
         check_arguments(self)
-        from experiments.robustness.report import draw_conditions, tables  # loads matplotlib
+        from experiments.robustness.report import draw_conditions, robustness_tables  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
         out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
@@ -96,12 +95,12 @@ class Robustness:
             "objects_per_shape": self.objects,
             "num_poses": len(scene.poses),
             "chance": 1.0 / len(scene.shapes),
-            "conditions": {c: measure(outputs[c], trained, sensor.model, self.seed) for c in conditions},
+            "conditions": {c: condition_scores(outputs[c], trained, sensor.model, self.seed) for c in conditions},
             "unseen": unseen,
             "left_out": left_out,
             "shift": list(sensor.shift),
         }
-        found = tables(numbers)
+        found = robustness_tables(numbers)
         for table in found:
             plain_console().print(table.rich())
         write_text(out / "robustness.json", json.dumps(numbers, indent=1) + "\n")
@@ -110,14 +109,21 @@ class Robustness:
         print(f"wrote {out}")
 
 
-def measure(outputs: ClassifierOutputs, trained: ClassifierOutputs, model: ArrayModel, seed: int) -> dict[str, Any]:
-    """How well the sensor does in a condition, and how that differs from the world as trained; intervals at 95 %.
+def condition_scores(
+    outputs: ClassifierOutputs, trained: ClassifierOutputs, model: ArrayModel, seed: int
+) -> dict[str, Any]:
+    """Accuracy and calibration in a condition, with 95 % intervals.
+
+    Args:
+        outputs: of the classifier in this condition.
+        trained: of the classifier in the training world.
+        model: the sensor's observation model.
+        seed: of the bootstrap.
 
     Returns:
-        ``num_objects`` touched; ``accuracy`` of single touches and its ``difference`` to the world as trained, paired
-        by object, both with bootstrap intervals over objects; ``is_chance``: no better than guessing, as far as the
-        interval tells; ``nll`` and ``ece`` of single touches by the sensor's own observation model; ``fused_accuracy``
-        of all touches of an object together, with its exact binomial interval.
+        ``num_objects`` touched; ``accuracy`` of single touches and its paired ``difference`` to the training world,
+        with bootstrap intervals over objects; ``is_chance``: whether the interval contains chance; ``nll`` and ``ece``
+        of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial interval.
     """
     (num_objects, num_poses, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
     right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (outputs, trained))
@@ -158,9 +164,9 @@ def out_of_distribution(
         novel_labels: names of the unseen shapes.
 
     Returns:
-        Per shape ``num_objects``; ``auroc`` by score and by what is scored, a touch or the mean over an object's
-        touches, each with its 95 % interval; ``taken_for``, the known shape that most touches are taken for, and their
-        ``share``; ``confidence``, the mean of the calibrated probability of the shape a touch is taken for.
+        Per shape ``num_objects``; ``auroc`` by score, of touches and of means over an object's touches, each with its
+        95 % interval; ``taken_for``, the most frequently predicted known shape, and its ``share``; ``confidence``, the
+        mean calibrated probability of the predicted shapes.
     """
     mahalanobis = MahalanobisScore.fit(np.concatenate(fit.features), fit.shapes.repeat(fit.features.shape[1]))
     scores = {

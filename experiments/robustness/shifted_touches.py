@@ -1,7 +1,7 @@
 """Touches of the same objects under many conditions, read by one classifier.
 
-Each random quantity has its own generator, keyed by (seed, object, pose, quantity), so a condition changes only what it
-names. Conditions that differ only in the sensor's faults share their presses.
+Each random quantity has its own generator, keyed by (seed, stream, object, quantity, pose), so a condition changes only
+what it names. Conditions that differ only in the sensor's faults share their presses.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PER_TASK = 10  # objects; in six poses they fill a batch of the network
 
 @dataclass(frozen=True)
 class ShiftedScene:
-    """A scene and the number of objects of every shape to touch in it; another ``stream`` has other objects."""
+    """A scene and the number of objects of every shape to touch in it; each ``stream`` has its own objects."""
 
     scene: Scene
     num_objects: int
@@ -47,7 +47,7 @@ class ClassifierOutputs:
     """Outputs of the classifier for N objects that were touched once in each of P poses.
 
     Attributes:
-        numbers: of the objects, rising, ``(N,)``; objects whose presses did not settle are missing.
+        numbers: of the objects, increasing, ``(N,)``; objects whose presses did not settle are missing.
         shapes: index of their shape in the scene, ``(N,)``.
         logits: ``(N, P, K)``.
         features: ``(N, P, D)``.
@@ -78,7 +78,7 @@ def applicable_conditions(
             continue
         is_slow = changed.press_model.is_slow and not scene.press_model.is_slow
         if ShiftedScene(changed, 0).presses == ShiftedScene(scene, 0).presses and changed.faults == scene.faults:
-            left_out[name] = "the sensor was trained so"
+            left_out[name] = "the sensor was trained under this condition"
         elif is_slow and not num_deformable:
             left_out[name] = "a press takes seconds; set the number of objects with --deformable"
         else:
@@ -93,7 +93,7 @@ def measure_touches(
 
     Args:
         sensor: with the classifier.
-        shifted: what to touch, by condition.
+        shifted: scene and number of objects, by condition.
         seed: of the objects and touches.
         jobs: number of processes that press.
 

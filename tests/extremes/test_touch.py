@@ -182,7 +182,7 @@ def _pads_and_shapes() -> list[Case]:
             "deeper than the layer",
             lambda: contact_at_depth(pad, gap, 1.0),
             ValueError,
-            "where the layer ends",
+            "depth must be in",
         ),
         answers("contact_at_depth", "no depth", lambda: contact_at_depth(pad, gap, 0.0), MISS),
         answers("Normal", "no deviation", lambda: Normal(2.0, 0.0).sample(np.random.default_rng(0)), equal_to(2.0)),

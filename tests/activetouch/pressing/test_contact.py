@@ -55,7 +55,7 @@ def test_the_force_of_a_depth_gives_the_depth_back(seed, name, depth):
 
 @pytest.mark.parametrize("depth", [-1e-6, 0.0031, np.nan, np.inf])
 def test_a_depth_the_layer_does_not_have_is_refused(depth):
-    with pytest.raises(ValueError, match="where the layer ends"):
+    with pytest.raises(ValueError, match="depth must be in"):
         contact_at_depth(PAD, np.zeros((32, 32)), depth)
 
 

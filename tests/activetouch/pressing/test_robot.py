@@ -293,9 +293,9 @@ def test_a_wrong_number_of_angles_is_refused(small, wrong):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="two" axis="1 0 0"', 'name="two" axis="1 0 0" pos="0 0 0.1"', "two of arm is no hinge through"),
-        ('name="two"', 'name="two" type="slide"', "two of arm is no hinge through"),
-        ('quat="1 0 0 1"', 'euler="0 0 90"', "arm orients a body"),
+        ('name="two" axis="1 0 0"', 'name="two" axis="1 0 0" pos="0 0 0.1"', "two of arm is not a hinge"),
+        ('name="two"', 'name="two" type="slide"', "two of arm is not a hinge"),
+        ('quat="1 0 0 1"', 'euler="0 0 90"', "arm does not orient"),
     ],
 )
 def test_a_model_whose_pose_cannot_be_worked_in_is_refused(small, old, new, message):

@@ -218,7 +218,7 @@ def test_a_mesh_is_a_value_known_by_its_triangles():
         (CORNERS, CUBE_FACES[1:], "3 open edges"),
         (CORNERS, np.vstack([CUBE_FACES, CUBE_FACES[:1]]), "3 shared by more than two"),
         (CORNERS, CUBE_FACES[:, ::-1], "inside out"),
-        (CORNERS, np.vstack([CUBE_FACES[:1, ::-1], CUBE_FACES[1:]]), "disagree about which side"),
+        (CORNERS, np.vstack([CUBE_FACES[:1, ::-1], CUBE_FACES[1:]]), "not oriented consistently"),
         (CORNERS * np.nan, CUBE_FACES, "not finite"),
         (CORNERS, CUBE_FACES + 1, "not among the 8"),
         (CORNERS * [1, 1, 0], CUBE_FACES, "no volume"),

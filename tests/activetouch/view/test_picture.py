@@ -62,5 +62,5 @@ def test_where_no_backend_works_nothing_is_drawn_and_nothing_breaks(monkeypatch)
     monkeypatch.setattr(opengl, "_BACKENDS", ("no-such-backend",))
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     rig = Rig(Setup(), SHAPES["cone"], 0.002)
-    view = opengl.View((0.0, 0.0, 0.0), 0.1, 0.0, 0.0, 35.0, 16, 16)
+    view = opengl.CameraView((0.0, 0.0, 0.0), 0.1, 0.0, 0.0, 35.0, 16, 16)
     assert opengl.draw_in_child(rig.model, rig.data, view) is None

@@ -13,8 +13,8 @@ from belief.errors import ActiveTouchError
 from experiments.cli import commands, main
 from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
-from experiments.press.fidelity import Fidelity
-from experiments.press.touch import Gallery, Touch
+from experiments.press.fidelity import FidelityCommand
+from experiments.press.touch import Gallery, TouchCommand
 from experiments.search.export import Export
 from experiments.search.merge import Merge
 from experiments.search.replay import Replay
@@ -108,7 +108,8 @@ def test_zero_is_refused_wherever_it_is_out_of_range():
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [(Touch, "x.docx"), (Gallery, "x"), (Replay, "x.mp4"), (Replay, "x.bmp"), (Fidelity, "x.csv")]
+    ("kind", "name"),
+    [(TouchCommand, "x.docx"), (Gallery, "x"), (Replay, "x.mp4"), (Replay, "x.bmp"), (FidelityCommand, "x.csv")],
 )
 def test_a_file_of_an_unknown_format_is_refused_before_anything_is_made(kind, name, tmp_path):
     with pytest.raises(BadArgument, match=rf"--out must end in .*\.(png|json).*, got .*{name}"):

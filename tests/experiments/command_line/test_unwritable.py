@@ -5,8 +5,8 @@ import pytest
 from belief.errors import CannotWrite
 from experiments.bayes_error.limit import Limit
 from experiments.ppo.train_ppo import TrainPPO
-from experiments.press.fidelity import Fidelity
-from experiments.press.touch import Gallery, Record, Touch
+from experiments.press.fidelity import FidelityCommand
+from experiments.press.touch import Gallery, Record, TouchCommand
 from experiments.robustness.robustness import Robustness
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
@@ -14,15 +14,15 @@ from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import Collect
 from experiments.tradeoff.tradeoff import Tradeoff
 
-PICTURES = (Replay, Touch, Gallery)
+PICTURES = (Replay, TouchCommand, Gallery)
 
 
 @pytest.mark.parametrize(
-    "command", [*PICTURES, Calibrate, Collect, Compare, Fidelity, Limit, Record, Robustness, Tradeoff, TrainPPO]
+    "command", [*PICTURES, Calibrate, Collect, Compare, FidelityCommand, Limit, Record, Robustness, Tradeoff, TrainPPO]
 )
 def test_a_place_below_a_file_is_refused_at_once(command, tmp_path):
     (tmp_path / "file").write_text("mine")
-    ending = {Fidelity: ".json"}.get(command, ".png" if command in PICTURES else "")
+    ending = {FidelityCommand: ".json"}.get(command, ".png" if command in PICTURES else "")
     with pytest.raises(CannotWrite, match="file"):
         command(out=tmp_path / "file" / f"out{ending}").run()
     assert (tmp_path / "file").read_text() == "mine"

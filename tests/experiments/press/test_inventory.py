@@ -7,7 +7,7 @@ from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.rig import build_spec
 from activetouch.pressing.setup import Setup
 from experiments.press.inventory import inventory, leaner, richer
-from experiments.press.step_counter import measure
+from experiments.press.step_counter import press_cost
 
 pytestmark = pytest.mark.mujoco
 
@@ -64,8 +64,8 @@ def test_parked_objects_and_the_finger_add_no_motion_and_no_contact():
 
 @pytest.mark.slow
 def test_the_leanest_scene_never_loads_mujoco():
-    cost = measure(Scene(press_model=Quasistatic()), 8)
+    cost = press_cost(Scene(press_model=Quasistatic()), 8)
     assert "mujoco" not in cost.imports
     assert "torch" not in cost.imports
     assert cost.num_steps == 0
-    assert measure(Scene(), 8).memory > cost.memory
+    assert press_cost(Scene(), 8).memory > cost.memory

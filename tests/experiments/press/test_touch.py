@@ -8,7 +8,7 @@ from activetouch import SHAPES
 from activetouch.errors import MissingPackage, WrongPress
 from activetouch.pressing.trace import Phase
 from belief.errors import UnknownName
-from experiments.press.touch import Gallery, Record, Touch, View, press_once
+from experiments.press.touch import Gallery, Record, TouchCommand, View, press_new_object
 from experiments.scene_choice import SceneChoice
 
 pytestmark = pytest.mark.mujoco
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.mujoco
 )
 def test_a_touch_is_drawn_in_every_scene(choice, tmp_path, capsys):
     path = tmp_path / "touch.png"
-    Touch(choice, shape="cone", pose="corner", out=path).run()
+    TouchCommand(choice, shape="cone", pose="corner", out=path).run()
     with Image.open(path) as picture:
         assert min(picture.size) > 500
         assert len(picture.convert("RGB").getcolors(maxcolors=10**7)) > 500
@@ -47,14 +47,14 @@ def test_a_log_is_written_for_every_object(tmp_path):
 
 def test_the_same_seed_presses_the_same_object():
     scene = SceneChoice(fidelity="quasistatic").named.scene
-    first, second = (press_once(scene, "cube", "z45", 5)[1] for _ in range(2))
+    first, second = (press_new_object(scene, "cube", "z45", 5)[1] for _ in range(2))
     assert first.pressure.tobytes() == second.pressure.tobytes()
 
 
 @pytest.mark.parametrize(("shape", "pose", "meant"), [("cones", "front", "'cone'"), ("cone", "z54", "'z45'")])
 def test_an_unknown_shape_or_pose_suggests_the_nearest(shape, pose, meant):
     with pytest.raises(UnknownName, match=f"Did you mean {meant}"):
-        press_once(SceneChoice().named.scene, shape, pose, 0)
+        press_new_object(SceneChoice().named.scene, shape, pose, 0)
 
 
 def test_the_viewer_says_what_it_lacks(monkeypatch):

@@ -16,8 +16,8 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
 from experiments.robustness import shifted_touches
 from experiments.robustness.conditions import CONDITIONS
-from experiments.robustness.report import tables
-from experiments.robustness.robustness import Robustness, measure, out_of_distribution
+from experiments.robustness.report import robustness_tables
+from experiments.robustness.robustness import Robustness, condition_scores, out_of_distribution
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
     ClassifierOutputs,
@@ -43,7 +43,7 @@ def measured(sensor, scenes, num_objects=4):
         sensor, {name: ShiftedScene(scene, num_objects) for name, scene in scenes.items()}, seed=5, jobs=1
     )
     trained = next(iter(outputs.values()))
-    return outputs, {name: measure(some, trained, sensor.model, seed=5) for name, some in outputs.items()}
+    return outputs, {name: condition_scores(some, trained, sensor.model, seed=5) for name, some in outputs.items()}
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -63,7 +63,7 @@ def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
     [
         (SCENES["paper"].scene, "noise × 2", "no noise"),
         (SCENES["paper"].scene, "4 bits", "not readings of taxels"),
-        (SCENES["hard"].scene, "size ± 25 %", "trained so"),
+        (SCENES["hard"].scene, "size ± 25 %", "was trained"),
         (SCENES["coarse"].scene, "1 % more dead", "1 % of its 16 taxels"),
         (COARSE, "friction 0.3 to 1", "nothing slides"),
         (SCENES["gel"].scene, "press deformable", "--deformable"),
@@ -126,7 +126,7 @@ def test_a_sensor_without_information_is_reported_at_chance(sensor):
     assert blank["difference"] == pytest.approx(0.25 - trained["accuracy"])
     assert blank["difference_interval"][0] <= blank["difference"] <= blank["difference_interval"][1]
     report = {"scene": "coarse", "objects_per_shape": 10, "num_poses": 6, "unseen": {}, "left_out": {}}
-    text = "\n".join(table.markdown() for table in tables(report | {"conditions": numbers}))
+    text = "\n".join(table.markdown() for table in robustness_tables(report | {"conditions": numbers}))
     assert [line.split(" | ")[0] for line in text.splitlines() if "(chance)" in line] == ["| all taxels dead"]
 
 
