@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from activetouch.distributions import LogUniform, Uniform
 from activetouch.rendering import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation
@@ -78,7 +78,7 @@ def _rubbing(scene: Scene) -> Scene:
     return _varied(friction=Uniform(0.3, 1.0))(scene)
 
 
-def _with(name: str, part: object) -> Change:
+def _with(name: str, part: Any) -> Change:
     """Another kind of press or presentation; a scene that has this kind, with any settings, stays as it is."""
     return lambda scene: scene if type(getattr(scene, name)) is type(part) else replace(scene, **{name: part})
 
