@@ -161,7 +161,7 @@ class Leak:
     def _classifier(self, scene: Scene) -> TouchClassifier | None:
         own = named_scene(self.choice.scene).scene
         if self.sensor is None and (own.renderer != scene.renderer or own.shape_labels != scene.shape_labels):
-            print(f"the sensor of {self.choice.scene} does not fit these images and shapes; give another with --sensor")
+            print(f"{self.choice.scene} has no sensor for these images and shapes; give one with --sensor")
             return None
         from activetouch.perception.classifier import TouchClassifier  # loads torch
 

@@ -11,4 +11,4 @@ def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
     text = console.export_text()
     body = [line.split() for line in text.splitlines() if "sphere" in line or "cube" in line]
     assert body[0][:5] == ["cube", "box", "inf", "inf", "0.00"]
-    assert "apart: cube and box" in " ".join(text.split())
+    assert "distinguishes: cube and box" in " ".join(text.split())
