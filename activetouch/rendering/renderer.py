@@ -43,7 +43,7 @@ def require_renderer(renderer: object) -> None:
     """
     if isinstance(renderer, str):
         raise WrongRenderer(
-            f"a scene's renderer is an object, not a name: activetouch.rendering.RENDERERS[{renderer!r}], for example"
+            f"a scene's renderer is an object, not the name {renderer!r}; see activetouch.rendering.RENDERERS"
         )
     if isinstance(renderer, type) or not callable(renderer):
         raise WrongRenderer(f"{renderer!r} is no renderer: a renderer is an object that can be called with a contact")
