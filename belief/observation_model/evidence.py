@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -47,6 +47,7 @@ class Explains(Protocol):
         """Log p(all these touches of one object | shape), ``(K,)``."""
 
 
+@runtime_checkable
 class Summarises(Protocol):
     """An observation model that remembers of touches no more than statistics, of one size for any number of them."""
 

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from belief.calibration import CALIBRATIONS, Calibration, StructuredMatrixScaling
 from belief.cross_validation import object_folds
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
@@ -148,10 +147,6 @@ class RatioModel(ArrayModel):
         counts = membership.sum(axis=1)
         weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
         return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
-
-    def start(self) -> SummarisedEvidence:
-        """See :class:`ArrayModel`."""
-        return SummarisedEvidence(self)
 
     def statistics_with(self, statistics: _Means | None, touch: Touch) -> _Means:
         """The mean log ratio of every pose that was touched in, in the order of their first touches."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
-from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
+from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
@@ -106,8 +106,12 @@ class ArrayModel(FrozenArrays, ABC):
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
 
     def start(self) -> ObjectEvidence:
-        """The evidence of no touches, to be updated touch by touch; models with statistics of one size override it."""
-        return RecomputedEvidence(self)
+        """The evidence before the first touch.
+
+        A model with the methods of :class:`~belief.observation_model.evidence.Summarises` stores statistics of fixed
+        size; any other model is asked about all touches after each new one.
+        """
+        return SummarisedEvidence(self) if isinstance(self, Summarises) else RecomputedEvidence(self)
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
         """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration import TemperatureScaling
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
@@ -135,10 +134,6 @@ class ConfusionModel(ArrayModel):
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`; all, as touches are independent."""
         return np.ones(np.shape(num_touches))
-
-    def start(self) -> SummarisedEvidence:
-        """See :class:`ArrayModel`."""
-        return SummarisedEvidence(self)
 
     def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:
         """The sum of log-likelihoods, ``(K,)``."""

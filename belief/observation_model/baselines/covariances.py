@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats
@@ -92,55 +90,6 @@ def whitened(vectors: Floats, bases: Floats) -> Floats:
     """
     flat = bases.reshape(-1, bases.shape[2])
     return (vectors @ flat.T).reshape(*vectors.shape[:-1], *bases.shape[:2])
-
-
-class PoseStatistics(NamedTuple):
-    """All that Gaussian models need to know of S sequences of touches, however long they are.
-
-    Attributes:
-        used: the p poses that occur in any of them, rising.
-        counts: touches of each sequence in each of these, ``(S, p)``.
-        means: of their vectors, ``(S, p, D)``; zero where there is none.
-        scatter: sums of squares about the means, over all touches of a sequence, ``(S, D, D)``.
-    """
-
-    used: NDArray[np.int64]
-    counts: Floats
-    means: Floats
-    scatter: Floats
-
-    @classmethod
-    def of(cls, vectors: Floats, poses: NDArray[np.int64]) -> PoseStatistics:
-        """From vectors ``(S, n, D)`` in poses ``(S, n)``.
-
-        >>> found = PoseStatistics.of(np.array([[[1.0], [3.0], [5.0]]]), np.array([[4, 4, 7]]))
-        >>> found.used.tolist(), found.counts.tolist(), found.means.ravel().tolist(), found.scatter.tolist()
-        ([4, 7], [[2.0, 1.0]], [2.0, 5.0], [[[2.0]]])
-        """
-        used, index = np.unique(poses, return_inverse=True)
-        index = index.reshape(poses.shape)
-        membership = (index[..., None] == np.arange(len(used))).astype(np.float64)  # (S, n, p)
-        counts = membership.sum(axis=1)
-        means = np.swapaxes(membership, 1, 2) @ vectors / np.maximum(counts, 1.0)[..., None]
-        spread = vectors - means[np.arange(len(poses))[:, None], index]
-        return cls(used, counts, means, np.swapaxes(spread, 1, 2) @ spread)
-
-    def with_touch(self, vector: Floats, pose: int) -> PoseStatistics:
-        """Those of one sequence with one more touch ``(D,)``, in any pose.
-
-        >>> found = PoseStatistics.of(np.array([[[1.0], [3.0]]]), np.array([[4, 4]])).with_touch(np.array([5.0]), 7)
-        >>> found.used.tolist(), found.counts.tolist(), found.means.ravel().tolist(), found.scatter.tolist()
-        ([4, 7], [[2.0, 1.0]], [2.0, 5.0], [[[2.0]]])
-        """
-        used, counts, means, place = self.used, self.counts, self.means, int(np.searchsorted(self.used, pose))
-        if place == len(used) or used[place] != pose:
-            used, counts = np.insert(used, place, pose), np.insert(counts, place, 0.0, axis=1)
-            means = np.insert(means, place, 0.0, axis=1)
-        counts, means = counts.copy(), means.copy()
-        counts[0, place] += 1.0
-        away, number = vector - means[0, place], counts[0, place]
-        means[0, place] += away / number
-        return PoseStatistics(used, counts, means, self.scatter + (1.0 - 1.0 / number) * np.outer(away, away))
 
 
 def squares_within(scatter: Floats, bases: Floats) -> Floats:

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.observation_model.baselines.covariances import (
-    PoseStatistics,
     pooled,
     pose_means,
     positive_definite,
@@ -28,18 +27,15 @@ from belief.observation_model.baselines.covariances import (
     whitened,
 )
 from belief.observation_model.baselines.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.baselines.pose_statistics import PoseStatistics, PoseStatisticsModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import as_real
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianModel(ArrayModel):
+class GaussianModel(PoseStatisticsModel):
     """One Gaussian a shape and pose on an embedding of touches; covariances are those of shapes, means also of poses.
 
     Attributes:
@@ -107,32 +103,7 @@ class GaussianModel(ArrayModel):
         covariances = positive_definite(pooled(scatter_of_shapes(rest, data), data.counts, pooling))
         return cls(data.shape_labels, embedding, means, covariances)
 
-    @property
-    def num_poses(self) -> int:
-        """P."""
-        return len(self.means)
-
-    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`; the sum over touches, of which counts, means and scatter are enough."""
-        return self._told(PoseStatistics.of(self.embedding(batch), batch.poses))
-
-    def start(self) -> SummarisedEvidence:
-        """See :class:`ArrayModel`."""
-        return SummarisedEvidence(self)
-
-    def statistics_with(self, statistics: PoseStatistics | None, touch: Touch) -> PoseStatistics:
-        """Counts, means and scatter of the touches in each pose."""
-        batch = self.alone(touch)
-        vectors = self.embedding(batch)
-        if statistics is None:
-            return PoseStatistics.of(vectors, batch.poses)
-        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
-
-    def log_likelihood_of(self, statistics: PoseStatistics) -> Floats:
-        """See :class:`ArrayModel`."""
-        return self._told(statistics)[0]
-
-    def _told(self, found: PoseStatistics) -> Floats:
+    def _log_likelihoods_of(self, found: PoseStatistics) -> Floats:
         """Log-likelihoods ``(S, K)``."""
         shifts = whitened(found.means, self._whitening) - self._white_means[found.used]  # (S, p, K, D)
         squares = np.einsum("sp,spkd,spkd->sk", found.counts, shifts, shifts)
@@ -156,10 +127,6 @@ class GaussianModel(ArrayModel):
         """See :class:`ArrayModel`."""
         noise = rng.standard_normal((*poses.shape, self.means.shape[2])) @ np.linalg.cholesky(self.covariances[shape]).T
         return self.embedding.to_touches(poses, self.means[poses, shape] + noise)
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`; from touches that the model samples."""
-        return sampled_table(self, num_outcomes, rng)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""

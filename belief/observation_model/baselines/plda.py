@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import eigh
 
 from belief.observation_model.baselines.covariances import (
-    PoseStatistics,
     pooled,
     pose_means,
     positive_definite,
@@ -33,12 +32,9 @@ from belief.observation_model.baselines.covariances import (
     whitened,
 )
 from belief.observation_model.baselines.embedding import Embedding, LogitEmbedding, embedding_from_fields
+from belief.observation_model.baselines.pose_statistics import PoseStatistics, PoseStatisticsModel
 from belief.observation_model.baselines.variance_components import Components, estimate_components
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.evidence import SummarisedEvidence
-from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import sampled_table
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import as_real
@@ -47,7 +43,7 @@ Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 
 
 @dataclass(frozen=True, eq=False)
-class PLDAModel(ArrayModel):
+class PLDAModel(PoseStatisticsModel):
     """Gaussian touches that share a part with other touches of their object, and another with those in their pose.
 
     Attributes:
@@ -138,31 +134,6 @@ class PLDAModel(ArrayModel):
         return cls(data.shape_labels, embedding, means, components, status)
 
     @property
-    def num_poses(self) -> int:
-        """P."""
-        return len(self.means)
-
-    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`; sums over poses of what their number of touches, mean and scatter say."""
-        return self._told(PoseStatistics.of(self.embedding(batch), batch.poses))
-
-    def start(self) -> SummarisedEvidence:
-        """See :class:`ArrayModel`."""
-        return SummarisedEvidence(self)
-
-    def statistics_with(self, statistics: PoseStatistics | None, touch: Touch) -> PoseStatistics:
-        """Counts, means and scatter of the touches in each pose."""
-        batch = self.alone(touch)
-        vectors = self.embedding(batch)
-        if statistics is None:
-            return PoseStatistics.of(vectors, batch.poses)
-        return statistics.with_touch(vectors[0, 0], int(batch.poses[0, 0]))
-
-    def log_likelihood_of(self, statistics: PoseStatistics) -> Floats:
-        """See :class:`ArrayModel`."""
-        return self._told(statistics)[0]
-
-    @property
     def repeat_correlation(self) -> float:
         """The ρ by which touches in one pose correlate, as far as that matters to telling shapes apart.
 
@@ -192,7 +163,7 @@ class PLDAModel(ArrayModel):
         ratio = min(max(repeat / another, 0.0), 1.0)
         return (1.0 - ratio) / (1.0 + ratio)
 
-    def _told(self, found: PoseStatistics) -> Floats:
+    def _log_likelihoods_of(self, found: PoseStatistics) -> Floats:
         """Log-likelihoods ``(S, K)``."""
         basis, counts, present = self._basis, found.counts, np.maximum(found.counts, 1.0)  # (S, p)
         within = squares_within(found.scatter, basis.whiten)
@@ -240,10 +211,6 @@ class PLDAModel(ArrayModel):
         return self.embedding.to_touches(
             poses, self.means[poses, shape] + shared + in_pose[rows, index.reshape(poses.shape)] + alone
         )
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`; from touches that the model samples. A table cannot say how far touches repeat."""
-        return sampled_table(self, num_outcomes, rng)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`."""

@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.observation_model.baselines.confusion import ConfusionModel
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.evidence import SummarisedEvidence
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, fit_correlation, repeats
@@ -122,10 +121,6 @@ class SignatureModel(ArrayModel):
             counts = ((outcomes[..., None] == every) & (batch.poses == pose)[..., None]).sum(axis=1)  # (S, M)
             total += self._log_repeats(pose, every, counts)
         return total
-
-    def start(self) -> SummarisedEvidence:
-        """See :class:`ArrayModel`."""
-        return SummarisedEvidence(self)
 
     def statistics_with(self, statistics: _Occurred | None, touch: Touch) -> _Occurred:
         """How often every outcome occurred in every pose, and what that tells."""
