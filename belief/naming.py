@@ -39,6 +39,27 @@ def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
     return int(name)
 
 
+def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels as a tuple: at least one, no two equal.
+
+    Args:
+        name: of the argument, for the error.
+        labels: a sequence of strings.
+
+    Raises:
+        InvalidArgument: it is empty, holds something else than strings, or has a label twice.
+
+    >>> checked_names("shape_labels", ["cube", "cone"])
+    ('cube', 'cone')
+    """
+    names = labels if isinstance(labels, str) else tuple(labels)
+    if isinstance(names, str) or not names or not all(isinstance(label, str) for label in names):
+        raise InvalidArgument(f"{name} must be a sequence of names, at least one, got {labels!r}")
+    if len(set(names)) < len(names):
+        raise InvalidArgument(f"{name} must differ from each other, got {list(names)}")
+    return names
+
+
 def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
     """A seed as a tuple of whole numbers, each at least 0; a single number becomes a tuple of one.
 

@@ -28,12 +28,12 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 from scipy.special import expit
 
+from belief.calibration.inputs import finite_logits
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.statistics.inputs import normal_quantile, require_fraction
+from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
 from belief.validation import as_real, unmasked
 
-_LARGEST_FEATURE = 1e150  # squares of larger ones overflow
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
 
 
@@ -53,10 +53,7 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
     >>> energy_score([[0.0, 0.0], [9.0, 0.0]]).round(4).tolist()
     [-0.6931, -9.0001]
     """
-    z = np.asarray(as_real(logits, "logits"), np.float64)
-    if z.ndim == 0 or z.size == 0:
-        raise ValueError(f"need logits (..., K), none of the axes empty, got shape {z.shape}")
-    _require_finite("logits", z)
+    z = finite_logits(logits)
     if not 0.0 < temperature < np.inf:
         raise ValueError(f"temperature must be positive and finite, got {temperature}")
     top = z.max(axis=-1)
@@ -221,12 +218,9 @@ def _row_means(rows: Floats, others: Floats) -> Floats:
 
 
 def _features(features: ArrayLike) -> Floats:
-    x = np.asarray(as_real(features, "features"), np.float64)
+    x = checked_values("features", as_real(features, "features"))
     if x.ndim != 2 or x.size == 0:
         raise ValueError(f"need features (n, D) with n ≥ 1 and D ≥ 1, got shape {x.shape}")
-    _require_finite("features", x)
-    if np.abs(x).max() > _LARGEST_FEATURE:
-        raise ValueError(f"features must not exceed {_LARGEST_FEATURE:g} in size, got {np.abs(x).max():g}")
     return x
 
 
@@ -239,10 +233,3 @@ def _scores(known_scores: ArrayLike, novel_scores: ArrayLike) -> tuple[Floats, F
         if np.isnan(scores).any():
             raise ValueError(f"{name}_scores hold NaN, the first at {np.argwhere(np.isnan(scores))[0].tolist()}")
     return known, novel
-
-
-def _require_finite(name: str, values: Floats) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        place = tuple(np.argwhere(bad)[0].tolist())
-        raise ValueError(f"{name} must be finite, got {values[place]} at {list(place)}")

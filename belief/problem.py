@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import one_line
-from belief.validation import as_real
+from belief.naming import checked_names, one_line
+from belief.validation import as_real, require_count
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -113,9 +113,9 @@ class SearchProblem:
         if not isinstance(self.composition, Counts):
             object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
         for name in ("shape_labels", "pose_labels"):
-            object.__setattr__(self, name, _names(name, getattr(self, name)))
+            object.__setattr__(self, name, checked_names(name, getattr(self, name)))
         for name in ("num_objects", "touch_limit"):
-            _require_count(name, getattr(self, name))
+            require_count(name, getattr(self, name))
         if isinstance(self.composition, Counts) and sum(self.composition.of(self.shape_labels)) < self.num_objects:
             raise ValueError(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:
@@ -172,18 +172,3 @@ class SearchProblem:
         """
         right = confirmed_shape == target if confirmed_shape is not None else not target_present
         return (1.0 if right else -1.0) - self.touch_cost * num_touches
-
-
-def _names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels as a tuple: at least one, different from each other."""
-    names = labels if isinstance(labels, str) else tuple(labels)
-    if isinstance(names, str) or not names or not all(isinstance(label, str) for label in names):
-        raise InvalidArgument(f"{name} must be a sequence of names, at least one, got {labels!r}")
-    if len(set(names)) < len(names):
-        raise InvalidArgument(f"{name} must differ from each other, got {list(names)}")
-    return names
-
-
-def _require_count(name: str, number: int) -> None:
-    if not isinstance(number, int | np.integer) or isinstance(number, bool) or number < 1:
-        raise InvalidArgument(f"{name} must be an integer, at least 1, got {number!r}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from numbers import Integral
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -48,6 +50,62 @@ def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
         place = np.argwhere(np.ma.getmaskarray(values))[0].tolist()
         raise InvalidArgument(f"{name} must not be masked, got a masked entry at {place}")
     return np.asarray(values)
+
+
+def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64]:
+    """Integers in [0, size), as int64.
+
+    Args:
+        name: of the argument, for the error.
+        values: integers of any type, ``(n,)``.
+        size: number of valid indices.
+
+    Raises:
+        InvalidArgument: a masked entry, another type, or an index out of range; the message names its row.
+
+    >>> checked_indices("labels", [0, 2], size=2)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: labels must be integers in [0, 2), got 2 in row 1
+    """
+    indices = unmasked(values, name)
+    if not np.issubdtype(indices.dtype, np.integer):
+        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices.dtype}")
+    wrong = (indices < 0) | (indices >= size)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InvalidArgument(f"{name} must be integers in [0, {size}), got {indices[row]} in row {row}")
+    return indices.astype(np.int64)
+
+
+def require_count(name: str, value: object, least: int = 1) -> None:
+    """Check that an argument is an integer, at least ``least``.
+
+    Raises:
+        InvalidArgument: it is not.
+
+    >>> require_count("num_folds", 1, least=2)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: num_folds must be an integer, at least 2, got 1
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < least:
+        raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
+
+
+def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Check that an argument is one of several strings.
+
+    Raises:
+        InvalidArgument: it is not.
+
+    >>> require_choice("status", "fine", ["ok", "no_repeats"])
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: status must be one of ok, no_repeats; got 'fine'
+    """
+    if value not in choices:
+        raise InvalidArgument(f"{name} must be one of {', '.join(choices)}; got {value!r}")
 
 
 def require(

@@ -6,10 +6,10 @@ The paper's own rule, which looks at single classifier outputs, is in :mod:`plan
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral
 
 from belief import Confirm, Reject
 from belief.errors import InvalidArgument
+from belief.validation import require_count
 from planners.decider import Decision, InformationState
 
 
@@ -109,9 +109,3 @@ class SequentialTest:
         """See :class:`planners.decider.StoppingRule`."""
         reject, confirm = self.thresholds(float(info.problem.prior_probs[info.target]))
         return PosteriorThresholds(confirm, reject, self.max_touches).stop(info)
-
-
-def require_count(name: str, value: object) -> None:
-    """Raise :class:`belief.errors.InvalidArgument` unless an argument is an integer, at least 1."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-        raise InvalidArgument(f"{name} must be an integer, at least 1, got {value!r}")

@@ -9,8 +9,8 @@ import numpy as np
 from belief import Confirm, Reject
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument
+from belief.validation import require_count
 from planners.decider import Decision, InformationState
-from planners.stopping import require_count
 
 _SOFTMAX = TemperatureScaling()  # with its default temperature of 1; handles logits of any size
 _LEAST_LOGIT = -float(np.finfo(np.float64).max)  # replaces -inf, which a perfect table gives; its softmax is zero, too

@@ -25,10 +25,10 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from belief.validation import require_count
 from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
-from planners.stopping import require_count
 
 _TIE = 1e-12  # differences that rounding can make
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self, TypeAlias, get_args
+from typing import Any, ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -104,15 +104,3 @@ class Calibration(ABC):
             ValueError: the text is no such calibration, or one for other shapes or another order of them.
         """
         return read_json(text, {cls.name: cls.from_fields}, shape_labels)
-
-
-def check_status(status: str) -> None:
-    """Raise ValueError for a status that no fit gives.
-
-    >>> check_status("fine")
-    Traceback (most recent call last):
-    ...
-    ValueError: status must be one of unfitted, ok, separable, uninformative, anti_informative; got 'fine'
-    """
-    if status not in get_args(Status):
-        raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {status!r}")

@@ -12,6 +12,7 @@ from belief.calibration.base import Calibration
 from belief.calibration.inputs import labelled_logits
 from belief.calibration.table import CALIBRATIONS
 from belief.cross_validation import object_folds
+from belief.validation import require_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +72,7 @@ def choose_calibration(
         candidates = {name: kind() for name, kind in CALIBRATIONS.items()}
     if not candidates:
         raise ValueError(f"no candidates to choose from; try {', '.join(CALIBRATIONS)}")
-    if num_folds < 2:
-        raise ValueError(f"cross-validation needs at least 2 folds, got {num_folds}")
+    require_count("num_folds", num_folds, least=2)
     folds = object_folds(y, object_ids, num_folds)
     losses = {}
     for name, candidate in candidates.items():

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.validation import as_real, unmasked
+from belief.validation import as_real, at, checked_indices
 
 _MOST_POSES = 1000  # unless there are more touches than that
 
@@ -57,12 +57,11 @@ def finite_logits(logits: ArrayLike) -> Floats:
         raise ValueError(f"need logits (..., K), none of the axes empty; got shape {z.shape}")
     if not (np.isfinite(z.max()) and np.isfinite(z.min())):
         row = tuple(np.argwhere(~np.isfinite(z))[0, :-1].tolist())
-        where = f" in row {row[0] if len(row) == 1 else row}" if row else ""
-        raise ValueError(f"logits{where} are not finite: {z[row].tolist()}")
+        raise ValueError(f"logits{at(row)} are not finite: {z[row].tolist()}")
     return z
 
 
-def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.intp]]:
+def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
     """Logits ``(n, K)`` and labels ``(n,)``, checked.
 
     Raises:
@@ -71,13 +70,7 @@ def labelled_logits(logits: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArr
     >>> labelled_logits([[1.0, 2.0]], [1])
     (array([[1., 2.]]), array([1]))
     """
-    shape, y = np.shape(logits), unmasked(labels, "labels")
-    if len(shape) != 2 or 0 in shape or y.shape != shape[:1]:
-        raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {y.shape}")
-    z = finite_logits(logits)
-    if not np.issubdtype(y.dtype, np.integer):
-        raise ValueError(f"labels must be integers in [0, {shape[1]}), got {y.dtype}")
-    if y.min() < 0 or y.max() >= shape[1]:
-        row = int(np.argmax((y < 0) | (y >= shape[1])))
-        raise ValueError(f"labels must be integers in [0, {shape[1]}), got {y[row]} in row {row}")
-    return z, y.astype(np.intp, copy=False)
+    shape, num_labels = np.shape(logits), np.shape(labels)
+    if len(shape) != 2 or 0 in shape or num_labels != shape[:1]:
+        raise ValueError(f"need logits (n, K) and labels (n,) with n ≥ 1, got {shape} and {num_labels}")
+    return finite_logits(logits), checked_indices("labels", labels, shape[1])

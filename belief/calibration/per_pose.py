@@ -15,7 +15,7 @@ from belief.calibration.serialisation import read_json, write_json
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.table import CALIBRATIONS
 from belief.problem import Floats
-from belief.validation import unmasked
+from belief.validation import checked_indices, unmasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class PerPose:
             ValueError: bad logits or labels, or poses out of range.
         """
         z, y = labelled_logits(logits, labels)
-        p = _check_poses(poses, len(y), num_poses)
+        p = _poses(poses, len(y))
         size = pose_count(p, num_poses)
         pooled = self.kind.fit(z, y)
         masks = [p == pose for pose in range(size)]
@@ -95,7 +95,7 @@ class PerPose:
         z = finite_logits(logits)
         if z.ndim != 2:
             raise ValueError(f"need logits (n, K), got {z.shape}")
-        p = _check_poses(poses, len(z), len(self.by_pose))
+        p = checked_indices("poses", _poses(poses, len(z)), len(self.by_pose))
         log_probs = self.pooled.predict_log_proba(z)
         with np.errstate(over="ignore", under="ignore"):
             for pose in np.unique(p).tolist():
@@ -157,12 +157,9 @@ def _calibration(fields: Mapping[str, Any]) -> Calibration:
     return CALIBRATIONS[fields["calibration"]].from_fields(fields)
 
 
-def _check_poses(poses: ArrayLike, num_rows: int, num_poses: int | None) -> NDArray[np.intp]:
+def _poses(poses: ArrayLike, num_rows: int) -> NDArray[np.integer]:
+    """Poses as an array with an integer for each row."""
     p = unmasked(poses, "poses")
     if p.shape != (num_rows,) or not np.issubdtype(p.dtype, np.integer):
         raise ValueError(f"need an integer pose for each of {num_rows} rows, got {p.dtype} {p.shape}")
-    wrong = (p < 0) if num_poses is None else (p < 0) | (p >= num_poses)
-    if wrong.any():
-        row, known = int(np.argmax(wrong)), "from 0" if num_poses is None else f"0 to {num_poses}, exclusive"
-        raise ValueError(f"row {row} has pose {p[row]}, poses are {known}")
-    return p.astype(np.intp, copy=False)
+    return p

@@ -18,14 +18,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.calibration.base import Calibration, Status, check_status
+from belief.calibration.base import Calibration, Status
 from belief.calibration.inputs import finite_logits, labelled_logits
 from belief.problem import Floats
+from belief.validation import require_choice
 
 _ROUNDING = 1e-12  # of a slope, in units of the largest logit
 _EXTREME = 1e6  # ratio of the fallback temperatures to the scale of the logits
@@ -68,7 +69,7 @@ class TemperatureScaling(Calibration):
             raise ValueError(
                 f"need a finite temperature > 0 and a floor in [0, 1), got {self.temperature} and {self.floor}"
             )
-        check_status(self.status)
+        require_choice("status", self.status, get_args(Status))
 
     @property
     def num_shapes(self) -> None:

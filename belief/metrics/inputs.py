@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real, unmasked
+from belief.validation import SUM_TOLERANCE, as_real, checked_indices
 
 
 def checked_probs(probs: ArrayLike) -> Floats:
@@ -47,16 +47,10 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
     >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
     [1]
     """
-    p, y = np.asarray(as_real(probs, "probs"), np.float64), unmasked(labels, "labels")
-    if p.ndim != 2 or p.size == 0 or y.shape != (len(p),):
-        raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {y.shape}")
-    p = checked_probs(p)
-    if not np.issubdtype(y.dtype, np.integer):
-        raise ValueError(f"labels must be integers in [0, {p.shape[1]}), got {y.dtype}")
-    if y.min() < 0 or y.max() >= p.shape[1]:
-        row = int(np.argmax((y < 0) | (y >= p.shape[1])))
-        raise ValueError(f"labels must be integers in [0, {p.shape[1]}), got {y[row]} in row {row}")
-    return p, y.astype(np.int64)
+    p, y = np.asarray(as_real(probs, "probs"), np.float64), np.shape(labels)
+    if p.ndim != 2 or p.size == 0 or y != (len(p),):
+        raise ValueError(f"need probs (n, K) and labels (n,) with n ≥ 1, got {p.shape} and {y}")
+    return checked_probs(p), checked_indices("labels", labels, p.shape[1])
 
 
 def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:

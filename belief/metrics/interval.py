@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.metrics.inputs import checked_pair
 from belief.metrics.null_distribution import Metric, evaluated
-from belief.statistics.inputs import require_fraction, require_resamples
+from belief.statistics.inputs import require_fraction
+from belief.validation import require_count
 
 
 def bias_corrected_interval(
@@ -91,7 +92,7 @@ def _resamples(
     clusters: NDArray[np.generic], rng: np.random.Generator, num_resamples: int
 ) -> Iterator[NDArray[np.int64]]:
     """Rows of the clusters that were drawn, as often as they were drawn."""
-    require_resamples(num_resamples)
+    require_count("num_resamples", num_resamples)
     _, index, sizes = np.unique(clusters, return_inverse=True, return_counts=True)
     if len(sizes) < 2:
         raise ValueError(f"an interval needs two clusters at least, got {len(sizes)}")

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.metrics.inputs import checked_probs
 from belief.problem import Floats
-from belief.statistics.inputs import require_fraction, require_resamples
+from belief.statistics.inputs import require_fraction
+from belief.validation import require_count
 
 Metric: TypeAlias = Callable[[Floats, NDArray[np.int64]], float]
 _BLOCK = 2_000_000  # labels held in memory at a time
@@ -62,7 +63,7 @@ def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) ->
     >>> next(drawn_labels(np.array([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0), 2)).tolist()
     [[1, 0], [1, 0]]
     """
-    require_resamples(num_resamples)
+    require_count("num_resamples", num_resamples)
     cumulative = probs.cumsum(axis=1)
     cumulative /= cumulative[:, -1:]  # to one exactly, whatever the rounding
     size = max(1, _BLOCK // len(probs))

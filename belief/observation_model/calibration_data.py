@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from belief.calibration.inputs import pose_count
 from belief.cross_validation import numbered_objects
 from belief.frozen import FrozenArrays
+from belief.naming import checked_names
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import unmasked
+from belief.validation import checked_indices, unmasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +76,15 @@ class LabelledTouches(FrozenArrays):
         num_shapes = batch.num_shapes
         if num_shapes < 2:
             raise ValueError("need logits of at least two shapes, or there is nothing to tell apart; got one")
-        if not np.issubdtype(truth.dtype, np.integer) or truth.min() < 0 or truth.max() >= num_shapes:
-            raise ValueError(
-                f"shapes must be integers in [0, {num_shapes}), got {truth.dtype} from {truth.min()} to {truth.max()}"
-            )
+        truth = checked_indices("shapes", truth, num_shapes)
         objects, shape_of_object = numbered_objects(truth, ids)
-        labels = tuple(shape_labels) if shape_labels is not None else tuple(f"shape_{k}" for k in range(num_shapes))
+        labels = tuple(f"shape_{k}" for k in range(num_shapes))
+        if shape_labels is not None:
+            labels = checked_names("shape_labels", shape_labels)
         if len(labels) != num_shapes:
             raise ValueError(f"the touches have {num_shapes} logits, shape_labels names {len(labels)}: {list(labels)}")
-        if len(set(labels)) < num_shapes:
-            raise ValueError(f"shape_labels must differ from each other, got {list(labels)}")
         size = pose_count(batch.poses[0], num_poses)
-        return cls(batch, truth.astype(np.int64), objects, shape_of_object, labels, size)
+        return cls(batch, truth, objects, shape_of_object, labels, size)
 
     @property
     def logits(self) -> Floats:

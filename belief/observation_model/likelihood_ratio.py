@@ -26,7 +26,7 @@ from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, fit_correlation, repeats
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import SUM_TOLERANCE, renormalised
+from belief.validation import SUM_TOLERANCE, renormalised, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 _REFERENCES = 500  # touches kept of each pose
@@ -81,8 +81,7 @@ class RatioModel(ArrayModel):
             raise ValueError("references must be finite logits")
         if self.calibration.num_shapes not in (None, num_shapes):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
-        if self.status not in get_args(Status):
-            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        require_choice("status", self.status, get_args(Status))
         object.__setattr__(self, "training_prior", renormalised(prior))
         object.__setattr__(self, "references", references)
         self.freeze()

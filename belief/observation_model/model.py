@@ -16,6 +16,7 @@ from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import require_count
 
 _BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alone has more
 
@@ -175,8 +176,7 @@ class ArrayModel(FrozenArrays, ABC):
             ValueError: no outcome is asked for.
         """
         wanted = self.default_outcomes if num_outcomes is None else num_outcomes
-        if wanted < 1:
-            raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+        require_count("num_outcomes", wanted)
         if rng is not None:
             return self._tabulate(wanted, rng)
         if wanted not in self._tables:

@@ -12,7 +12,7 @@ from scipy.special import entr
 from belief.bayes import expected_information_gain
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, renormalised
+from belief.validation import SUM_TOLERANCE, renormalised, require_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,7 @@ class OutcomeTable(FrozenArrays):
         >>> table.merged(2).probs.round(1).tolist(), table.merged(2).num_outcomes
         ([[[0.9, 0.1], [0.3, 0.7]]], 2)
         """
-        if num_outcomes < 1:
-            raise ValueError(f"a table needs at least one outcome, got num_outcomes = {num_outcomes}")
+        require_count("num_outcomes", num_outcomes)
         columns = np.moveaxis(self.probs, 2, 0)  # (M, P, K)
         if len(columns) <= num_outcomes:
             return self

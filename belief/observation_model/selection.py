@@ -15,6 +15,7 @@ from belief.observation_model import ArrayModel
 from belief.observation_model.registry import OBSERVATION_MODELS, Fit
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import require_count
 
 NUM_FOLDS = 5
 """Of whole objects, in which models are compared unless told otherwise."""
@@ -136,8 +137,7 @@ def cross_validated_nll(
     0.39
     """
     truth, ids = np.asarray(shapes), np.asarray(object_ids)
-    if num_folds < 2:
-        raise ValueError(f"cross-validation needs at least 2 folds, got {num_folds}")
+    require_count("num_folds", num_folds, least=2)
     folds = object_folds(truth, ids, num_folds)
     batch = TouchBatch.of([touches])
     losses = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from belief.files import unsealed_json
+from belief.naming import checked_names
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.registry import class_named
 
@@ -24,12 +25,7 @@ def read_observation_model(text: str) -> ArrayModel:
     try:
         fields = unsealed_json(text)
         kind = class_named(fields["model"])
-        labels = fields["shape_labels"]
-        if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
-            raise ValueError(f"shape_labels must be a list of names, got {labels!r}")
-        if len(set(labels)) < len(labels):
-            raise ValueError(f"shape_labels must differ from each other, got {labels}")
-        return kind.from_fields(tuple(labels), fields)
+        return kind.from_fields(checked_names("shape_labels", fields["shape_labels"]), fields)
     except ValueError as error:
         raise ValueError(f"not an observation model: {error}") from error
     except (KeyError, TypeError, AttributeError, OverflowError, IndexError, RecursionError) as error:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.problem import Floats
-from belief.statistics.inputs import checked_values, require_fraction, require_resamples
+from belief.statistics.inputs import checked_values, require_fraction
+from belief.validation import require_count
 
 _BLOCK = 4_000_000  # draws held in memory at a time
 
@@ -138,7 +139,7 @@ def _shares(names: list[Hashable], weights: Mapping[Hashable, float] | None) -> 
 
 def _resampled_means(values: Floats, rng: np.random.Generator, num_resamples: int) -> Floats:
     """Means of resamples, ``(num_resamples,)``; drawing is left out where it could change nothing."""
-    require_resamples(num_resamples)
+    require_count("num_resamples", num_resamples)
     if np.ptp(values) == 0.0:
         return np.full(num_resamples, values[0])
     return np.concatenate([values[drawn].mean(axis=1) for drawn in _index_blocks(len(values), rng, num_resamples)])
@@ -146,7 +147,7 @@ def _resampled_means(values: Floats, rng: np.random.Generator, num_resamples: in
 
 def _index_blocks(size: int, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
     """Indices of the resamples, ``(some of the resamples, size)`` at a time: a million rows do not fit at once."""
-    require_resamples(num_resamples)
+    require_count("num_resamples", num_resamples)
     rows = max(1, _BLOCK // size)
     for done in range(0, num_resamples, rows):
         yield rng.integers(size, size=(min(rows, num_resamples - done), size))

@@ -86,17 +86,3 @@ def normal_quantile(confidence: float) -> float:
     """
     upper = 0.5 + 0.5 * confidence
     return float(ndtri(upper)) if upper < 1.0 else -float(ndtri((1.0 - confidence) / 2.0))
-
-
-def require_resamples(num_resamples: int) -> None:
-    """Refuse a number of resamples that is no positive integer.
-
-    Raises:
-        ValueError: names the number.
-
-    >>> require_resamples(0)
-    Traceback (most recent call last):
-    ValueError: num_resamples must be an integer ≥ 1, got 0
-    """
-    if not isinstance(num_resamples, int | np.integer) or num_resamples < 1:
-        raise ValueError(f"num_resamples must be an integer ≥ 1, got {num_resamples}")

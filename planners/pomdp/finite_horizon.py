@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from math import comb
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
+from belief.validation import require_count
 from planners.pomdp.problem import TouchProblem
 
 _MAX_HISTORIES = 3_000_000
@@ -32,8 +32,7 @@ def finite_horizon_value(problem: TouchProblem, max_touches: int) -> float:
     >>> round(finite_horizon_value(problem, 0), 6), round(finite_horizon_value(problem, 1), 6)
     (0.0, 0.75)
     """
-    if isinstance(max_touches, bool) or not isinstance(max_touches, Integral) or max_touches < 0:
-        raise InvalidArgument(f"max_touches must be an integer ≥ 0, got {max_touches!r}")
+    require_count("max_touches", max_touches, least=0)
     num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
     num_items = num_poses * num_outcomes
     total = 0

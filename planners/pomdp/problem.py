@@ -18,7 +18,7 @@ from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real
+from belief.validation import as_real, normalise_probs, require_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +105,7 @@ class SearchTouchProblem(FrozenArrays):
                 f"composition must be 'distinct' or 'independent', got {self.composition!r}; the decider "
                 "planners.point_based.PointBased also plans for bags of known content"
             ) from None
-        if not isinstance(self.num_objects, Integral) or self.num_objects < 1:
-            raise InvalidArgument(f"num_objects must be an integer, at least 1, got {self.num_objects!r}")
+        require_count("num_objects", self.num_objects)
         if self.composition is Composition.DISTINCT:
             if self.prior is not None:
                 raise InvalidArgument("a distinct composition fixes the prior; leave it out or use 'independent'")
@@ -163,7 +162,7 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
-    """A read-only probability vector ``(size,)`` that sums to one exactly up to rounding.
+    """A probability vector ``(size,)`` that sums to one exactly up to rounding.
 
     Args:
         probs: to be checked and normalised.
@@ -175,11 +174,9 @@ def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
             rounding.
     """
     try:
-        values = np.asarray(as_real(probs, name), np.float64)
+        values = normalise_probs(probs, name)
     except ValueError as error:
         raise InvalidArgument(f"{name} must be {size} probabilities that sum to one: {error}") from error
-    if values.shape != (size,) or not (values >= 0.0).all() or not abs(values.sum() - 1.0) <= SUM_TOLERANCE:
+    if values.shape != (size,):
         raise InvalidArgument(f"{name} must be {size} probabilities that sum to one, got {values.tolist()}")
-    found = np.asarray(values / values.sum())
-    found.flags.writeable = False
-    return found
+    return values

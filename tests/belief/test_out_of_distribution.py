@@ -52,8 +52,8 @@ def test_energy_of_extreme_logits_is_right(logits, temperature, energy):
     [
         (np.zeros((0, 3)), 1.0, "none of the axes empty"),
         (1.0, 1.0, r"logits \(..., K\)"),
-        ([[0.0, 1.0], [np.nan, 0.0]], 1.0, r"nan at \[1, 0\]"),
-        ([[np.inf, 0.0]], 1.0, r"inf at \[0, 0\]"),
+        ([[0.0, 1.0], [np.nan, 0.0]], 1.0, "row 1 are not finite"),
+        ([[np.inf, 0.0]], 1.0, "row 0 are not finite"),
         ([0.0, 1.0], 0.0, "temperature"),
         ([0.0, 1.0], np.nan, "temperature"),
     ],

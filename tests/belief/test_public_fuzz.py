@@ -238,6 +238,8 @@ CALLS = {
     "unmasked": lambda a: validation.unmasked(a, "a").shape,
     "as_real": lambda a: validation.as_real(a, "a").dtype.itemsize,
     "require": lambda a: validation.require(a >= 0.0, a, "a", "what is below zero"),
+    "checked_indices": lambda a: validation.checked_indices("a", as_labels(a[:, 0]), 3),
+    "require_count": lambda a: validation.require_count("a", a[0, 0]),
     "normalise_log_probs": validation.normalise_log_probs,
     "normalise_probs": validation.normalise_probs,
     "renormalised": lambda a: validation.renormalised(validation.normalise_probs(a)),
@@ -277,6 +279,7 @@ NO_NUMBERS = {
     "check_observation_model": "of a model",
     "SceneView": "of a scene",
     "at": "an index",
+    "require_choice": "a word",
     "read_origin": "text",
     "sample_arrangement": "of a problem",
 }

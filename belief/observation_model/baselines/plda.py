@@ -37,7 +37,7 @@ from belief.observation_model.baselines.variance_components import Components, e
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import as_real
+from belief.validation import as_real, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 
@@ -89,8 +89,7 @@ class PLDAModel(PoseStatisticsModel):
         require_means(self.means, len(self.shape_labels), self.embedding.num_components)
         for name, part in self.components._asdict().items():
             require_covariances(name, part, self.means, definite=name == "of_touch")
-        if self.status not in get_args(Status):
-            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        require_choice("status", self.status, get_args(Status))
         self.freeze()
 
     @classmethod

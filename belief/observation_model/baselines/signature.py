@@ -27,6 +27,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, fit_correlation, repeats
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
 
@@ -62,8 +63,7 @@ class SignatureModel(ArrayModel):
     def __post_init__(self) -> None:
         if not 0.0 <= self.repeat_probability < 1.0:
             raise ValueError(f"repeat_probability must be in [0, 1), got {self.repeat_probability}")
-        if self.status not in get_args(Status):
-            raise ValueError(f"status must be one of {', '.join(get_args(Status))}; got {self.status!r}")
+        require_choice("status", self.status, get_args(Status))
 
     @classmethod
     def fit(

@@ -112,7 +112,7 @@ def test_of_equal_candidates_the_first_is_taken(rng):
     ("options", "message"),
     [
         ({"candidates": {}}, "no candidates to choose from; try temperature, vector"),
-        ({"num_folds": 1}, "at least 2 folds, got 1"),
+        ({"num_folds": 1}, "num_folds must be .* at least 2, got 1"),
         ({"num_folds": 21}, "between 2 and 20 folds for 20 objects"),
     ],
 )
@@ -223,8 +223,8 @@ def test_whatever_the_numbers_there_is_an_error_or_a_distribution(logits, labels
 @pytest.mark.parametrize(
     ("poses", "message"),
     [
-        ([0, -1], r"row 1 has pose -1, poses are 0 to 2, exclusive"),
-        ([2, 0], r"row 0 has pose 2"),
+        ([0, -1], r"poses?.* -1"),
+        ([2, 0], r"poses?.* 2"),
         ([0.0, 1.0], "integer pose for each of 2 rows"),
         ([0], "integer pose for each of 2 rows"),
     ],

@@ -142,7 +142,7 @@ def test_a_perfect_model_has_no_error_to_correct(rng):
         ({"clusters": [1, 1]}, "two clusters at least, got 1"),
         ({"clusters": [1, 1, 2]}, "cluster for each of 2 rows"),
         ({"confidence": 95.0}, r"confidence must lie in \(0, 1\), got 95"),
-        ({"num_resamples": 0}, "num_resamples must be an integer ≥ 1, got 0"),
+        ({"num_resamples": 0}, "num_resamples must be an integer, at least 1, got 0"),
         ({"metric": lambda probs, labels: np.nan}, "finite number, got nan"),
         ({"metric": lambda probs, labels: -0.1}, "never be negative, got -0.1"),
         ({"probs": [[0.5, np.nan]] * 2}, "row 0 are no distribution"),

@@ -122,7 +122,7 @@ def test_where_touches_repeat_a_model_that_knows_is_chosen(world, rng):
     ("changes", "message"),
     [
         ({"candidates": {}}, "no candidate"),
-        ({"num_folds": 1}, "at least 2 folds"),
+        ({"num_folds": 1}, "num_folds must be .* at least 2"),
         ({"num_folds": 99}, "folds for 3 objects"),
         ({"shape_labels": ("a", "b")}, "names 2"),
         ({"num_poses": 2}, "num_poses is 2"),

@@ -125,7 +125,7 @@ def test_the_cluster_bootstrap_refuses_what_has_no_mean(values, labels, rng):
 @pytest.mark.parametrize("num_resamples", [0, -5, 2.5])
 def test_resamples_are_counted(num_resamples, rng):
     for bootstrap in (paired_bootstrap, cluster_bootstrap, stratified_bootstrap):
-        with pytest.raises(ValueError, match=f"num_resamples must be an integer ≥ 1, got {num_resamples}"):
+        with pytest.raises(ValueError, match=f"num_resamples must be an integer, at least 1, got {num_resamples}"):
             bootstrap([1.0, 2.0], [0.0, 0.0], rng, num_resamples=num_resamples)
 
 
