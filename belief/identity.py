@@ -1,15 +1,21 @@
-"""Which code an object runs: a digest of the modules that define its class, for what must know an edit from none."""
+"""Digests of the code that an object runs: of source files, and of functions and classes as loaded."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import inspect
+import json
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from types import CodeType, FunctionType
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
 
 _PACKAGES = frozenset({"belief", "planners", "activetouch", "experiments"})
-_ADDRESS = re.compile(" at 0x[0-9a-f]+")  # another one in every process
+_ADDRESS = re.compile(" at 0x[0-9a-f]+")  # differs between processes
+_PLAIN = (type(None), bool, int, float, complex, str, bytes)
 
 
 def is_own(thing: object) -> bool:
@@ -19,14 +25,14 @@ def is_own(thing: object) -> bool:
     >>> is_own(Touch), is_own(hashlib.sha256)
     (True, False)
     """
-    return _package(_kind(thing)) in _PACKAGES
+    return _kind(thing).__module__.partition(".")[0] in _PACKAGES
 
 
 def source_digest(thing: object) -> str:
     """SHA-256 of the source files that define the class of an object, with its base classes, or a function.
 
-    Modules that these import are not followed, nor those of Python itself. Where there is no source file, as in an
-    interactive session, the compiled code is taken.
+    Modules that these import are left out, and so is the standard library. Where there is no source file, as in an
+    interactive session, the digest is of the compiled code.
 
     Args:
         thing: an object, a class, or a function.
@@ -38,7 +44,7 @@ def source_digest(thing: object) -> str:
     kind = _kind(thing)
     digest = hashlib.sha256(f"{kind.__module__}.{kind.__qualname__}".encode())
     for part in kind.__mro__ if isinstance(kind, type) else (kind,):
-        if _package(part) not in sys.stdlib_module_names:
+        if not is_standard(part.__module__):
             file = getattr(sys.modules.get(part.__module__), "__file__", None)
             digest.update(_file_digest(file) or _code_digest(part))
     return digest.hexdigest()
@@ -46,10 +52,6 @@ def source_digest(thing: object) -> str:
 
 def _kind(thing: object) -> type | FunctionType:
     return thing if isinstance(thing, type | FunctionType) else type(thing)
-
-
-def _package(kind: type | FunctionType) -> str:
-    return kind.__module__.partition(".")[0] if kind.__module__ != "__main__" else ""
 
 
 def _file_digest(file: str | None) -> bytes | None:
@@ -61,19 +63,100 @@ def _file_digest(file: str | None) -> bytes | None:
 
 
 def _code_digest(kind: type | FunctionType) -> bytes:
-    """Digest of the compiled functions of a class, and of its other members as they are written out."""
-    members = vars(kind).items() if isinstance(kind, type) else [(kind.__name__, kind)]
-    digest = hashlib.sha256()
-    for name, member in sorted(members):
-        inner = next((getattr(member, part) for part in ("fget", "func", "__func__") if hasattr(member, part)), member)
-        code = getattr(inner, "__code__", None)
-        if isinstance(code, CodeType):
-            digest.update(f"{name} {_spelled(code)}".encode())
-        elif not name.startswith("__"):
-            digest.update(f"{name} {_ADDRESS.sub('', repr(member))}".encode())
-    return digest.digest()
+    """Digest of a function or class as loaded, with the representation of a class's other attributes."""
+    if isinstance(kind, FunctionType):
+        return _sha256(json.dumps(function_code(kind))).encode()
+    others = [
+        f"{name} {_ADDRESS.sub('', repr(value))}"
+        for name, value in sorted(vars(kind).items())
+        if not (name.startswith("__") or _functions(value) or _is_plain(value))
+    ]
+    return _sha256(json.dumps([class_code(kind), others])).encode()
 
 
-def _spelled(code: CodeType) -> str:
-    constants = [_spelled(c) if isinstance(c, CodeType) else _ADDRESS.sub("", repr(c)) for c in code.co_consts]
-    return f"{code.co_code.hex()} {code.co_names} {constants}"
+def is_standard(name: str) -> bool:
+    """Whether a module belongs to the Python standard library.
+
+    >>> is_standard("hashlib"), is_standard("belief.identity")
+    (True, False)
+    """
+    return name.partition(".")[0] in sys.stdlib_module_names
+
+
+def module_code(module: ModuleType) -> str:
+    """SHA-256 of the functions, classes and upper-case constants that a module defines, as loaded in this process.
+
+    >>> module_code(sys.modules["belief.frozen"]) == module_code(sys.modules["belief.files"])
+    False
+    """
+    found: list[Any] = []
+    for name, value in sorted(vars(module).items()):
+        one = inspect.unwrap(value) if callable(value) else value
+        if isinstance(one, FunctionType) and one.__module__ == module.__name__:
+            found.append([name, function_code(one)])
+        elif isinstance(one, type) and one.__module__ == module.__name__:
+            found.append([name, class_code(one)])
+        elif name.isupper() and _is_plain(one):
+            found.append([name, _plain(one)])
+    return _sha256(json.dumps(found))
+
+
+def class_code(cls: type) -> list[Any]:
+    """Code of the methods of a class, without its bases, and its plain attributes, as JSON types.
+
+    >>> class Probing:
+    ...     touches = 2
+    >>> class_code(Probing)
+    [['touches', '2']]
+    """
+    found: list[Any] = []
+    for name, value in sorted(vars(cls).items()):
+        functions = [one for one in _functions(value) if isinstance(one, FunctionType)]
+        if functions:
+            found.append([name, [function_code(one) for one in functions]])
+        elif not name.startswith("__") and _is_plain(value):
+            found.append([name, _plain(value)])
+    return found
+
+
+def _functions(value: Any) -> list[Callable[..., Any] | None]:
+    if isinstance(value, property):
+        return [value.fget, value.fset]
+    if isinstance(value, functools.cached_property):
+        return [value.func]
+    if isinstance(value, staticmethod | classmethod):
+        return [value.__func__]
+    return [inspect.unwrap(value)] if callable(value) and not isinstance(value, type) else []
+
+
+def function_code(function: Any) -> list[Any]:
+    """Code of a function and its plain defaults, as JSON types; an empty list where there is no bytecode.
+
+    >>> function_code(lambda x: x + 1) == function_code(lambda x: x + 2), function_code(len)
+    (False, [])
+    """
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return []
+    defaults = [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()]
+    return [_code(code), [_plain(value) for value in defaults if _is_plain(value)]]
+
+
+def _code(code: CodeType) -> list[Any]:
+    """Instructions of a function with the names and constants they use; where it stands does not matter."""
+    constants = [_code(one) if isinstance(one, CodeType) else _plain(one) for one in code.co_consts]
+    return [_sha256(code.co_code), list(code.co_names), constants]
+
+
+def _is_plain(value: object) -> bool:
+    return isinstance(value, _PLAIN) or (isinstance(value, tuple | frozenset) and all(map(_is_plain, value)))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, frozenset):
+        return sorted(map(repr, value))
+    return [_plain(one) for one in value] if isinstance(value, tuple) else repr(value)
+
+
+def _sha256(content: str | bytes) -> str:
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()

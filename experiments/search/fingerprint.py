@@ -1,9 +1,8 @@
-"""What a thing is: a digest of its settings and of the code they run (decision 0033).
+"""Digest of an object's settings and of the code that they run (decision 0033).
 
-Settings are the attributes of an object, of the objects in them, and so on. Code is the modules of all their classes,
-base classes included: the text on disk, and the functions as this process has loaded them, so that a process which runs
-an older text than the disk holds is told from one that runs the new. What these modules import is theirs as well if it
-belongs to :mod:`planners`, or to nothing that is installed: helpers of a user's own.
+Settings are the attributes of an object, their attributes, and so on. Code is the modules of all their classes and
+base classes: the text on disk, and the functions as this process has loaded them (:mod:`belief.identity`). Modules that
+these import are included if they belong to :mod:`planners` or to no installed package.
 """
 
 from __future__ import annotations
@@ -14,14 +13,16 @@ import hashlib
 import inspect
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from types import CodeType, FunctionType, MethodType, ModuleType
+from types import FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from belief.identity import class_code, function_code, is_standard, module_code
 
 _OWN = ("activetouch", "belief", "experiments")  # read by version, and by the digests that run.json has of them
 _INSTALLED = ("site-packages", "dist-packages")
@@ -108,7 +109,7 @@ class _Walk:
         function = inspect.unwrap(value)
         self._note(getattr(function, "__module__", None))
         cells = [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
-        return ["function", getattr(function, "__qualname__", ""), _function(function), *map(self.describe, cells)]
+        return ["function", getattr(function, "__qualname__", ""), function_code(function), *map(self.describe, cells)]
 
     def _object(self, value: Any) -> Any:
         described = [*self._class(type(value))]
@@ -121,13 +122,13 @@ class _Walk:
 
     def _class(self, cls: type) -> list[Any]:
         """Names of a class, and what it and its bases are as loaded."""
-        bases = [base for base in cls.__mro__ if not _is_standard(base.__module__)]
+        bases = [base for base in cls.__mro__ if not is_standard(base.__module__)]
         for base in bases:
             self._note(base.__module__)
-        return [f"{cls.__module__}.{cls.__qualname__}", [_class(base) for base in bases]]
+        return [f"{cls.__module__}.{cls.__qualname__}", [class_code(base) for base in bases]]
 
     def _note(self, module: str | None) -> None:
-        if module is not None and not _is_standard(module):
+        if module is not None and not is_standard(module):
             self.modules.add(module)
 
 
@@ -170,7 +171,7 @@ def _code_of(modules: Iterable[str]) -> list[list[Any]]:
             continue
         file = getattr(module, "__file__", None)
         text = files_digest([Path(file)]) if file and Path(file).is_file() else None
-        known[name] = [name, text, _loaded(module)]
+        known[name] = [name, text, module_code(module)]
         if not _is_installed(module):
             waiting += [one for value in list(vars(module).values()) if (one := _home(value)) and _is_followed(one)]
     return [known[name] for name in sorted(known)]
@@ -186,13 +187,9 @@ def _home(value: Any) -> str | None:
 
 def _is_followed(name: str) -> bool:
     top, module = name.partition(".")[0], sys.modules.get(name)
-    if module is None or _is_standard(name) or top in _OWN:
+    if module is None or is_standard(name) or top in _OWN:
         return False
     return top == "planners" or not _is_installed(module)
-
-
-def _is_standard(name: str) -> bool:
-    return name.partition(".")[0] in sys.stdlib_module_names
 
 
 def _is_installed(module: ModuleType) -> bool:
@@ -200,66 +197,6 @@ def _is_installed(module: ModuleType) -> bool:
     if module.__name__.partition(".")[0] in ("planners", *_OWN):
         return False
     return any(part in _INSTALLED for part in Path(getattr(module, "__file__", None) or "").parts)
-
-
-def _loaded(module: ModuleType) -> str:
-    """Digest of the functions, classes and constants that a module defines, as they are in memory."""
-    found: list[Any] = []
-    for name, value in sorted(vars(module).items()):
-        one = inspect.unwrap(value) if callable(value) else value
-        if isinstance(one, FunctionType) and one.__module__ == module.__name__:
-            found.append([name, _function(one)])
-        elif isinstance(one, type) and one.__module__ == module.__name__:
-            found.append([name, _class(one)])
-        elif name.isupper() and _is_plain(one):
-            found.append([name, _plain(one)])
-    return _sha256(json.dumps(found))
-
-
-def _class(cls: type) -> list[Any]:
-    """Methods and values of a class itself."""
-    found: list[Any] = []
-    for name, value in sorted(vars(cls).items()):
-        functions = [one for one in _functions(value) if isinstance(one, FunctionType)]
-        if functions:
-            found.append([name, [_function(one) for one in functions]])
-        elif not name.startswith("__") and _is_plain(value):
-            found.append([name, _plain(value)])
-    return found
-
-
-def _functions(value: Any) -> list[Callable[..., Any] | None]:
-    if isinstance(value, property):
-        return [value.fget, value.fset]
-    if isinstance(value, functools.cached_property):
-        return [value.func]
-    if isinstance(value, staticmethod | classmethod):
-        return [value.__func__]
-    return [inspect.unwrap(value)] if callable(value) and not isinstance(value, type) else []
-
-
-def _function(function: Any) -> list[Any]:
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return []
-    defaults = [*(function.__defaults__ or ()), *(function.__kwdefaults__ or {}).values()]
-    return [_code(code), [_plain(value) for value in defaults if _is_plain(value)]]
-
-
-def _code(code: CodeType) -> list[Any]:
-    """Instructions of a function with the names and constants they use; where it stands does not matter."""
-    constants = [_code(one) if isinstance(one, CodeType) else _plain(one) for one in code.co_consts]
-    return [_sha256(code.co_code), list(code.co_names), constants]
-
-
-def _is_plain(value: object) -> bool:
-    return isinstance(value, _PLAIN) or (isinstance(value, tuple | frozenset) and all(map(_is_plain, value)))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, frozenset):
-        return sorted(map(repr, value))
-    return [_plain(one) for one in value] if isinstance(value, tuple) else repr(value)
 
 
 def _sha256(content: str | bytes) -> str:
