@@ -1,24 +1,21 @@
-"""Exact marginals over all arrangements of shapes, for objects from a bag of known content.
+"""Exact marginals over all arrangements of shapes, for objects drawn from a bag with known counts.
 
-An arrangement says which shape each of N objects has. Its weight is the product of the objects' likelihoods, times the
-number of ways to draw it from the bag. There are up to K^N arrangements (N! when all shapes differ), but what the first
-objects leave for the others is only which shapes are used up, and how often, and that is all a sum has to remember:
+An arrangement assigns a shape to each of N objects. Its weight is the product of the objects' likelihoods, times the
+number of ways to draw it from the bag. There are up to K^N arrangements. The sum over them needs only the multiset of
+shapes that the first i objects use up (forward-backward algorithm):
 
     forward[i][u]  = total weight of the first i objects using exactly the multiset u,
     backward[i][u] = total weight of objects i..N-1 when the first i have used u.
 
-That is at most ∏ (c_k + 1) multisets for counts c_k: 2^K sets when all shapes differ. Sinkhorn balancing would be
-cheaper and wrong by 0.1 to 0.2.
+There are at most ∏ (c_k + 1) multisets for counts c_k: 2^K if all shapes differ.
 
-All is in logarithms, relative to a best arrangement: with prices u_i, v_k that solve the dual of the assignment
-problem every w_ik - u_i - v_k is at most zero, and zero in a best arrangement. What matters is then near zero, however
-large the weights are and however much they contradict each other.
-
-Objects whose likelihood is the same for all shapes are alike, so one of them stands for all.
+Weights are logarithms, relative to the best arrangement: the dual of the assignment problem has prices u_i, v_k with
+w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither overflow nor lose the terms that
+matter. Objects whose likelihood is the same for all shapes have the same marginals, which are computed once.
 
     >>> import numpy as np
-    >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # nothing was learned about the second object ...
-    >>> arrangement_marginals(np.log(likelihoods)).round(3)   # ... yet it is probably not what the first one is
+    >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # the second object was not touched
+    >>> arrangement_marginals(np.log(likelihoods)).round(3)   # it probably has the other shape
     array([[0.9, 0.1],
            [0.1, 0.9]])
 """
@@ -39,20 +36,18 @@ from belief.problem import Floats
 from belief.validation import as_real
 
 MAX_STATES = 2**20
-"""Multisets that exact sums are willing to go through: 20 distinct shapes."""
+"""Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
 
 _LARGEST = np.finfo(np.float64).max
-_MOST_APART = 1e10  # nats below an object's best shape; beyond, sums would lose how many arrangements there are
 
 
 def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
-    """Probability that each object has each shape, given what the bag held.
+    """Probability that each object has each shape.
 
     Args:
-        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf; a constant
-            added to a row changes nothing.
-        counts: objects of each shape in the bag, ``(K,)``, at least N in all; one of each by default, so that no two
-            objects share a shape.
+        log_weights: log-likelihood of every shape for every object, up to a constant per row, ``(N, K)``; finite or
+            -inf.
+        counts: objects of each shape in the bag, ``(K,)``, at least N in all; one of each by default.
 
     Returns:
         ``(N, K)``; rows sum to one, column k to at most ``counts[k]``.
@@ -60,7 +55,7 @@ def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None =
     Raises:
         ValueError: NaN or +inf, an empty array, more objects than the bag holds, or more than :data:`MAX_STATES`
             multisets to sum over.
-        ImpossibleObservation: no arrangement has a weight above zero.
+        ImpossibleObservation: every arrangement has weight zero.
 
     >>> touched_a_cube = np.log([[0.9, 0.1], [0.5, 0.5], [0.5, 0.5]])
     >>> arrangement_marginals(touched_a_cube, counts=[2, 1]).round(3)      # two cubes, one cone
@@ -72,7 +67,7 @@ def arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None =
 
 
 def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> Floats:
-    """Logarithm of :func:`arrangement_marginals`, right also where the probability is too small for a float.
+    """Logarithm of :func:`arrangement_marginals`, exact also where a probability underflows.
 
     >>> log_arrangement_marginals([[0.0, -1e4], [0.0, 0.0]]).tolist()
     [[0.0, -10000.0], [-10000.0, 0.0]]
@@ -88,14 +83,14 @@ def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | No
 
 
 def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> float:
-    """Log of the mean weight of the arrangements that may be drawn from the bag: the log evidence of all touches.
+    """Log evidence of all touches: log of the mean weight of all draws from the bag.
 
     Args:
-        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf.
-        counts: objects of each shape in the bag, ``(K,)``; one of each by default.
+        log_weights: as for :func:`arrangement_marginals`.
+        counts: as for :func:`arrangement_marginals`.
 
     Returns:
-        -inf if no arrangement has a weight above zero; otherwise finite.
+        -inf if every arrangement has weight zero; otherwise finite.
 
     Raises:
         ValueError: as :func:`arrangement_marginals`.
@@ -104,7 +99,7 @@ def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | Non
     0.25
     """
     weights, bag = _checked(log_weights, counts)
-    blank = blank_objects(weights, bag)  # they weigh the same whatever is drawn
+    blank = blank_objects(weights, bag)  # they add the same factor to every arrangement
     some = weights[~blank]
     try:
         relative = _relative(some, bag)
@@ -120,13 +115,13 @@ def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | Non
 def prob_shape_absent(
     log_weights: ArrayLike, counts: Sequence[int] | None, shape: int, among: NDArray[np.bool_]
 ) -> float:
-    """Probability that none of some objects has a shape.
+    """Probability that none of the selected objects has a shape.
 
     Args:
-        log_weights: log-likelihood of every shape for every object, ``(N, K)``; any finite value or -inf.
-        counts: objects of each shape in the bag, ``(K,)``; one of each by default.
+        log_weights: as for :func:`arrangement_marginals`.
+        counts: as for :func:`arrangement_marginals`.
         shape: index of the shape.
-        among: which objects, ``(N,)``; the others may have any shape.
+        among: mask of the selected objects, ``(N,)``; the others may have any shape.
 
     Raises:
         ValueError, ImpossibleObservation: as :func:`arrangement_marginals`.
@@ -145,7 +140,7 @@ def prob_shape_absent(
 
 
 def blank_objects(log_weights: Floats, counts: Sequence[int]) -> NDArray[np.bool_]:
-    """Which objects have the same weight above zero for all shapes in the bag, ``(N,)``.
+    """Mask of the objects whose weight is positive and equal for all shapes in the bag, ``(N,)``.
 
     >>> blank_objects(np.array([[0.0, 0.0, -3.0], [0.0, 1.0, 0.0]]), (1, 2, 0)).tolist()
     [True, False]
@@ -155,7 +150,7 @@ def blank_objects(log_weights: Floats, counts: Sequence[int]) -> NDArray[np.bool
 
 
 def num_states(counts: Sequence[int], num_objects: int) -> int:
-    """Multisets of shapes that an exact sum over so many objects goes through.
+    """Number of multisets of shapes in an exact sum over this number of objects.
 
     Raises:
         ValueError: more than :data:`MAX_STATES`.
@@ -167,14 +162,14 @@ def num_states(counts: Sequence[int], num_objects: int) -> int:
     if number > MAX_STATES:
         raise ValueError(
             f"an exact sum over {num_objects} objects from a bag of {sum(counts)} in {np.count_nonzero(counts)} shapes "
-            f"goes through every multiset of shapes they may use up: more than the limit of {MAX_STATES}, which 20 "
-            "distinct shapes reach. Use fewer objects or shapes, or the composition 'independent'"
+            f"has more than {MAX_STATES} multisets (20 distinct shapes). Use fewer objects or shapes, or the "
+            "composition 'independent'"
         )
     return number
 
 
 def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floats, tuple[int, ...]]:
-    """Weights, -inf where the bag has nothing, ``(N, K)``; and the counts."""
+    """Weights ``(N, K)``, -inf for shapes that are not in the bag, and the counts."""
     weights = np.asarray(as_real(log_weights, "log_weights"), np.float64)
     if weights.ndim != 2 or weights.size == 0:
         raise ValueError(f"log_weights must be (N, K) with at least one object and shape, got {weights.shape}")
@@ -194,10 +189,13 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
 
 
 class _Relative(NamedTuple):
-    """Weights relative to a best arrangement.
+    """Weights relative to the best arrangement.
 
-    ``weights`` less the prices of object and shape, ``(N, K)``; ``end``, what is to be added for the multiset used up
-    by all objects, ``(S,)``; the log weight ``best`` of a best arrangement; the multisets.
+    Attributes:
+        weights: log-likelihoods minus the prices of object and shape, ``(N, K)``.
+        end: term for the multiset that all objects use up, ``(S,)``.
+        best: log weight of the best arrangement.
+        table: the multisets.
     """
 
     weights: Floats
@@ -208,7 +206,7 @@ class _Relative(NamedTuple):
 
 def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
     num_objects, num_shapes = weights.shape
-    num_states(bag, num_objects)  # refuses what would not end
+    num_states(bag, num_objects)  # raises if the sum is too large
     table = layers(bag, num_objects)
     capacity = np.minimum(bag, num_objects)
     shift = 4 + num_objects.bit_length()
@@ -221,7 +219,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
     match = places[chosen]
     taken = scaled[np.arange(num_objects), match]
     moves = scaled - taken[:, None]
-    # A shape costs what the objects outside lose by not having it, in chains of at most N moves (Bellman and Ford).
+    # Prices of shapes: longest paths of at most N exchanges of shapes between objects (Bellman-Ford).
     price = np.zeros(num_shapes)
     for _ in range(num_objects):
         raised = np.maximum(price, (moves + price[match][:, None]).max(axis=0))
@@ -229,7 +227,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
             break
         price = raised
     left = capacity[:, None] - table[-1].used.astype(np.float64)
-    # Differences beyond what sums over all objects can hold are as good as that limit; only a true -inf stays one.
+    # Differences are limited so that no sum over objects overflows; only an exact -inf stays -inf.
     least = -_LARGEST / (8 * (num_objects + 1))
     with np.errstate(over="ignore"):
         relative = np.ldexp((scaled - price) - (taken - price[match])[:, None], shift)
@@ -242,24 +240,24 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
 def _why_impossible(weights: Floats, bag: tuple[int, ...]) -> str:
     hopeless = np.flatnonzero((weights == -np.inf).all(axis=1))
     if hopeless.size:
-        return f"object {hopeless[0]} has zero likelihood under every shape there is"
+        return f"object {hopeless[0]} has zero likelihood for every shape in the bag"
     what = (
-        "two objects can only be the same shape, and all differ"
+        "the touches force two objects to have the same shape, and all shapes differ"
         if max(bag) == 1
-        else f"more objects can only be of some shape than the bag holds, counts {list(bag)}"
+        else f"the touches require more objects of a shape than the bag holds, counts {list(bag)}"
     )
-    return f"no arrangement has a weight above zero: {what}. Log weights: {weights.tolist()}"
+    return f"every arrangement has weight zero: {what}. Log weights: {weights.tolist()}"
 
 
 def _sum_over_arrangements(weights: Floats, bag: tuple[int, ...]) -> Floats:
     """Log marginals, ``(N, K)``."""
     relative = _relative(weights, bag)
     marginals = np.empty_like(weights)
-    with np.errstate(divide="ignore"):  # the logarithm of an empty sum is -inf, which is right
+    with np.errstate(divide="ignore"):  # log of an empty sum is -inf
         forward = _forward(relative.weights, relative.table)
         backward = relative.end
         for i in reversed(range(len(weights))):
-            # Each entry (k, u) is "the first i objects used u, object i is of shape k", (K, S).
+            # Entry (k, u): the first i objects used u, and object i has shape k; (K, S).
             from_here = _look_up(backward, relative.table[i].bigger)
             from_here += relative.weights[i][:, None]
             backward = _log_sum(from_here, axis=0)
@@ -269,7 +267,7 @@ def _sum_over_arrangements(weights: Floats, bag: tuple[int, ...]) -> Floats:
 
 
 def _forward(weights: Floats, table: list[Layer]) -> list[Floats]:
-    """Log total weight of the first 0, 1, … N objects using up each multiset, each ``(S,)``."""
+    """Log total weight of the first 0, 1, … N objects for each multiset that they use up, each ``(S,)``."""
     forward = [np.zeros(1)]
     for row, layer in zip(weights, table[1:], strict=True):
         forward.append(_log_sum(_look_up(forward[-1], layer.smaller) + row[:, None], axis=0))
@@ -277,12 +275,12 @@ def _forward(weights: Floats, table: list[Layer]) -> list[Floats]:
 
 
 def _look_up(log_totals: Floats, index: NDArray[np.int32]) -> Floats:
-    """Values by index; -inf one past the end, where there is no such multiset."""
+    """Values by index; an index one past the end stands for no multiset and gives -inf."""
     return np.concatenate([log_totals, [-np.inf]])[index]
 
 
 def _log_sum(logs: Floats, axis: int) -> Floats:
-    """Log of the sum of exponentials, several times faster than numpy's or scipy's."""
+    """Log of the sum of exponentials; several times faster than ``scipy.special.logsumexp``."""
     top = logs.max(axis=axis, keepdims=True)
     top[top == -np.inf] = 0.0
     scaled = logs - top

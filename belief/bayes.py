@@ -1,9 +1,9 @@
-r"""Bayes' rule and information, as pure functions of arrays; any leading axes are batch.
+r"""Bayes' rule, entropy and information gain as pure functions of arrays; leading axes are batch axes.
 
     log p(y | o) = log p(y) + log p(o | y) - log p(o),    log p(o) = logsumexp over y of the first two terms.
 
-:func:`update` stays in logarithms, so a likelihood of 1e-300 or a logit of 1e4 is an ordinary number.
-:func:`update_probs` is the same rule on plain probabilities, twice as fast.
+:func:`update` works on logarithms and is exact for likelihoods of any size. :func:`update_probs` works on plain
+probabilities and is twice as fast.
 
     >>> import numpy as np
     >>> log_prior = np.log([0.5, 0.5])
@@ -11,10 +11,9 @@ r"""Bayes' rule and information, as pure functions of arrays; any leading axes a
     >>> np.exp(log_posterior).round(3), np.exp(log_evidence).round(3)
     (array([0.8, 0.2]), np.float64(0.5))
 
-Speed comes from three things. Rows are turned on their side and taken in blocks that fit the cache, because numpy is
-slow along an axis of four and fast along one of thousands. Input is checked through sums that are needed anyway: a NaN,
-an infinity or a row that does not add up shows in them, and only rows that look odd are worked through with care. And
-one row of few shapes is plain arithmetic, which beats any array.
+For speed, rows are transposed and processed in blocks that fit the cache, and a single row of few shapes is computed
+with plain floats. Input is checked through sums that are computed anyway: NaN, infinity or a wrong total shows in them,
+and only such rows take the slow, careful path.
 """
 
 from __future__ import annotations
@@ -33,24 +32,24 @@ from belief.validation import SUM_TOLERANCE, as_real, at, normalise_log_probs, n
 
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache
-_LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to rounding or underflow: such rows get more care
+_LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful path
 _LARGEST = np.finfo(np.float64).max
 
 
 def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Floats]:
-    """Posterior over shapes, and the evidence, in logarithms.
+    """Log posterior over shapes, and log evidence.
 
     Args:
         log_prior: log p(y), ``(..., K)``; every row's probabilities sum to one (float16 rows are renormalised).
         log_likelihood: log p(o | y), ``(..., K)``; any finite value or -inf.
 
     Returns:
-        log p(y | o), ``(..., K)``, and log p(o), ``(...,)``. What is beyond the largest float stays at that float: only
-        a shape that the prior or the likelihood rules out gets -inf.
+        log p(y | o), ``(..., K)``, and log p(o), ``(...,)``, limited to the range of floats: only a shape that the
+        prior or the likelihood rules out gets -inf.
 
     Raises:
         ValueError: NaN, +inf, an empty array, shapes that do not fit, a prior that does not sum to one.
-        ImpossibleObservation: some row has likelihood zero for every shape its prior still believes in.
+        ImpossibleObservation: in some row, every shape has prior or likelihood zero.
 
     >>> log_posterior, log_evidence = update(np.log([[0.5, 0.5], [0.9, 0.1]]), [[0.0, -1e4], [0.0, 0.0]])
     >>> log_posterior.round(3).tolist(), log_evidence.round(3).tolist()
@@ -65,22 +64,22 @@ def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Flo
 
 
 def update_probs(prior_probs: ArrayLike, likelihoods: ArrayLike) -> tuple[Floats, Floats]:
-    """Posterior over shapes, and the evidence, as plain probabilities.
+    """Posterior over shapes, and evidence, as plain probabilities.
 
-    A posterior below about 1e-270 may come out as zero, and zero stays zero for ever: for long runs of touches, or to
-    recover from certainty, use :func:`update`.
+    A posterior below about 1e-270 may become zero, and a later update cannot raise it again: use :func:`update` for
+    long sequences of touches.
 
     Args:
         prior_probs: p(y), ``(..., K)``; rows sum to one (float16 rows are renormalised).
         likelihoods: p(o | y), ``(..., K)``; finite and not negative; densities may exceed one.
 
     Returns:
-        p(y | o), ``(..., K)``, and p(o), ``(...,)``; an evidence below the least float is zero.
+        p(y | o), ``(..., K)``, and p(o), ``(...,)``; an evidence that underflows is zero.
 
     Raises:
         ValueError: NaN, +inf, a negative number, an empty array, shapes that do not fit, a prior that does not sum to
             one.
-        ImpossibleObservation: some row has likelihood zero for every shape its prior still believes in.
+        ImpossibleObservation: in some row, every shape has prior or likelihood zero.
 
     >>> posterior, evidence = update_probs([0.5, 0.5], [[0.8, 0.2], [0.3, 0.1]])
     >>> posterior.round(3).tolist(), evidence.round(3).tolist()
@@ -91,7 +90,7 @@ def update_probs(prior_probs: ArrayLike, likelihoods: ArrayLike) -> tuple[Floats
 
 
 def entropy(probs: ArrayLike, axis: int = -1) -> Floats:
-    """Entropy of distributions along an axis, in nats; in ``[0, log K]``.
+    """Entropy of distributions along an axis [nats], in ``[0, log K]``.
 
     Raises:
         ValueError: NaN, a negative number, an empty array, or a distribution that does not sum to one.
@@ -103,7 +102,7 @@ def entropy(probs: ArrayLike, axis: int = -1) -> Floats:
 
 
 def expected_information_gain(belief: ArrayLike, outcome_probs: ArrayLike) -> Floats:
-    """Mutual information between the shape and the outcome, for each pose, in nats.
+    """Mutual information of the shape and the outcome in each pose [nats].
 
     I(y; o | pose) = H(o | pose) - sum_k b_k H(o | pose, y = k)          # Cover & Thomas, section 2.4
 
@@ -112,10 +111,10 @@ def expected_information_gain(belief: ArrayLike, outcome_probs: ArrayLike) -> Fl
         outcome_probs: p(o | pose, y), ``(P, K, M)``, sums to one over the last axis.
 
     Returns:
-        ``(..., P)``, each in ``[0, H(belief)]``; zero for a pose whose outcome ignores the shape.
+        ``(..., P)``, each in ``[0, H(belief)]``; zero for a pose whose outcome does not depend on the shape.
 
     Raises:
-        ValueError: NaN, a negative number, something that does not sum to one, or shapes that do not fit.
+        ValueError: NaN, a negative number, a distribution that does not sum to one, or shapes that do not fit.
 
     >>> perfect, useless = [[1.0, 0.0], [0.0, 1.0]], [[0.5, 0.5], [0.5, 0.5]]
     >>> expected_information_gain([0.5, 0.5], [perfect, useless]).round(3).tolist()
@@ -128,9 +127,7 @@ def expected_information_gain(belief: ArrayLike, outcome_probs: ArrayLike) -> Fl
 
 
 def target_information_gain(belief: ArrayLike, outcome_probs: ArrayLike, target: int) -> Floats:
-    """Mutual information between "this is the target" and the outcome, for each pose, in nats.
-
-    The search needs to know one bit, not which of the other shapes it is touching.
+    """Mutual information of the event "this is the target" and the outcome in each pose [nats].
 
     Args:
         belief: b, ``(..., K)``, sums to one.
@@ -141,8 +138,8 @@ def target_information_gain(belief: ArrayLike, outcome_probs: ArrayLike, target:
         ``(..., P)``, each in ``[0, log 2]`` and at most the gain about the full shape.
 
     Raises:
-        ValueError: NaN, a negative number, something that does not sum to one, shapes that do not fit, or a target
-            that is none of the K shapes.
+        ValueError: NaN, a negative number, a distribution that does not sum to one, shapes that do not fit, or a target
+            out of range.
 
     >>> tells_the_target, tells_the_others = np.eye(3)[[0, 1, 1]], np.eye(3)[[0, 0, 1]]
     >>> target_information_gain([0.5, 0.25, 0.25], [tells_the_target, tells_the_others], target=0).round(3).tolist()
@@ -173,7 +170,7 @@ def _belief_and_table(belief: ArrayLike, outcome_probs: ArrayLike) -> tuple[Floa
 
 
 def _update_few(prior: list[float], likelihood: list[float]) -> tuple[Floats, Floats] | None:
-    """:func:`update` of one row on plain floats; None if anything about it is out of the ordinary."""
+    """:func:`update` of one row on plain floats; None if the row needs the careful path."""
     try:
         best = max(likelihood)
         joint = [p + (score - best) for p, score in zip(prior, likelihood, strict=True)]
@@ -195,9 +192,9 @@ def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
 class _Rule(NamedTuple):
     """Bayes' rule in one representation.
 
-    ``quick(prior, likelihood)`` takes a block on its side, ``(K, n)``, turns ``likelihood`` into the posterior, and
-    returns the evidence and which columns can be trusted, ``(n,)``. ``careful(prior, likelihood)`` takes rows
-    ``(n, K)`` and returns posterior, evidence, and which rows have one. ``complain`` says what is wrong with a row.
+    ``quick(prior, likelihood)`` takes a transposed block ``(K, n)``, overwrites ``likelihood`` with the posterior, and
+    returns the evidence and which columns are reliable, ``(n,)``. ``careful(prior, likelihood)`` takes rows ``(n, K)``
+    and returns posterior, evidence, and which rows are valid. ``complain`` raises the error for an invalid row.
     """
 
     quick: Callable[[Floats, Floats], tuple[Floats, NDArray[np.bool_]]]
@@ -210,13 +207,13 @@ def _in_blocks(
 ) -> tuple[Floats, Floats]:
     shape = _common_shape(prior, likelihood, names)
     num_shapes, batch_shape = shape[-1], shape[:-1]
-    shared = prior.size == num_shapes  # one prior for all rows is not worth copying
+    shared = prior.size == num_shapes  # one prior for all rows is not copied
     priors = prior.reshape(1, num_shapes) if shared else _as_rows(prior, shape)
     likelihoods = _as_rows(likelihood, shape)
     posterior, evidence = np.empty(likelihoods.shape), np.empty(len(likelihoods))
     size = min(max(1, _BLOCK // num_shapes), len(likelihoods))
     prior_columns, columns = np.empty((num_shapes, 1 if shared else size)), np.empty((num_shapes, size))
-    with np.errstate(all="ignore"):  # what is not finite is found and judged below
+    with np.errstate(all="ignore"):  # non-finite numbers are handled below
         for start in range(0, len(likelihoods), size):
             rows = slice(start, start + size)
             block = columns[:, : len(likelihoods) - start]
@@ -267,11 +264,11 @@ def _quick_probs(prior: Floats, likelihood: Floats) -> tuple[Floats, NDArray[np.
 
 
 def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Exact whatever the size of the numbers: everything is relative to the shape best believed in afterwards."""
+    """Exact for numbers of any size: computes relative to the shape with the largest posterior."""
     log_prior_total = np.logaddexp.reduce(prior, axis=1, keepdims=True)
     possible = (prior > -np.inf) & (likelihood > -np.inf)
     prior = prior - log_prior_total
-    halves = np.where(possible, prior / 2 + likelihood / 2, -np.inf)  # whose sum never overflows
+    halves = np.where(possible, prior / 2 + likelihood / 2, -np.inf)  # a sum that never overflows
     winner = np.argmax(halves, axis=1)[:, None]
     top_prior, top_likelihood = (np.take_along_axis(scores, winner, axis=1) for scores in (prior, likelihood))
     joint = (prior - top_prior) + (likelihood - top_likelihood)
@@ -305,7 +302,7 @@ def _complain_probs(prior: Floats, likelihood: Floats, row: tuple[int, ...]) -> 
 
 def _complain_impossible(prior: Floats, likelihood: str, row: tuple[int, ...]) -> NoReturn:
     raise ImpossibleObservation(
-        f"the observation{at(row)} has zero likelihood under every shape still believed in: "
+        f"the observation{at(row)} has zero likelihood under every shape of positive probability: "
         f"prior {prior.round(6).tolist()}, {likelihood}. A smoothed observation model never assigns zero."
     )
 

@@ -1,4 +1,4 @@
-"""A belief: a categorical distribution over named shapes, kept in logarithms."""
+"""A belief: a categorical distribution over named shapes, stored as log probabilities."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from belief.validation import as_real, normalise_log_probs, normalise_probs
 
 @dataclass(frozen=True, eq=False)
 class Belief(FrozenArrays):
-    """What is known about the shape of one object.
+    """Probability distribution over the shape of one object.
 
-    Immutable: :meth:`update` returns a new belief. A shape of probability zero stays at zero for ever.
+    Immutable: :meth:`update` returns a new belief. A shape of probability zero keeps probability zero.
 
     Attributes:
         labels: names of the K shapes.
@@ -68,9 +68,9 @@ class Belief(FrozenArrays):
 
     @classmethod
     def of_normalised(cls, labels: tuple[str, ...], log_probs: Floats) -> Belief:
-        """A belief from log probabilities that are known to be right, such as a posterior: nothing is checked.
+        """A belief from normalised log probabilities ``(K,)``, without any check.
 
-        The array ``(K,)`` is taken over, not copied, and becomes read-only.
+        The array is not copied and becomes read-only.
 
         >>> Belief.of_normalised(("cube", "cone"), np.array([0.0, -np.inf])).probs.tolist()
         [1.0, 0.0]
@@ -87,7 +87,7 @@ class Belief(FrozenArrays):
 
     @property
     def entropy(self) -> float:
-        """Remaining uncertainty in nats."""
+        """Entropy [nats]."""
         return float(bayes.entropy(self.probs))
 
     def prob(self, label: str) -> float:
@@ -101,7 +101,7 @@ class Belief(FrozenArrays):
 
         Raises:
             ValueError: NaN, +inf, or a shape that does not fit.
-            ImpossibleObservation: zero likelihood for every shape still believed in.
+            ImpossibleObservation: zero likelihood for every shape of positive probability.
         """
         log_posterior, _ = bayes.update(self.log_probs, log_likelihood)
         if log_posterior.ndim != 1:

@@ -1,4 +1,4 @@
-"""Compositions: prior knowledge about which shapes are on the table."""
+"""Compositions: prior knowledge about the shapes of the objects on the table."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from enum import StrEnum
 
 from belief.errors import UnknownName
 
-_MOST = 2**53  # all whole numbers up to here are floats
+_MOST = 2**53  # integers up to here are exact floats
 
 
 class Composition(StrEnum):
-    """How the shapes of objects depend on each other, where no numbers are needed to say it.
+    """How the shapes of the objects depend on each other.
 
-    ``DISTINCT``: no two objects have the same shape, all such arrangements equally likely.
-    ``INDEPENDENT``: every object's shape is drawn from the prior on its own.
+    ``DISTINCT``: no two objects have the same shape; all such arrangements are equally likely.
+    ``INDEPENDENT``: every object's shape is drawn from the prior independently.
 
     >>> Composition("distinct") is Composition.DISTINCT
     True
@@ -28,19 +28,18 @@ class Composition(StrEnum):
 
 @dataclass(frozen=True, init=False, repr=False)
 class Counts:
-    """A bag that holds a known number of objects of each shape; those on the table were drawn from it blindly.
+    """A bag with a known number of objects of each shape, from which the table is drawn without replacement.
 
-    With as many objects on the table as in the bag, the table holds exactly these shapes. With fewer, some stayed in
-    the bag, and any object was as likely to be drawn as any other. One of each shape is what ``DISTINCT`` says.
+    One object of each shape is equivalent to ``DISTINCT``.
 
     Args:
-        counts: how many objects there are of each shape, at least zero; shapes left out count zero.
+        counts: number of objects of each shape, at least zero; missing shapes count zero.
 
     Attributes:
         items: shapes and their counts, sorted by name.
 
     Raises:
-        ValueError: a count that is no whole number or out of range, or an empty bag.
+        ValueError: a count that is not an integer or out of range, or an empty bag.
 
     >>> bag = Counts({"cube": 2, "cone": 1})
     >>> bag.total, bag.of(["sphere", "cube", "cone"])
@@ -53,9 +52,9 @@ class Counts:
         try:
             items = tuple(sorted((str(label), operator.index(count)) for label, count in counts.items()))
         except TypeError as error:
-            raise ValueError(f"counts must be whole numbers, got {dict(counts)}") from error
+            raise ValueError(f"counts must be integers, got {dict(counts)}") from error
         if not all(0 <= count <= _MOST for _, count in items) or not any(count for _, count in items):
-            raise ValueError(f"counts must be in [0, 2^53], and one of them above zero, got {dict(counts)}")
+            raise ValueError(f"counts must be in [0, 2^53], and at least one above zero, got {dict(counts)}")
         object.__setattr__(self, "items", items)
 
     @property
@@ -67,7 +66,7 @@ class Counts:
         """Counts in the order of these labels.
 
         Raises:
-            UnknownName: the bag holds a shape that is none of them.
+            UnknownName: the bag holds a shape that is not among them.
         """
         counts = dict(self.items)
         for label in counts:

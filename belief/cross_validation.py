@@ -1,4 +1,4 @@
-"""Objects of touches, and folds of whole objects: touches of one object never sit on both sides."""
+"""Cross-validation folds of whole objects: all touches of an object are in the same fold."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from belief.validation import unmasked
 
 
 def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Objects numbered from 0 in rising order of their ids.
+    """Objects, numbered from 0 in ascending order of their ids.
 
     Args:
         shapes: true shape of each touch, ``(n,)``, integers.
-        object_ids: which object it is of, ``(n,)``; any labels that can be sorted.
+        object_ids: object of each touch, ``(n,)``; any labels that can be sorted.
 
     Returns:
         The object of each touch, ``(n,)``, and the shape of each object, ``(N,)``.
 
     Raises:
-        ValueError: an object of two shapes, shapes that are no integers, ids that are NaN or cannot be sorted, or
+        ValueError: an object with two shapes, shapes that are not integers, ids that are NaN or cannot be sorted, or
             lengths that differ.
 
     >>> objects, shape_of = numbered_objects([0, 1, 0], ["mug", "ball", "mug"])
@@ -48,25 +48,24 @@ def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[
 
 
 def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> NDArray[np.intp]:
-    """Which fold each touch is in, ``(n,)``, in [0, num_folds).
+    """Fold of each touch, ``(n,)``, in [0, num_folds).
 
-    Objects are dealt out shape by shape, in rising order of their ids: every fold gets its share of every shape, and
-    the order of the touches changes nothing.
+    Folds are stratified by shape, with objects in ascending order of their ids. The order of the touches has no effect.
 
     Args:
         shapes: true shape of each touch, ``(n,)``.
-        object_ids: which object it is of, ``(n,)``.
-        num_folds: at least 2 (or 1: all together), at most the number of objects.
+        object_ids: object of each touch, ``(n,)``.
+        num_folds: from 1 to the number of objects.
 
     Raises:
-        ValueError: too few objects for the folds, and what :func:`numbered_objects` refuses.
+        ValueError: more folds than objects; or as :func:`numbered_objects`.
 
     >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
     array([0, 0, 0, 1, 1])
     """
     owner, shape_of = numbered_objects(shapes, object_ids)
     if not 1 <= num_folds <= len(shape_of):
-        raise ValueError(f"need between 2 and {len(shape_of)} folds for {len(shape_of)} objects, got {num_folds}")
+        raise ValueError(f"need between 1 and {len(shape_of)} folds for {len(shape_of)} objects, got {num_folds}")
     fold_of = np.empty(len(shape_of), np.intp)
     fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds
     return fold_of[owner]

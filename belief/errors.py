@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class ActiveTouchError(Exception):
-    """Base class of every error this project raises on purpose."""
+    """Base class of the errors that this project raises deliberately."""
 
 
 class InvalidArgument(ActiveTouchError, ValueError):
@@ -12,7 +12,7 @@ class InvalidArgument(ActiveTouchError, ValueError):
 
 
 class ImpossibleObservation(ActiveTouchError, ValueError):
-    """The evidence has zero likelihood under every hypothesis still believed in.
+    """The evidence has zero likelihood under every hypothesis of positive probability.
 
     The belief is unchanged. A smoothed observation model never assigns likelihood zero.
     """
@@ -23,11 +23,11 @@ class CorruptFile(ActiveTouchError, ValueError):
 
 
 class CannotWrite(ActiveTouchError, OSError):
-    """A file cannot be written: the disk is full, or the folder is read-only or no folder."""
+    """A file cannot be written: the disk is full, or the folder is read-only or is not a folder."""
 
 
 class BrokenContract(ActiveTouchError, AssertionError):
-    """An object of a user's own does not keep its protocol; the message states which rule and for which input."""
+    """A user's object violates its protocol; the message states the rule and the input."""
 
 
 class UnknownName(ActiveTouchError, KeyError):
@@ -42,11 +42,11 @@ class UnknownName(ActiveTouchError, KeyError):
         self._arguments = (kind, name, known)
 
     def __reduce__(self) -> tuple[type[UnknownName], tuple[str, str, list[str]]]:
-        return UnknownName, self._arguments  # so that it survives the way back from a worker
+        return UnknownName, self._arguments  # so that it can be pickled
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class ZeroPriorTarget(UserWarning):
-    """The target shape has prior probability zero, so no touch can ever find it."""
+    """The target shape has prior probability zero, so no touch can find it."""

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and JSON that carries a digest of its content.
+"""Atomic writing of files, and JSON that contains a digest of its content.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -34,14 +34,14 @@ from belief.errors import ActiveTouchError, CannotWrite
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place when the block ends without an error.
+    """A temporary path beside ``path`` that replaces it when the block ends without an error.
 
-    Parent folders are made. The data is flushed to disk before the rename, so a crash or a full disk leaves
-    the old file as it was.
+    Parent folders are created. The data is flushed to disk before the rename, so a crash or a full disk leaves the old
+    file unchanged.
 
     Raises:
-        CannotWrite: the disk is full, the folder is read-only or no folder, or the like. Other errors of the block
-            pass as they are.
+        CannotWrite: the disk is full, the folder is read-only or not a folder, or similar. Other errors of the block
+            are not changed.
     """
     temporary = None
     try:
@@ -61,21 +61,21 @@ def atomic_path(path: Path) -> Iterator[Path]:
         try:
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
-            temporary.chmod(0o644)  # mkstemp's 0600 would hide results from colleagues
+            temporary.chmod(0o644)  # mkstemp gives 0600, which other users cannot read
             temporary.replace(path)
         except OSError as error:
             raise cannot_write(path, error) from error
     finally:
         if temporary is not None:
-            with suppress(OSError):  # of a disk that became read-only
+            with suppress(OSError):  # the disk may have become read-only
                 temporary.unlink(missing_ok=True)
 
 
 def require_writable(folder: Path) -> None:
-    """Check that files can be written into a folder, before any work; nothing is left behind, and nothing made.
+    """Check that files can be written into a folder; leaves no file and creates no folder.
 
     Raises:
-        CannotWrite: it is a file or lies in one, it is read-only, or the disk is full.
+        CannotWrite: the path is a file or lies in one, the folder is read-only, or the disk is full.
     """
     existing = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
     try:
@@ -88,10 +88,10 @@ def require_writable(folder: Path) -> None:
 
 
 def require_writable_file(path: Path) -> None:
-    """Check that a file can be written, before any work; nothing is left behind, and nothing made.
+    """Check that a file can be written; leaves no file and creates no folder.
 
     Raises:
-        CannotWrite: its folder cannot take files, or it is a folder itself.
+        CannotWrite: as :func:`require_writable`, or the path is a folder.
     """
     require_writable(path.parent)
     if path.is_dir():
@@ -99,12 +99,12 @@ def require_writable_file(path: Path) -> None:
 
 
 def is_of_writing(error: OSError) -> bool:
-    """Whether an error says that the disk is full, read-only or faulty, or that a place is not for this user."""
+    """Whether an error means that the disk is full, read-only or faulty, or that access is denied."""
     return error.errno in _OF_WRITING
 
 
 def cannot_write(path: Path, error: OSError) -> CannotWrite:
-    """What to raise where writing ``path`` failed: the cause, and what to do."""
+    """The error to raise after writing ``path`` failed, with the cause and a remedy."""
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
         blocking = next((p for p in (path, *path.parents) if os.path.lexists(p) and not p.is_dir()), None)
         cause = f"{blocking} is no folder, and none can be made there" if blocking else "it is a folder"
@@ -124,9 +124,9 @@ _OF_WRITING = {
 
 
 def _cause(error: Exception, temporary: Path) -> OSError | None:
-    """The disk's error behind one that came up while ``temporary`` was written; None if it is of another kind.
+    """The operating system's error behind an error of writing ``temporary``; None if there is none.
 
-    numpy and safetensors tell what the disk said in words only.
+    numpy and safetensors give it only as text.
     """
     if isinstance(error, ActiveTouchError):
         return None
@@ -145,11 +145,11 @@ def write_text(path: Path, text: str) -> None:
 
 
 def sealed_json(fields: Mapping[str, Any], indent: int | None = 1) -> str:
-    """JSON text of ``fields`` with a SHA-256 of them, which :func:`unsealed_json` checks.
+    """JSON text of ``fields`` with their SHA-256, which :func:`unsealed_json` checks.
 
     Args:
         fields: JSON types only; finite numbers; no key ``sha256``.
-        indent: of the text; None for a single line.
+        indent: as in :func:`json.dumps`; None for a single line.
 
     Raises:
         ValueError: a number is not finite, or a key is ``sha256``.
@@ -163,10 +163,10 @@ def sealed_json(fields: Mapping[str, Any], indent: int | None = 1) -> str:
 
 
 def unsealed_json(text: str) -> dict[str, Any]:
-    """The fields from :func:`sealed_json`, once their digest is checked.
+    """The fields of a text from :func:`sealed_json`, after a check of their digest.
 
     Raises:
-        ValueError: the text is no JSON object, carries no digest, or was changed after it was written.
+        ValueError: the text is not a JSON object, has no digest, or was changed after it was written.
 
     >>> unsealed_json(sealed_json({"temperature": 1.5}).replace("1.5", "1.6"))
     Traceback (most recent call last):
@@ -181,14 +181,14 @@ def unsealed_json(text: str) -> dict[str, Any]:
         raise ValueError(f"it is {type(fields).__name__}, not a JSON object")
     digest = fields.pop("sha256", None)
     if digest is None:
-        raise ValueError("it carries no SHA-256 of its content; files of earlier versions must be made again")
+        raise ValueError("it has no SHA-256 of its content; create files of earlier versions again")
     if digest != _json_digest(fields):
         raise ValueError("it was changed after it was written: its content does not match its SHA-256")
     return fields
 
 
 def _json_digest(fields: Mapping[str, Any]) -> str:
-    """SHA-256 of the values themselves, however they are spaced or ordered in a file."""
+    """SHA-256 of the values, independent of spacing and order of keys."""
     try:
         text = json.dumps(fields, sort_keys=True, separators=(",", ":"), allow_nan=False)
     except RecursionError:

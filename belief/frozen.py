@@ -1,4 +1,4 @@
-"""Arrays that nobody changes: holders copy what they are given, and stay read-only through pickles and deep copies."""
+"""Read-only arrays in frozen dataclasses, also after pickling and deep copies."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Kind = TypeVar("Kind", bound=np.generic)
 
 
 def frozen(array: NDArray[Kind]) -> NDArray[Kind]:
-    """The array, read-only: itself if nobody can write to its memory, otherwise a copy.
+    """A read-only version of an array: the array itself if its memory cannot be written to, otherwise a copy.
 
     >>> mine = np.zeros(2)
     >>> kept = frozen(mine)
@@ -33,7 +33,7 @@ def frozen(array: NDArray[Kind]) -> NDArray[Kind]:
 class FrozenArrays:
     """Base of frozen dataclasses that hold arrays, or tuples of arrays, in their fields.
 
-    One that checks its fields calls :meth:`freeze` at the end of its ``__post_init__``.
+    A subclass with a ``__post_init__`` of its own calls :meth:`freeze` at its end.
 
     >>> import copy
     >>> from belief import Belief
@@ -45,7 +45,7 @@ class FrozenArrays:
         self.freeze()
 
     def freeze(self) -> None:
-        """Make all arrays read-only; those that somebody else could write to are copied."""
+        """Make all arrays read-only; arrays whose memory is writable are copied."""
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             if isinstance(value, np.ndarray):

@@ -13,9 +13,9 @@ from belief.problem import Touch
 
 
 class TouchHistory(Sequence[Touch]):
-    """An immutable sequence of touches; :meth:`extended` makes a longer one without copying this one.
+    """An immutable sequence of touches; :meth:`extended` returns a longer one without copying.
 
-    A history and those made from it share one list, of which each shows only its own first touches.
+    A history and its extensions share one list, of which each shows its first ``len(self)`` touches.
 
     Args:
         touches: oldest first.
@@ -34,9 +34,9 @@ class TouchHistory(Sequence[Touch]):
         self._uses = Counter(touch.pose for touch in self._shared)
 
     def extended(self, touches: Sequence[Touch]) -> TouchHistory:
-        """This history and then these touches; takes as long as there are new touches."""
+        """This history followed by these touches; the time is linear in the number of new touches."""
         longer = object.__new__(TouchHistory)
-        is_newest = len(self._shared) == self._length  # else another one grew from here, and needs a list of its own
+        is_newest = len(self._shared) == self._length  # otherwise the shared list already has another extension
         longer._shared = self._shared if is_newest else self._shared[: self._length]
         longer._shared.extend(touches)
         longer._length = len(longer._shared)
@@ -45,10 +45,10 @@ class TouchHistory(Sequence[Touch]):
         return longer
 
     def uses(self, num_poses: int) -> NDArray[np.int64]:
-        """How often each pose was used, ``(P,)``.
+        """Number of touches in each pose, ``(P,)``.
 
         Raises:
-            ValueError: one was used that is none of so many.
+            ValueError: a touch has a pose that is out of range.
         """
         uses = np.zeros(num_poses, np.int64)
         for pose, times in self._uses.items():

@@ -1,8 +1,7 @@
-"""All ways to take some objects from a bag when only their shapes matter, numbered, with their neighbours.
+"""Multisets of shapes that can be drawn from a bag, numbered by size, with their neighbours.
 
-A way to take i objects is a multiset of shapes: how many of each. Sums over arrangements of objects walk from the
-multisets of i objects to those of i + 1, so what they need is, for each multiset and shape, the number of the multiset
-with one more, or one less, of that shape.
+A multiset states how many objects of each shape were drawn. Sums over arrangements go from the multisets of i objects
+to those of i + 1: a table gives the index of the multiset with one more, or one less, of each shape.
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ class Layer:
     Attributes:
         used: objects of each shape, ``(K, S)``.
         last: largest shape in each, ``(S,)``.
-        smaller: number of the multiset with one object of the shape less, ``(K, S)``; one past the end if it has none.
-        bigger: number of the multiset with one object of the shape more, ``(K, S)``; one past the end if the bag has no
+        smaller: index of the multiset with one object of the shape less, ``(K, S)``; one past the end if it has none.
+        bigger: index of the multiset with one object of the shape more, ``(K, S)``; one past the end if the bag has no
             more of them.
-        num_bigger: multisets in the next layer.
-        log_draws: log of the number of ways to draw each one by one if objects of a shape can be told apart, ``(S,)``:
-            c (c - 1) … (c - u + 1) for u out of c, multiplied over shapes.
+        num_bigger: number of multisets in the next layer.
+        log_draws: log of the number of ordered draws of distinguishable objects, ``(S,)``: c (c - 1) … (c - u + 1) for
+            u objects out of c, multiplied over shapes.
     """
 
     used: NDArray[np.integer]
@@ -45,12 +44,12 @@ def layers(counts: tuple[int, ...], num_objects: int) -> list[Layer]:
     >>> [layer.used.T.tolist() for layer in layers((2, 1), 2)]
     [[[0, 0]], [[1, 0], [0, 1]], [[2, 0], [1, 1]]]
     """
-    return [_layer(counts, size) for size in range(num_objects + 1)]  # upwards, so that each finds the one before
+    return [_layer(counts, size) for size in range(num_objects + 1)]  # ascending, as each uses the cached one before
 
 
 @lru_cache(maxsize=64)
 def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
-    """How many multisets of at most ``num_objects`` objects there are, or a number above ``limit`` if more than that.
+    """Number of multisets of at most ``num_objects`` objects; any number above ``limit`` if there are more than that.
 
     >>> num_multisets((1, 1, 1, 1), 4, limit=100), num_multisets((2, 1), 2, limit=100)
     (16, 5)
@@ -58,7 +57,7 @@ def num_multisets(counts: tuple[int, ...], num_objects: int, limit: int) -> int:
     by_size = np.ones(1, np.int64)
     for count in counts:
         kinds = np.convolve(by_size, np.ones(min(count, num_objects) + 1, np.int64))
-        by_size = np.minimum(kinds[: num_objects + 1], limit + 1)  # more shapes never make fewer multisets
+        by_size = np.minimum(kinds[: num_objects + 1], limit + 1)  # further shapes only increase the number
     return int(by_size.sum())
 
 
@@ -72,7 +71,7 @@ def _layer(counts: tuple[int, ...], size: int) -> Layer:
         log_draws = np.zeros(1)
     else:
         before = _layer(counts, size - 1)
-        # Each multiset is made once: from the one without its largest shape.
+        # Each multiset is made once, from the one without its largest shape.
         last_shape, parent = np.nonzero((shapes >= before.last) & (before.used < capacity))
         last = last_shape.astype(np.int32)
         used = before.used[:, parent]
@@ -86,7 +85,7 @@ def _layer(counts: tuple[int, ...], size: int) -> Layer:
     bigger = np.full(used.shape, num_bigger, np.int32)
     bigger[canonical] = np.arange(num_bigger)
     if size > 0:
-        # Adding a shape below the largest: add it to the multiset without the largest, and put that back on top.
+        # Add a shape below the largest: remove the largest, add the shape, add the largest again.
         other = before.bigger[:, parent]
         shape, here = np.nonzero((shapes < last) & (other < len(last)))
         bigger[shape, here] = bigger[last[here], other[shape, here]]

@@ -1,4 +1,4 @@
-"""Names and seeds as people type them: shapes and poses by label or index, a seed as one number or several."""
+"""Shapes and poses by label or index, and seeds as one number or several."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
     """The index of a label; an index is checked and returned.
 
     Args:
-        kind: what it names, for messages: "shape", "pose" or "target".
+        kind: "shape", "pose" or "target", for messages.
         labels: all labels, in index order.
         name: a label, or an index.
 
@@ -61,24 +61,24 @@ def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
 
 
 def seed_words(seed: int | Sequence[int]) -> tuple[int, ...]:
-    """A seed as a tuple of whole numbers, each at least 0; a single number becomes a tuple of one.
+    """A seed as a tuple of integers ≥ 0; a single number becomes a tuple of one.
 
     Raises:
-        InvalidArgument: it is neither.
+        InvalidArgument: it is neither an integer ≥ 0 nor a sequence of such.
 
     >>> seed_words(7), seed_words((7, 1, 2))
     ((7,), (7, 1, 2))
     """
     words = (seed,) if isinstance(seed, Integral) else seed
     if not isinstance(words, Sequence) or isinstance(words, str) or not words:
-        raise InvalidArgument(f"a seed is a whole number from 0, or a sequence of such; got {seed!r}")
+        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
     if any(not isinstance(word, Integral) or isinstance(word, bool) or word < 0 for word in words):
-        raise InvalidArgument(f"a seed is a whole number from 0, or a sequence of such; got {seed!r}")
+        raise InvalidArgument(f"a seed must be an integer ≥ 0 or a sequence of such; got {seed!r}")
     return tuple(int(word) for word in words)
 
 
 def one_line(cls: type, *parts: str) -> str:
-    """A short representation of an object.
+    """A representation of an object in at most 118 characters.
 
     >>> one_line(int, "cone", "front")
     'int(cone, front)'
@@ -88,7 +88,7 @@ def one_line(cls: type, *parts: str) -> str:
 
 
 def few(labels: Sequence[str], most: int = 4) -> str:
-    """The first labels, and how many there are beyond these.
+    """The first labels, and the number of further ones.
 
     >>> few(["cube", "cone", "torus"], most=2)
     'cube, cone and 1 more'

@@ -1,13 +1,8 @@
-r"""Does a touch look like anything the sensor was trained on? Scores that are higher the more novel it is.
+r"""Out-of-distribution scores of touches, higher for objects unlike the training set, and their AUROC.
 
-A classifier has to name one of the shapes it knows, whatever it touches. Two scores tell whether it should be trusted:
-
-* the free energy of its logits, -T log Σ exp(z/T): small where some logit is large (Liu et al. 2020);
-* the squared Mahalanobis distance of its features to the nearest class mean, under one covariance shared by all classes
-  (Lee et al. 2018). It sees also what the last layer throws away.
-
-How well a score separates known from novel is its AUROC: the probability that something novel scores higher than
-something known, ties counting half. One half is worthless, one is perfect.
+* :func:`energy_score`: the free energy of the logits, -T log Σ exp(z/T) (Liu et al. 2020);
+* :class:`MahalanobisScore`: the squared Mahalanobis distance of the features to the nearest class mean, under one
+  covariance shared by all classes (Lee et al. 2018).
 
     >>> rng = np.random.default_rng(0)
     >>> labels = np.arange(200) % 2
@@ -42,7 +37,7 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
 
     Args:
         logits: ``(..., K)``, any float type, finite.
-        temperature: T > 0; towards zero the score becomes minus the largest logit.
+        temperature: T > 0; as T → 0 the score tends to minus the largest logit.
 
     Returns:
         ``(...)``, float64.
@@ -58,7 +53,7 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
         raise ValueError(f"temperature must be positive and finite, got {temperature}")
     top = z.max(axis=-1)
     with np.errstate(over="ignore"):
-        # Halves, because the difference of ±1e308 is no float; what overflows after that has no weight in the sum.
+        # Halves, because the difference of ±1e308 overflows; an overflow after the division has weight zero.
         below = 2.0 * ((z / 2 - top[..., None] / 2) / temperature)
         energy = -(top + temperature * np.log(np.exp(below).sum(axis=-1)))
     return np.maximum(energy, -np.finfo(np.float64).max)
@@ -66,15 +61,15 @@ def energy_score(logits: ArrayLike, temperature: float = 1.0) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class MahalanobisScore(FrozenArrays):
-    """Squared distance to the nearest class mean, in units of the spread within classes.
+    """Squared Mahalanobis distance to the nearest class mean.
 
-    The shared covariance is shrunk towards a multiple of the identity, (1 - ρ) S + ρ (tr S / D) I, so that it can be
-    inverted with fewer samples than dimensions. Ledoit and Wolf (2004) give the ρ that minimises the expected squared
-    error of the estimate. Shrunk distances depend on the scale of single features; unshrunk ones on no linear map.
+    The shared covariance is shrunk towards a multiple of the identity, (1 - ρ) S + ρ (tr S / D) I, so that it is
+    invertible with fewer samples than dimensions. By default ρ minimises the expected squared error of the estimate
+    (Ledoit and Wolf 2004).
 
     Attributes:
-        means: of the C classes that were seen, ``(C, D)``.
-        whitening: maps deviations from a mean to independent unit ones, from the right, ``(D, D)``.
+        means: of the C classes in the data, ``(C, D)``.
+        whitening: matrix that, multiplied from the right, maps deviations to unit covariance, ``(D, D)``.
         shrinkage: ρ in [0, 1].
     """
 
@@ -84,17 +79,17 @@ class MahalanobisScore(FrozenArrays):
 
     @classmethod
     def fit(cls, features: ArrayLike, labels: ArrayLike, shrinkage: float | None = None) -> MahalanobisScore:
-        """Class means and the shared covariance (with divisor n) of known things.
+        """Fit the class means and the shared covariance (with divisor n) to known objects.
 
         Args:
             features: ``(n, D)``, any float type.
-            labels: class of each, integers, ``(n,)``; a class that does not occur has no mean.
-            shrinkage: ρ in [0, 1]; Ledoit and Wolf's by default, at least 1e-6. Where nothing varies at all within
-                the classes the covariance is the identity.
+            labels: class of each, integers, ``(n,)``.
+            shrinkage: ρ in [0, 1]; that of Ledoit and Wolf by default, at least 1e-6. If nothing varies within the
+                classes, the covariance is the identity.
 
         Raises:
-            ValueError: empty, not finite, or beyond ±1e150; labels that are no integers or do not fit; a covariance
-                that is singular without shrinkage.
+            ValueError: empty, not finite, or beyond ±1e150; labels that are not integers or do not fit; a
+                singular covariance with the given shrinkage.
         """
         x, y = _features(features), unmasked(labels, "labels")
         if y.shape != (len(x),) or not np.issubdtype(y.dtype, np.integer):
@@ -106,7 +101,7 @@ class MahalanobisScore(FrozenArrays):
         means = (members / members.sum(axis=0)).T @ x
         residuals = x - means[inverse]
         scale = float(np.abs(residuals).max())
-        # Means round: what is constant within its class leaves residuals of some units in the last place.
+        # Rounding of means leaves residuals of some units in the last place for constant features.
         if scale <= 16 * np.finfo(np.float64).eps * float(np.abs(x).max()):
             return cls(means, np.eye(x.shape[1]), 1.0)
         residuals /= scale
@@ -119,31 +114,31 @@ class MahalanobisScore(FrozenArrays):
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 f"the covariance of {len(x)} features in {x.shape[1]} dimensions is singular with shrinkage {chosen}; "
-                "leave the shrinkage to the data, or choose more"
+                "use the default shrinkage or a larger one"
             ) from error
         return cls(means, solve_triangular(root, np.eye(x.shape[1]), lower=True).T / scale, float(chosen))
 
     def score(self, features: ArrayLike) -> Floats:
-        """Squared Mahalanobis distance of each row to the nearest class mean, ``(n,)``, ≥ 0.
+        """Squared distance of each row to the nearest class mean, ``(n,)``, ≥ 0.
 
         Args:
             features: ``(n, D)``.
 
         Raises:
-            ValueError: empty, not finite, beyond ±1e150, or of another dimension than was fitted.
+            ValueError: empty, not finite, beyond ±1e150, or of another dimension than in the fit.
         """
         x = _features(features)
         if x.shape[1] != self.means.shape[1]:
             raise ValueError(f"fitted to features of {self.means.shape[1]} dimensions, got {x.shape[1]}")
-        centre = self.means.mean(axis=0)  # near the data, so that a common offset costs no digits
+        centre = self.means.mean(axis=0)  # near the data, so that a common offset loses no digits
         with np.errstate(over="ignore", invalid="ignore"):
             whitened, means = (x - centre) @ self.whitening, (self.means - centre) @ self.whitening
             distances = cdist(whitened, means, "sqeuclidean").min(axis=1)
-        return np.where(np.isnan(distances), np.inf, distances)  # further away than a float can tell
+        return np.where(np.isnan(distances), np.inf, distances)  # the distance overflows
 
 
 def auroc(known_scores: ArrayLike, novel_scores: ArrayLike) -> float:
-    """P(a novel score exceeds a known one) + half P(they are equal), over all pairs; in [0, 1].
+    """P(a novel score exceeds a known one) + 0.5 P(they are equal), over all pairs; in [0, 1].
 
     Args:
         known_scores: of any shape; infinite ones are allowed.
@@ -164,14 +159,13 @@ def auroc(known_scores: ArrayLike, novel_scores: ArrayLike) -> float:
 def auroc_interval(
     known_scores: ArrayLike, novel_scores: ArrayLike, confidence: float = 0.95
 ) -> tuple[float, float, float]:
-    """AUROC with an interval that holds if rows are independent, whatever the dependence within a row.
+    """AUROC with a confidence interval for independent rows, whose scores may depend on each other within a row.
 
-    DeLong's variance (DeLong et al. 1988) of the share of the other group that each row exceeds, averaged over the row
-    first (Obuchowski 1997), on the logit scale. Where every pair is in order that variance is zero; the bound is then
-    the exact binomial one for as many disjoint pairs of rows as there are.
+    The variance is that of DeLong et al. (1988) with scores averaged within rows (Obuchowski 1997), on the logit scale.
+    For an AUROC of 0 or 1 that variance is zero, and the bound is the exact binomial one for min(n, m) pairs of rows.
 
     Args:
-        known_scores: one score a row, ``(n,)``, or several, ``(n, T)``, as of the touches of one object; n ≥ 2.
+        known_scores: one score per row, ``(n,)``, or several, ``(n, T)``, such as one per touch of an object; n ≥ 2.
         novel_scores: ``(m,)`` or ``(m, T')``, m ≥ 2.
         confidence: of the interval, in (0, 1).
 
@@ -186,7 +180,7 @@ def auroc_interval(
     """
     known, novel = _scores(known_scores, novel_scores)
     if min(len(known), len(novel)) < 2:
-        raise ValueError(f"an interval needs two rows of each at least, got {len(known)} known and {len(novel)} novel")
+        raise ValueError(f"an interval needs at least two rows of each, got {len(known)} known and {len(novel)} novel")
     require_fraction("confidence", confidence)
     value, tail = auroc(known, novel), (1.0 - confidence) / 2
     variance = _row_means(novel, known).var(ddof=1) / len(novel) + _row_means(known, novel).var(ddof=1) / len(known)
@@ -199,7 +193,7 @@ def auroc_interval(
 
 
 def _ledoit_wolf(residuals: Floats, covariance: Floats) -> float:
-    """Optimal shrinkage towards the scaled identity (Ledoit and Wolf 2004, section 3.3), the mean being known."""
+    """Optimal shrinkage towards the scaled identity (Ledoit and Wolf 2004, section 3.3) for a known mean."""
     n, dimensions = residuals.shape
     spread = np.trace(covariance) / dimensions
     distance = np.square(covariance - spread * np.eye(dimensions)).sum()
@@ -211,7 +205,7 @@ def _ledoit_wolf(residuals: Floats, covariance: Floats) -> float:
 
 
 def _row_means(rows: Floats, others: Floats) -> Floats:
-    """Share of ``others`` that a row's scores exceed, ties half, averaged over the row, ``(len(rows),)``."""
+    """Fraction of ``others`` that a row's scores exceed, ties half, averaged over the row, ``(len(rows),)``."""
     pooled = stats.rankdata(np.concatenate([rows.ravel(), others.ravel()]))[: rows.size]
     exceeded = (pooled - stats.rankdata(rows.ravel())) / others.size
     return np.asarray(exceeded.reshape(len(rows), -1).mean(axis=1))

@@ -1,7 +1,7 @@
-"""Encodings of the situation of an episode as the input vector of a learned policy.
+"""State vectors of learned policies: the paper's state, and a state with the posterior.
 
-The paper's state is the classifier's last output, the last action and the time (paper §5.8): single frames, so a policy
-that sees it can fuse nothing. The posterior state has what touches add up to, and which poses are used up.
+The paper's state holds the classifier's last output, the last action and the time (paper §5.8). The posterior state
+holds the posterior over shapes, the number of touches in each pose and the time.
 
 >>> here = Situation(
 ...     frame_probs=np.array([[0.7, 0.3]]),
@@ -12,7 +12,7 @@ that sees it can fuse nothing. The posterior state has what touches add up to, a
 ... )
 >>> paper_state(here, target=0).tolist()        # frame, previous action (2 poses, CONFIRM, REJECT), time
 [[0.7, 0.3, 0.0, 1.0, 0.0, 0.0, 0.5]]
->>> posterior_state(here, target=0).round(2).tolist()             # belief, its target's log-odds, uses, time
+>>> posterior_state(here, target=0).round(2).tolist()             # posterior, certainty, uses, time
 [[0.9, 0.1, 0.5, 0.0, 0.67, 0.5]]
 """
 
@@ -29,22 +29,22 @@ from numpy.typing import NDArray
 from belief.problem import Floats
 
 TOUCH_LIMIT = 12
-"""T_max, touches of one object, unless told otherwise; the paper gives no number."""
+"""T_max, default limit of touches per object; the paper gives no number."""
 NO_ACTION = -1
-"""``previous`` before the first action."""
-_SCALE = 4.0  # log-odds that count as large: odds of 55 to 1 become 0.76
+"""Value of ``previous`` before the first action."""
+_SCALE = 4.0  # log-odds of 4 (55 to 1) become tanh 1 = 0.76
 
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """Where B episodes stand.
+    """State of B episodes.
 
     Attributes:
-        frame_probs: the classifier's softmax of the current object's last touch, ``(B, K)``; uniform before it.
+        frame_probs: the classifier's softmax of the current object's last touch, ``(B, K)``; uniform before one.
         log_probs: log posterior of the current object, ``(B, K)``.
         previous: last action, ``(B,)``: a pose, P for CONFIRM, P + 1 for REJECT, :data:`NO_ACTION` for none.
-        uses: how often the current object was touched in each pose, ``(B, P)``.
-        time: touches made, as a share of those allowed, ``(B,)``.
+        uses: touches of the current object in each pose, ``(B, P)``.
+        time: number of touches divided by the touch limit, ``(B,)``.
     """
 
     frame_probs: Floats
@@ -55,7 +55,7 @@ class Situation:
 
 
 def frame_probs(logits: NDArray[np.floating]) -> Floats:
-    """Softmax of logits ``(..., K)``, whatever their size.
+    """Softmax of logits ``(..., K)`` of any size.
 
     >>> frame_probs(np.array([[1e308, -1e308], [0.0, 0.0]])).tolist()
     [[1.0, 0.0], [0.5, 0.5]]
@@ -67,16 +67,17 @@ def frame_probs(logits: NDArray[np.floating]) -> Floats:
 
 
 def paper_state(situation: Situation, target: int) -> Floats:
-    """The paper's ``[p_t, e(a_{t-1}), t/T_max]`` (§5.8), ``(B, K + P + 3)``, in [0, 1]; the target is not in it."""
+    """The paper's ``[p_t, e(a_{t-1}), t/T_max]`` (§5.8), ``(B, K + P + 3)``, in [0, 1]; ``target`` has no effect."""
     num_actions = situation.uses.shape[1] + 2
     one_hot = (situation.previous[:, None] == np.arange(num_actions)).astype(np.float64)
     return np.concatenate([situation.frame_probs, one_hot, situation.time[:, None]], axis=1)
 
 
 def posterior_state(situation: Situation, target: int) -> Floats:
-    """Belief, :func:`certainty` of the target, n/(n + 1) of every pose's n uses, time: ``(B, K + P + 2)``, in [-1, 1].
+    """Posterior, :func:`certainty` of the target, n/(n + 1) for the n uses of each pose, and time; in [-1, 1].
 
-    Near certainty log-odds tell apart what probabilities no longer do.
+    Returns:
+        ``(B, K + P + 2)``.
     """
     worn = situation.uses / (1.0 + situation.uses)
     sure = certainty(situation.log_probs, target)[:, None]
@@ -84,7 +85,7 @@ def posterior_state(situation: Situation, target: int) -> Floats:
 
 
 def certainty(log_probs: Floats, target: int) -> Floats:
-    """The target's log-odds ℓ as tanh(ℓ/4), ``(...)``: -1 if it certainly is another shape, 0 at even odds, 1 if it is.
+    """tanh(ℓ/4) of the target's log-odds ℓ, ``(...)``: -1 for certainly another shape, 1 for certainly the target.
 
     >>> certainty(np.log([[0.5, 0.5], [0.99, 0.01]]), target=0).round(2).tolist()
     [0.0, 0.82]
@@ -96,4 +97,4 @@ def certainty(log_probs: Floats, target: int) -> Floats:
 Encoding: TypeAlias = Callable[[Situation, int], Floats]
 
 ENCODINGS: Mapping[str, Encoding] = MappingProxyType({"paper": paper_state, "posterior": posterior_state})
-"""The states a policy may be trained on, by name."""
+"""State encodings by name."""

@@ -1,4 +1,4 @@
-"""Types that all packages share: touches, actions, and the search problem with its reward.
+"""Touches, actions, and the search problem with its reward.
 
 >>> problem = SearchProblem(shape_labels=("sphere", "cube"), pose_labels=("front",), num_objects=2)
 >>> problem.reward(confirmed_shape=0, target=0, num_touches=3)      # +1 for success, -0.02 per touch
@@ -25,15 +25,15 @@ Floats: TypeAlias = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Touch(FrozenArrays):
-    """One touch as deciders and observation models see it; its arrays are copies, and read-only.
+    """One touch as deciders and observation models see it; its arrays are read-only.
 
     Attributes:
         pose: index of the exploration pose.
-        logits: the classifier's raw scores over shapes, ``(K,)``; -inf where a shape is ruled out.
-        features: the classifier's embedding, ``(D,)``, if kept.
+        logits: the classifier's logits over shapes, ``(K,)``; -inf for a shape that is ruled out.
+        features: the classifier's embedding, ``(D,)``, or None.
 
     Raises:
-        InvalidArgument: a pose that is no whole number from 0; logits that are no row of real numbers, or hold NaN or
+        InvalidArgument: a pose that is not an integer ≥ 0; logits that are not a row of real numbers, or hold NaN or
             +inf.
     """
 
@@ -43,7 +43,7 @@ class Touch(FrozenArrays):
 
     def __post_init__(self) -> None:
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
-            raise InvalidArgument(f"the pose of a touch must be a whole number from 0, got {self.pose!r}")
+            raise InvalidArgument(f"the pose of a touch must be an integer ≥ 0, got {self.pose!r}")
         for name in ("logits", "features"):
             if name == "logits" or self.features is not None:
                 object.__setattr__(self, name, as_real(getattr(self, name), f"{name} of a touch"))
@@ -60,7 +60,7 @@ class Touch(FrozenArrays):
 
 @dataclass(frozen=True)
 class Probe:
-    """Touch the current object in this pose, an index; the search loop also takes the pose's label from a decider."""
+    """Touch the current object in this pose; in a decider's answer, ``pose`` may also be the label."""
 
     pose: int
 
@@ -72,7 +72,7 @@ class Confirm:
 
 @dataclass(frozen=True)
 class Reject:
-    """Put the current object aside for good and go on to the next."""
+    """Put the current object aside for the rest of the search and go on to the next."""
 
 
 Action: TypeAlias = Probe | Confirm | Reject
@@ -80,22 +80,21 @@ Action: TypeAlias = Probe | Confirm | Reject
 
 @dataclass(frozen=True)
 class SearchProblem:
-    """A search for one target among several objects, visited in the order they come.
+    """A search for one target among several objects, which are visited in a fixed order.
 
     Attributes:
-        shape_labels: names of the K shapes an object may have.
-        pose_labels: names of the P poses it can be touched in.
-        num_objects: N, objects on the table.
-        composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of a bag
-            they were drawn from.
-        touch_cost: λ, price of one touch in units of a success.
-        touch_limit: touches after which the whole search is cut off (truncated).
+        shape_labels: names of the K shapes.
+        pose_labels: names of the P poses.
+        num_objects: N, number of objects on the table.
+        composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of the bag
+            from which they are drawn.
+        touch_cost: λ ≥ 0, cost of one touch in units of a success.
+        touch_limit: number of touches after which the search is truncated.
 
     Raises:
-        ValueError: labels that are no names, or twice the same; no shape or pose; no object, or no whole number of
-            them; more objects than the composition has to offer; a touch cost that is negative or not finite; no touch
-            allowed.
-        UnknownName: the bag holds a shape that has no label.
+        ValueError: labels that are empty, equal or not strings; a number of objects or touches that is not an integer
+            ≥ 1; more objects than the composition allows; a touch cost that is negative or not finite.
+        UnknownName: the bag holds a shape without a label.
 
     >>> problem = SearchProblem(("sphere", "cube"), ("front",), 2, Counts({"sphere": 1, "cube": 3}))
     >>> problem.prior_probs.tolist(), problem.prior_absent_probs.tolist()
@@ -111,7 +110,7 @@ class SearchProblem:
 
     def __post_init__(self) -> None:
         if not isinstance(self.composition, Counts):
-            object.__setattr__(self, "composition", Composition(self.composition))  # a plain string will do
+            object.__setattr__(self, "composition", Composition(self.composition))  # may be a plain string
         for name in ("shape_labels", "pose_labels"):
             object.__setattr__(self, name, checked_names(name, getattr(self, name)))
         for name in ("num_objects", "touch_limit"):
@@ -138,37 +137,37 @@ class SearchProblem:
 
     @property
     def counts(self) -> tuple[int, ...] | None:
-        """Objects of each shape in the bag the table was laid from, ``(K,)``; None for independent objects."""
+        """Objects of each shape in the bag, ``(K,)``; None for independent objects."""
         if isinstance(self.composition, Counts):
             return self.composition.of(self.shape_labels)
         return (1,) * self.num_shapes if self.composition is Composition.DISTINCT else None
 
     @property
     def prior_probs(self) -> Floats:
-        """Probability of each shape for any one untouched object, ``(K,)``; uniform for independent objects."""
+        """Probability of each shape for an untouched object, ``(K,)``; uniform for independent objects."""
         counts = np.array(self.counts or (1,) * self.num_shapes, np.float64)
         return counts / counts.sum()
 
     @property
     def prior_absent_probs(self) -> Floats:
-        """Probability that no object has this shape, before any touch, ``(K,)``; exactly zero where one must."""
+        """Probability before any touch that no object has the shape, ``(K,)``; exactly zero where one must have it."""
         if self.counts is None:
             return (1.0 - self.prior_probs) ** self.num_objects
         left = np.array(self.counts, np.float64).sum() - np.arange(self.num_objects)  # in the bag before each draw
-        others = left - np.array(self.counts)[:, None]  # of another shape, if all earlier draws were of another
+        others = left - np.array(self.counts)[:, None]  # of another shape, given that all earlier draws were
         return np.asarray(np.prod(np.maximum(others, 0.0) / left, axis=1))
 
     def reward(self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True) -> float:
-        """Return of a finished search (decision 0004): not the sum of the paper's single-object rewards.
+        """Return of a finished search (decision 0004), which is not the sum of the paper's single-object rewards.
 
         Args:
             confirmed_shape: true shape of the confirmed object; None if none was confirmed.
             target: shape sought.
-            num_touches: touches of the whole search.
+            num_touches: number of touches in the whole search.
             target_present: whether any object had the target shape.
 
         Returns:
-            +1 for a right confirmation or for rightly finding nothing, -1 otherwise, less ``touch_cost`` a touch.
+            +1 for a correct confirmation or a correct "no target", -1 otherwise; minus ``touch_cost`` per touch.
         """
         right = confirmed_shape == target if confirmed_shape is not None else not target_present
         return (1.0 if right else -1.0) - self.touch_cost * num_touches

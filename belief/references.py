@@ -1,11 +1,10 @@
-"""Objects of a user's own, named on a command line: ``module:attribute``, with settings where it is called.
+"""References to Python objects on the command line: ``module:attribute`` or a registry entry, with settings.
 
-    mine:decider                    an object that the module mine has
-    mine:TwoLooks(touches=4)        what its class or function TwoLooks returns for these settings
+    mine:decider                    the object ``decider`` of the module ``mine``
+    mine:TwoLooks(touches=4)        the result of calling its class or function ``TwoLooks``
     point_based(rounds=2)           an entry of a registry, with settings
 
-The module is looked up as ``python -m`` does: in the working folder first, then among what is installed. Settings are
-Python literals, so that a name can be written down, sent to another process and resolved there.
+The module is searched in the working folder first, then among installed modules. Settings are Python literals.
 """
 
 from __future__ import annotations
@@ -24,16 +23,16 @@ from belief.errors import ActiveTouchError, UnknownName
 
 
 class BadReference(ActiveTouchError, ValueError):
-    """The name of an object cannot be read, or does not lead to one."""
+    """A reference is malformed, or there is no such object."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A name with settings, taken apart.
+    """A parsed reference.
 
     Attributes:
         name: ``attribute``, or ``module:attribute``.
-        settings: keyword arguments that stand in brackets after it.
+        settings: keyword arguments in brackets after the name.
         is_called: whether there are brackets.
 
     >>> Reference.parse("mine:TwoLooks(touches=4)")
@@ -46,7 +45,7 @@ class Reference:
 
     @classmethod
     def parse(cls, text: str) -> Reference:
-        """The parts of ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it.
+        """Parse ``name``, ``name(key=literal, ...)``, or either with ``module:`` before it.
 
         Raises:
             BadReference: the text is none of these.
@@ -54,11 +53,11 @@ class Reference:
         name, bracket, rest = text.partition("(")
         module, colon, attribute = name.strip().rpartition(":")
         if not all(part.isidentifier() for part in [*attribute.split("."), *(module.split(".") if colon else ())]):
-            raise BadReference(f"{text!r} is no name; write name, module:attribute, or either with (key=value, ...)")
+            raise BadReference(f"{text!r} is not a name; write name, module:attribute, or either with (key=value, ...)")
         try:
             call = ast.parse(f"f({rest}" if bracket else "f()", mode="eval").body
             if not isinstance(call, ast.Call) or call.args:
-                raise ValueError("settings have names")
+                raise ValueError("settings need names")
             settings = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
             if None in (keyword.arg for keyword in call.keywords):
                 raise ValueError("settings cannot be unpacked with **")
@@ -70,11 +69,11 @@ class Reference:
 
     @property
     def is_users(self) -> bool:
-        """Whether it names an attribute of a module, not an entry of a registry."""
+        """Whether it refers to an attribute of a module, not to an entry of a registry."""
         return ":" in self.name
 
     def load(self) -> Any:
-        """The attribute of the module, as it stands there.
+        """The attribute of the module.
 
         Raises:
             BadReference: there is no such module or attribute, or importing the module fails.
@@ -100,19 +99,16 @@ class Reference:
         return found
 
     def make(self, **offered: Any) -> Any:
-        """The object itself: classes and functions are called with the settings, other objects are returned.
-
-        Args:
-            offered: values for parameters of these names which the settings do not give, where there are any.
+        """The object itself; see :func:`build` for ``offered``.
 
         Raises:
-            BadReference: as :meth:`load`; or settings do not fit.
+            BadReference: as :meth:`load` and :func:`build`.
         """
         return build(self.name, self.load(), self.settings, offered, self.is_called)
 
 
 def look_in(folder: str) -> None:
-    """Have modules of a folder found before all others.
+    """Put a folder first in the module search path.
 
     >>> look_in(str(Path.cwd()))
     >>> str(Path.cwd()) in sys.path
@@ -126,24 +122,24 @@ def look_in(folder: str) -> None:
 def build(
     name: str, found: Any, settings: Mapping[str, Any], offered: Mapping[str, Any], is_called: bool = True
 ) -> Any:
-    """Call a class or function with settings, and with what is offered for its other parameters.
+    """Call a class or function with settings and offered values; return any other object unchanged.
 
     Args:
-        name: what messages call it.
-        found: a class, a function, or a finished object.
-        settings: keyword arguments that were asked for.
-        offered: values for parameters of these names which ``settings`` do not give; the rest is left out.
-        is_called: whether it was asked for with brackets.
+        name: for messages.
+        found: a class, a function, or another object.
+        settings: keyword arguments.
+        offered: values for parameters that ``settings`` do not give; values without a parameter are ignored.
+        is_called: whether the reference had brackets.
 
     Raises:
-        BadReference: a setting is unknown or missing, or settings are given for a finished object.
+        BadReference: a setting is unknown or missing, or there are brackets after an object that is not called.
 
     >>> build("power", pow, {"exp": 3}, {"base": 2, "colour": "red"})
     8
     """
     if not inspect.isclass(found) and not inspect.isroutine(found):
         if is_called:
-            raise BadReference(f"{name} is a finished {type(found).__name__}, and takes no settings; write {name}")
+            raise BadReference(f"{name} is a {type(found).__name__} and takes no settings; write {name}")
         return found
     parameters = inspect.signature(found).parameters
     takes_all = any(p.kind is inspect.Parameter.VAR_KEYWORD for p in parameters.values())
@@ -160,25 +156,25 @@ def build(
 
 
 def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple[Any, Reference]:
-    """What a name leads to: an entry of a registry, an attribute of a module, or what an installed package offers.
+    """Find the object of a reference: a registry entry, an attribute of a module, or an entry point.
 
     Args:
-        what: is looked for, in a word or two, for messages.
-        text: the name, with settings where wanted.
-        registry: the known ones.
-        group: of entry points, whose names come after those of the registry.
+        what: kind of object, for messages.
+        text: the reference.
+        registry: objects by name.
+        group: entry-point group that is searched after the registry.
 
     Returns:
-        What was found, and the name taken apart; nothing is called yet.
+        The object, which is not called yet, and the parsed reference.
 
     Raises:
-        UnknownName: there is none of that name; the message suggests the nearest.
-        BadReference: the text cannot be read, or its module cannot be imported.
+        UnknownName: there is no such name; the message suggests the nearest.
+        BadReference: the text is malformed, or its module cannot be imported.
 
     >>> find("fruit", "apple(ripe=True)", {"apple": 3}, "no.such.group")
     (3, Reference(name='apple', settings={'ripe': True}, is_called=True))
     """
-    if text in registry:  # a name there need not be a word
+    if text in registry:  # registry names may hold any characters
         return registry[text], Reference(text)
     reference = Reference.parse(text)
     if reference.is_users:
@@ -192,7 +188,7 @@ def find(what: str, text: str, registry: Mapping[str, Any], group: str) -> tuple
 
 
 def entry_point_names(group: str) -> dict[str, str]:
-    """What installed packages offer under an entry-point group: ``module:attribute`` by name.
+    """Entry points of a group in installed packages: ``module:attribute`` by name.
 
     >>> entry_point_names("console_scripts")["activetouch"]
     'experiments.cli:main'

@@ -21,23 +21,21 @@ from belief.scene_view import UNKNOWN, ReadableScene, SceneView
 
 
 class SceneBelief(ReadableScene):
-    """The joint belief about all objects of a search: exact, whatever was touched in whatever order.
+    """The exact joint belief about all objects of a search, for touches in any order.
 
-    It keeps an ``(N, K)`` table of log-likelihoods. For ``independent`` objects each row gives a posterior by itself;
-    where the objects came from a bag of known content, the marginals come from :mod:`belief.arrangement`. Rejecting an
-    object is a decision, not evidence: it changes nothing here. A revealed shape is evidence: see
-    :meth:`known` and :meth:`remove`. Object indices never change their meaning, whatever is removed.
+    It stores an ``(N, K)`` table of log-likelihoods. For ``independent`` objects each row gives its own posterior; for
+    objects from a bag the marginals come from :mod:`belief.arrangement`. Rejecting an object is not evidence and
+    changes no belief. A revealed shape is evidence: see :meth:`known` and :meth:`remove`. Object indices never change.
 
     Args:
         problem: the search.
         model: likelihood of touches.
         prior: belief about one object of an ``independent`` scene; uniform by default.
-        target: label or index of the shape sought, if any; only to warn where it has no chance.
+        target: label or index of the target shape; used only for the warning :class:`ZeroPriorTarget`.
 
     Raises:
-        ValueError: problem, model and prior are about different shapes; a prior where the composition fixes one; more
-            multisets of shapes than can be summed over (more than 20 distinct shapes and objects); a target that is no
-            shape.
+        ValueError: problem, model and prior have different shapes; a prior where the composition fixes one; more
+            multisets of shapes than :data:`belief.arrangement.MAX_STATES`; an unknown target.
 
     >>> from belief import Counts
     >>> from belief.synthetic import random_model
@@ -46,7 +44,7 @@ class SceneBelief(ReadableScene):
     >>> scene = SceneBelief(SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 3, bag), model)
     >>> print(scene.update(0, model.sample(0, poses=[0, 1, 2, 2], rng=rng)))
     Belief(shape_0 0.906, shape_1 0.094, shape_2 0.000)
-    >>> print(scene.belief(2))                                # the other objects have the other shape
+    >>> print(scene.belief(2))                                # the bag holds one shape_0
     Belief(shape_0 0.047, shape_1 0.953, shape_2 0.000)
     >>> scene.state.num_states
     5
@@ -74,7 +72,7 @@ class SceneBelief(ReadableScene):
         if prior is not None and prior.labels != self.labels:
             raise ValueError(f"the problem is about {self.labels}, the prior about {prior.labels}")
         if self._counts is not None:
-            num_states(self._counts, problem.num_objects)  # better refused now than in the middle of a search
+            num_states(self._counts, problem.num_objects)  # raises now, not in the middle of a search
         self._prior = prior if prior is not None else Belief.uniform(self.labels)
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
@@ -91,18 +89,18 @@ class SceneBelief(ReadableScene):
             )
 
     def view(self) -> SceneView:
-        """The belief as it is now, for reading only; later touches do not show in it."""
+        """A read-only view of the current belief, which later touches do not change."""
         now = copy.copy(self)
         now._touches, now._evidence = self._touches.copy(), self._evidence.copy()  # these are changed in place
         now._on_table = self._on_table.copy()
         return SceneView(now)
 
     def update(self, object_index: int, touches: Sequence[Touch]) -> Belief:
-        """Take in new touches of one object and return its posterior.
+        """Update the belief with new touches of one object and return its posterior.
 
         Raises:
-            ValueError: the object is none of the N, or no longer on the table.
-            ImpossibleObservation: no arrangement of shapes explains the touches; the scene's belief is unchanged.
+            ValueError: an object index out of range, or the object was removed.
+            ImpossibleObservation: every arrangement has likelihood zero; the belief is unchanged.
         """
         if not self._on_table[self._object(object_index)]:
             raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
@@ -124,15 +122,12 @@ class SceneBelief(ReadableScene):
         return self.belief(object_index)
 
     def known(self, object_index: int, shape: Name) -> None:
-        """Take in that an object certainly has a shape, because somebody looked.
-
-        The others' beliefs are conditioned on it, so a bag then holds one object of the shape less for them. The object
-        stays on the table.
+        """Condition the belief on the revealed shape of an object, which stays on the table.
 
         Raises:
-            ValueError: the object is none of the N, or the shape none of the K.
+            ValueError: an object or a shape out of range.
             ImpossibleObservation: the object is known to have another shape, or the touches, the prior or the bag rule
-                this one out. The scene's belief is unchanged then.
+                this one out; the belief is unchanged.
         """
         before = self._known[self._object(object_index)]
         shape = self._shape(shape)
@@ -151,10 +146,9 @@ class SceneBelief(ReadableScene):
         self._known = known
 
     def remove(self, object_index: int, shape: Name | None = None) -> None:
-        """Take an object off the table, with its shape if that is known now, as of one that was found.
+        """Take an object off the table, and condition on its shape if that is given.
 
-        It can no longer be touched and no longer counts as present, but what was learned about it still tells about the
-        others. Their indices stay as they are.
+        It can no longer be touched and no longer counts as present. Its touches remain evidence about the others.
 
         Raises:
             ValueError, ImpossibleObservation: as :meth:`known`; the object then stays on the table.
@@ -165,15 +159,15 @@ class SceneBelief(ReadableScene):
 
     def _compute(self, log_likelihoods: Floats, known: np.ndarray) -> Floats:
         """Log marginals of every object, ``(N, K)``."""
-        unknown, told = known == UNKNOWN, np.flatnonzero(known != UNKNOWN)
-        contradicted = np.isneginf(log_likelihoods[told, known[told]])
+        unknown, revealed = known == UNKNOWN, np.flatnonzero(known != UNKNOWN)
+        contradicted = np.isneginf(log_likelihoods[revealed, known[revealed]])
         if contradicted.any():
-            index = int(told[np.argmax(contradicted)])
+            index = int(revealed[np.argmax(contradicted)])
             raise ImpossibleObservation(f"the touches of object {index} rule out {self.labels[known[index]]}")
         log_marginals = np.full(log_likelihoods.shape, -np.inf)
-        log_marginals[told, known[told]] = 0.0
+        log_marginals[revealed, known[revealed]] = 0.0
         if self._counts is None:
-            if np.isneginf(self._prior.log_probs[known[told]]).any():
+            if np.isneginf(self._prior.log_probs[known[revealed]]).any():
                 raise ImpossibleObservation(f"the prior rules it out: {self._prior}")
             if unknown.any():
                 log_marginals[unknown] = update(self._prior.log_probs, log_likelihoods[unknown])[0]

@@ -14,7 +14,7 @@ from belief.naming import Name, index_of
 from belief.problem import Floats
 
 UNKNOWN = -1
-"""Marks an object of unknown shape."""
+"""Marks an object of unknown shape in ``_known``."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class ExactState:
 
     Attributes:
         name: of the representation.
-        num_states: numbers in it.
-        reason: why it is enough, in a sentence.
+        num_states: how many numbers it holds.
+        reason: why it is sufficient, in a sentence.
     """
 
     name: str
@@ -33,7 +33,7 @@ class ExactState:
 
 
 class ReadableScene:
-    """The joint belief about all N objects of a search, without methods that change it.
+    """Methods of :class:`~belief.scene_belief.SceneBelief` that read the joint belief about all N objects.
 
     >>> from belief import SceneBelief
     >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
@@ -53,19 +53,19 @@ class ReadableScene:
 
     @property
     def num_objects(self) -> int:
-        """N, those that are known or removed included."""
+        """N, including known and removed objects."""
         return len(self._touches)
 
     def touches(self, object_index: int) -> TouchHistory:
-        """All touches of one object that count, oldest first; it stays as it is when more are made."""
+        """All touches of one object, oldest first; immutable."""
         return self._touches[self._object(object_index)]
 
     def marginals(self) -> Floats:
-        """Posterior over shapes of every object, ``(N, K)``, those that are known or removed included."""
+        """Posterior over shapes of every object, ``(N, K)``, including known and removed objects."""
         return np.exp(self._log_marginals)
 
     def log_marginals(self) -> Floats:
-        """Logarithms of :meth:`marginals`, ``(N, K)``, right where those are too small for a float; a copy."""
+        """Logarithms of :meth:`marginals`, ``(N, K)``, exact also where a probability underflows; a copy."""
         return self._log_marginals.copy()
 
     def log_likelihoods(self) -> Floats:
@@ -80,7 +80,7 @@ class ReadableScene:
         """Probability that an object still on the table has the target shape, given touches and revealed shapes.
 
         Raises:
-            ValueError: the target is none of the K shapes.
+            ValueError: the target is not one of the K shapes.
         """
         target = self._shape(target)
         if (self._known[self._on_table] == target).any():
@@ -97,13 +97,13 @@ class ReadableScene:
 
     @property
     def state(self) -> ExactState:
-        """The smallest exact state of this scene as it is now: it grows with touches, and what is known drops out."""
+        """The smallest exact state of this scene at present; touched objects enlarge it, known objects do not count."""
         unknown = self._known == UNKNOWN
         if self._counts is None:
             return ExactState(
                 "one distribution per object",
                 int(unknown.sum()) * len(self.labels),
-                "shapes are independent, so an object's own touches are all that tells about it",
+                "shapes are independent, so only an object's own touches are evidence about its shape",
             )
         bag = self._bag(self._known)
         blank = blank_objects(self._log_likelihoods[unknown], bag)
@@ -112,14 +112,14 @@ class ReadableScene:
         return ExactState(
             "sets of used shapes" if distinct else "multisets of used shapes",
             num_states(bag, num_rows),
-            f"objects are coupled only by what others use up of the bag, so sums over arrangements remember which "
-            f"{'shapes' if distinct else 'shapes, how often,'} are used and not by whom; {int(blank.sum())} of "
-            f"{int(unknown.sum())} unknown objects told nothing yet, are alike and count as one",
+            f"sums over arrangements need only {'which shapes' if distinct else 'how many objects of each shape'} the "
+            f"others use up; {int(blank.sum())} of {int(unknown.sum())} unknown objects have no informative touch and "
+            "count as one",
         )
 
     def _bag(self, known: np.ndarray) -> tuple[int, ...]:
-        """What the bag has for the objects of unknown shape, ``(K,)``."""
-        assert self._counts is not None, "independent objects come from no bag"
+        """Counts of the bag for the objects of unknown shape, ``(K,)``."""
+        assert self._counts is not None, "independent objects have no bag"
         used = np.bincount(known[known != UNKNOWN], minlength=len(self.labels))
         return tuple(int(count) for count in np.array(self._counts) - used)
 
@@ -133,10 +133,9 @@ class ReadableScene:
 
 
 class SceneView:
-    """The joint belief about all objects as it was when the view was made, for reading only.
+    """A read-only copy of the joint belief; :meth:`belief.scene_belief.SceneBelief.view` makes one.
 
-    Later touches do not show in it. It has no method that changes a belief, takes no attribute, and returns copies or
-    what cannot be written to. :meth:`belief.scene_belief.SceneBelief.view` makes one.
+    Later touches do not change it. It returns copies or read-only values, and its attributes cannot be set.
 
     >>> from belief import SceneBelief, SearchProblem
     >>> from belief.synthetic import random_model
@@ -161,7 +160,7 @@ class SceneView:
 
     @property
     def num_objects(self) -> int:
-        """N, those that are known or removed included."""
+        """N, including known and removed objects."""
         return self.__scene.num_objects
 
     @property
@@ -194,11 +193,11 @@ class SceneView:
         return self.__scene.prob_present(target)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
-        raise AttributeError(f"a view of a scene is for reading only: {name} cannot be set")
+        raise AttributeError(f"a view of a scene is read-only: {name} cannot be set")
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(
-            f"a view of a scene has no {name!r}; it is for reading only: "
+            f"a view of a scene has no {name!r}; it is read-only and has "
             f"{', '.join(name for name in dir(type(self)) if not name.startswith('_'))}"
         )
 

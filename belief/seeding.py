@@ -1,11 +1,10 @@
-"""Keyed chance: what an episode draws depends on its seed and on what is drawn, not on what was drawn before.
+"""Random generators keyed by seed and purpose, independent of the order in which they are used (decision 0007).
 
-Two deciders that touch the same object of the same episode in the same pose, equally often, therefore feel the same
-thing, be it in a search, in an environment or from a recording (decision 0007).
+Two deciders that touch the same object of an episode in the same pose for the n-th time get the same touch.
 
-Different keys have different streams. numpy alone does not do that: it writes a key as 32-bit words one after another,
-so that 2^32 is the pair (0, 1), and it fills short keys up with zeros, so that (7, 0) is (7,). :func:`keyed_words`
-marks what would be ambiguous, and leaves all other keys as they are.
+Different keys have different streams. numpy's ``default_rng`` does not ensure that: it concatenates numbers as 32-bit
+words, so 2^32 equals the pair (0, 1), and it pads short keys with zeros, so (7, 0) equals (7,). :func:`keyed_words`
+marks the ambiguous keys and leaves all others unchanged.
 """
 
 from __future__ import annotations
@@ -18,22 +17,22 @@ import numpy as np
 from belief.errors import InvalidArgument
 
 _MARK = 2**32 - 1  # the largest word: before a number that does not fit below it, or at the end of a short key
-_POOL = 4  # words that numpy fills shorter keys up to
+_POOL = 4  # words to which numpy pads shorter keys
 _TOUCHING, _ARRANGING, _DECIDING = 1, 2, 3  # streams of an episode
 
 
 def keyed_rng(key: Sequence[int], *, is_fixed_length: bool = False) -> np.random.Generator:
-    """The source of chance of a key: different keys, different streams.
+    """The generator of a key; different keys have different streams.
 
     Args:
-        key: whole numbers from 0, as large as you like.
-        is_fixed_length: whether all keys of this kind have as many numbers. A zero at the end of a short key is then
-            not marked; the key is not told apart from keys of another length.
+        key: integers ≥ 0 of any size.
+        is_fixed_length: whether all keys of this kind have the same length; a final zero of a short key is then not
+            marked.
 
     Raises:
-        InvalidArgument: a number that is negative or not whole.
+        InvalidArgument: a number that is negative or not an integer.
 
-    >>> keyed_rng([7, 1]).random() == np.random.default_rng([7, 1]).random()        # ordinary keys are numpy's
+    >>> keyed_rng([7, 1]).random() == np.random.default_rng([7, 1]).random()        # as in numpy
     True
     >>> len({float(keyed_rng(key).random()) for key in ([2**32], [0, 1], [7], [7, 0], [7, 0, 0])})
     5
@@ -42,7 +41,7 @@ def keyed_rng(key: Sequence[int], *, is_fixed_length: bool = False) -> np.random
 
 
 def keyed_words(key: Sequence[int], *, is_fixed_length: bool = False) -> list[int]:
-    """What numpy is given for a key: words below 2^32; arguments and errors as of :func:`keyed_rng`.
+    """The words below 2^32 that seed numpy for a key; arguments and errors as for :func:`keyed_rng`.
 
     >>> keyed_words([3, 2**32, 5])
     [3, 4294967295, 2, 0, 1, 5]
@@ -62,28 +61,28 @@ def keyed_words(key: Sequence[int], *, is_fixed_length: bool = False) -> list[in
 
 
 def checked_key(key: Sequence[int]) -> tuple[int, ...]:
-    """The key as plain numbers.
+    """The key as a tuple of Python integers.
 
     Raises:
-        InvalidArgument: a number that is negative or not whole.
+        InvalidArgument: a number that is negative or not an integer.
 
     >>> checked_key([3, -1])
     Traceback (most recent call last):
     ...
-    belief.errors.InvalidArgument: seeds and keys are whole numbers from 0, got -1 in [3, -1]
+    belief.errors.InvalidArgument: seeds and keys must be integers ≥ 0, got -1 in [3, -1]
     """
     try:
         numbers = tuple(operator.index(number) for number in key)
     except TypeError as error:
-        raise InvalidArgument(f"seeds and keys are whole numbers from 0, got {key!r}") from error
+        raise InvalidArgument(f"seeds and keys must be integers ≥ 0, got {key!r}") from error
     for number in numbers:
         if number < 0:
-            raise InvalidArgument(f"seeds and keys are whole numbers from 0, got {number} in {list(numbers)}")
+            raise InvalidArgument(f"seeds and keys must be integers ≥ 0, got {number} in {list(numbers)}")
     return numbers
 
 
 def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) -> np.random.Generator:
-    """Source of chance of one touch: of an object in a pose, for the ``repeat``-th time (from 0).
+    """Generator of one touch of an object in a pose, for the ``repeat``-th time (from 0).
 
     >>> touch_rng((7,), 0, 2, 0).random() == touch_rng((7,), 0, 2, 0).random()
     True
@@ -92,7 +91,7 @@ def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) ->
 
 
 def arrangement_rng(seed: Sequence[int]) -> np.random.Generator:
-    """Source of chance of an episode's objects: which shapes lie where, their sizes and orientations.
+    """Generator of an episode's objects: their shapes, sizes and orientations.
 
     >>> int(arrangement_rng((7, 0)).integers(100)) != int(arrangement_rng((7, 1)).integers(100))
     True
@@ -101,7 +100,7 @@ def arrangement_rng(seed: Sequence[int]) -> np.random.Generator:
 
 
 def deciding_rng(seed: Sequence[int]) -> np.random.Generator:
-    """Source of chance of an episode's decider.
+    """Generator of an episode's decider.
 
     >>> deciding_rng((7,)).random() != arrangement_rng((7,)).random()
     True
@@ -110,7 +109,7 @@ def deciding_rng(seed: Sequence[int]) -> np.random.Generator:
 
 
 def _of_episode(seed: Sequence[int], *stream: int) -> np.random.Generator:
-    """A stream of an episode: for seeds of one to three numbers the lengths of keys tell streams and seeds apart."""
+    """A stream of an episode; for seeds of one to three numbers the length of the key separates streams and seeds."""
     numbers = checked_key(seed)
     if not numbers:
         raise InvalidArgument("the seed of an episode needs at least one number")

@@ -15,7 +15,7 @@ from belief.problem import SearchProblem, Touch
 
 
 def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tuple[int, ...]:
-    """True shapes of a table of objects, drawn as the problem's composition says.
+    """True shapes of all objects, drawn from the problem's composition.
 
     >>> from belief import Counts
     >>> bag = Counts({"cube": 2, "cone": 1})
@@ -34,10 +34,10 @@ def sample_arrangement(problem: SearchProblem, rng: np.random.Generator) -> tupl
 def random_model(
     rng: np.random.Generator, num_shapes: int = 4, num_poses: int = 3, sharpness: float = 2.0
 ) -> ConfusionModel:
-    """A per-pose confusion model with random, strictly positive entries; larger ``sharpness``, better sensor.
+    """A per-pose confusion model with random positive entries; a larger ``sharpness`` gives a better sensor.
 
     Raises:
-        ValueError: a sharpness that is not finite.
+        ValueError: ``sharpness`` is not finite.
 
     >>> for sharpness in (0.0, 4.0):
     ...     table = random_model(np.random.default_rng(0), sharpness=sharpness).outcome_table()
@@ -53,10 +53,10 @@ def random_model(
 
 
 class SyntheticWorld:
-    """Objects whose touches are drawn from an observation model, so that its beliefs are exactly right.
+    """Objects whose touches are drawn from an observation model, for which that model is exact.
 
     Args:
-        model: what touches are drawn from.
+        model: source of the touches.
         arrangement: true shape of every object, by label or index, in order of visit.
 
     >>> world = SyntheticWorld(random_model(np.random.default_rng(0), sharpness=9.0), arrangement=[2, 0])
@@ -77,11 +77,11 @@ class SyntheticWorld:
         return self._model.sample(self.arrangement[self._current], [pose], rng)[0]
 
     def advance(self) -> None:
-        """Bring the next object; raises InvalidArgument after the last."""
+        """Go to the next object; raises InvalidArgument after the last."""
         if self._current + 1 >= len(self.arrangement):
-            raise InvalidArgument(f"no object follows the last of {len(self.arrangement)}")
+            raise InvalidArgument(f"there is no object after the last of {len(self.arrangement)}")
         self._current += 1
 
     def reset(self) -> None:
-        """Bring the first object."""
+        """Go to the first object."""
         self._current = 0

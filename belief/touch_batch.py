@@ -16,12 +16,12 @@ from belief.validation import as_real
 
 @dataclass(frozen=True, eq=False)
 class TouchBatch(FrozenArrays):
-    """S sequences of n touches each; the touches of one sequence are of one object. All arrays are read-only.
+    """S sequences of n touches each, each sequence of one object; all arrays are read-only.
 
     Attributes:
         poses: ``(S, n)``.
-        logits: ``(S, n, K)``, finite; any float type is taken, and kept as float64.
-        features: ``(S, n, F)``, finite, or None where they were not kept.
+        logits: ``(S, n, K)``, finite; converted to float64.
+        features: ``(S, n, F)``, finite, or None.
 
     Raises:
         ValueError: the arrays do not fit each other, or hold NaN, infinities or a negative pose; the message names the
@@ -61,11 +61,11 @@ class TouchBatch(FrozenArrays):
 
     @classmethod
     def of(cls, sequences: Sequence[Sequence[Touch]]) -> TouchBatch:
-        """The batch of sequences of equal length, at least one touch in all; features only where all touches have them.
+        """The batch of sequences of equal length; without features unless all touches have them.
 
         Raises:
-            ValueError: no touch, lengths or logits that differ in shape, or values that are not finite; the message
-                names the touch.
+            ValueError: no touch, different lengths, logits of different shapes, or values that are not finite; the
+                message names the touch.
         """
         lengths = {len(sequence) for sequence in sequences}
         if len(lengths) != 1 or lengths == {0}:
@@ -88,7 +88,7 @@ class TouchBatch(FrozenArrays):
 
     @property
     def num_touches(self) -> int:
-        """Touches in each sequence, n."""
+        """n, the number of touches in each sequence."""
         return self.poses.shape[1]
 
     @property
@@ -102,17 +102,17 @@ class TouchBatch(FrozenArrays):
         return [Touch(int(p), z, f) for p, z, f in zip(self.poses[row], self.logits[row], features, strict=True)]
 
     def touches(self, columns: NDArray[np.integer] | slice) -> TouchBatch:
-        """Some touches of every sequence."""
+        """The batch of selected touches of every sequence."""
         features = None if self.features is None else self.features[:, columns]
         return TouchBatch(self.poses[:, columns], self.logits[:, columns], features)
 
     def sequences(self, rows: NDArray[np.integer] | slice) -> TouchBatch:
-        """Some sequences, whole."""
+        """The batch of selected sequences."""
         features = None if self.features is None else self.features[rows]
         return TouchBatch(self.poses[rows], self.logits[rows], features)
 
     def first(self, num_touches: int) -> TouchBatch:
-        """The first so many touches of every sequence."""
+        """The batch of the first touches of every sequence."""
         return self.touches(slice(0, num_touches))
 
 
@@ -123,13 +123,13 @@ def _stacked(name: str, rows: Sequence[Any], shape: tuple[int, int]) -> NDArray[
         if values.ndim == 2:
             return values.reshape(*shape, -1)
     except ValueError:
-        pass  # some row is at fault; which one?
+        pass  # find the row that is at fault
     expected = np.shape(rows[0])
     for index, row in enumerate(rows):
         values = np.asarray(row)
         if values.ndim != 1 or values.shape != expected or values.dtype.kind not in "fiub":
             raise ValueError(
-                f"{_at(index, shape)} needs a row of {name}, real numbers, as many as the first touch has, got {row!r}"
+                f"{_at(index, shape)} needs a row of {name}, real numbers, as many as in the first touch, got {row!r}"
             )
     raise ValueError(f"{name} must be rows of real numbers, got {rows!r:.200}")
 

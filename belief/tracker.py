@@ -12,7 +12,7 @@ from belief.problem import Touch
 
 
 class BeliefTracker:
-    """Bayes' filter for the shape of one object.
+    """Bayes filter for the shape of one object.
 
     Args:
         prior: belief before the first touch.
@@ -20,10 +20,10 @@ class BeliefTracker:
 
     Attributes:
         belief: the current posterior.
-        log_evidence: log probability of these touches under the prior and the model, in nats.
+        log_evidence: log probability of all touches under the prior and the model [nats].
 
     Raises:
-        ValueError: the prior and the model are about different shapes.
+        ValueError: the prior and the model have different shapes.
 
     >>> import numpy as np
     >>> from belief.synthetic import random_model
@@ -47,15 +47,14 @@ class BeliefTracker:
 
     @property
     def touches(self) -> TouchHistory:
-        """All touches that count, oldest first; it stays as it is when more are made."""
+        """All touches, oldest first; immutable."""
         return self._touches
 
     def update(self, touch: Touch) -> Belief:
-        """Take in a touch and return the posterior.
+        """Update the belief with a touch and return the posterior.
 
         Raises:
-            ImpossibleObservation: the touch has likelihood zero for every shape that is still possible; the tracker is
-                unchanged.
+            ImpossibleObservation: the touch has likelihood zero for every possible shape; the tracker is unchanged.
         """
         evidence = self._evidence.update(touch)
         try:

@@ -1,4 +1,4 @@
-"""Validation of probabilities and likelihoods; an error names the argument, the row and the cause."""
+"""Validation of arguments; an error names the argument, the row and the cause."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from belief.errors import InvalidArgument
 
 Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
-"""How far the sum of probabilities may be from one: those of a dozen shapes in float16 err by half of that."""
-_ROUNDING = 1e-12  # sums that are as near to one as this are left alone
+"""Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
+_ROUNDING = 1e-12  # sums this near to one are not normalised again
 
 
 def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
-    """An array of floating-point numbers, of the type it came in where that is a float of at most 64 bits.
+    """An array of floats; a float type of at most 64 bits is kept, all others become float64.
 
     Raises:
         ValueError: text, booleans, objects, complex numbers, masked entries, or lists of different lengths.
@@ -31,12 +31,12 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
         raise InvalidArgument(f"{name} must hold real numbers, got an array of {array.dtype}")
     if array.dtype.kind == "f" and array.itemsize <= 8:
         return array
-    with np.errstate(over="ignore"):  # what no double can hold becomes infinite, and is judged as that
+    with np.errstate(over="ignore"):  # a number beyond float64 becomes infinite
         return array.astype(np.float64)
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
-    """An array of anything, of which nothing is masked: what is behind a mask is no data.
+    """An array of any type without masked entries.
 
     Raises:
         InvalidArgument: a masked entry.
@@ -111,14 +111,14 @@ def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
 def require(
     valid: NDArray[np.bool_], values: NDArray[np.floating], name: str, cause: str, row: tuple[int, ...] = ()
 ) -> None:
-    """Raise unless all is valid, and name the first bad row.
+    """Raise an error that names the first invalid row, if there is one.
 
     Args:
-        valid: about every number, ``(..., K)``, or about every row, ``(..., 1)``.
+        valid: mask of the valid numbers, ``(..., K)``, or rows, ``(..., 1)``.
         values: the numbers, ``(..., K)``.
         name: of the argument.
-        cause: what is wrong with a bad row.
-        row: index of ``values`` within the whole argument, if it is only one row of it.
+        cause: what is wrong with an invalid row.
+        row: index of ``values`` within the argument, if it is one row of it.
 
     Raises:
         ValueError: something is not valid.
@@ -134,7 +134,7 @@ def require(
 
 
 def at(row: tuple[int, ...]) -> str:
-    """Where something happened: " in row 3", " in row (3, 1)", or nothing if there is only one row.
+    """Words for an index: " in row 3", " in row (3, 1)", or an empty string for the index ().
 
     >>> at((3,))
     ' in row 3'
@@ -143,9 +143,9 @@ def at(row: tuple[int, ...]) -> str:
 
 
 def renormalised(probs: Floats) -> Floats:
-    """Checked probabilities ``(..., K)`` divided by their sums, unless all sums are one but for rounding.
+    """Checked probabilities ``(..., K)`` divided by their sums, unless all sums are one up to rounding.
 
-    What is written to a file and read again so keeps its last bit.
+    Probabilities that are read from a file therefore keep their last bit.
 
     >>> renormalised(np.array([0.25, 0.7505])).round(4).tolist(), renormalised(np.array([0.1, 0.9])).tolist()
     ([0.2499, 0.7501], [0.1, 0.9])
@@ -155,15 +155,15 @@ def renormalised(probs: Floats) -> Floats:
 
 
 def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tuple[int, ...] = ()) -> Floats:
-    """Log probabilities whose rows sum to one exactly, from rows that nearly do.
+    """Log probabilities, normalised from rows whose probabilities sum to one within :data:`SUM_TOLERANCE`.
 
     Args:
         log_probs: ``(..., K)``.
         name: of the argument, for the error.
-        row: index of these within the whole argument, for the error.
+        row: index of these within the argument, for the error.
 
     Raises:
-        ValueError: NaN, a positive logarithm, or a row that does not sum to one within float16's rounding.
+        ValueError: NaN, a positive logarithm, or a row with another sum.
 
     >>> normalise_log_probs(np.log(np.float16([0.1, 0.9]))).round(3).tolist()
     [-2.303, -0.105]
@@ -177,11 +177,11 @@ def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tupl
 
 
 def normalise_probs(probs: ArrayLike, name: str = "probs", axis: int = -1, row: tuple[int, ...] = ()) -> Floats:
-    """Probabilities that sum to one exactly along an axis, from ones that nearly do.
+    """Probabilities, normalised along an axis where they sum to one within :data:`SUM_TOLERANCE`.
 
     Raises:
-        ValueError: no axis, an empty array, NaN, a negative number, or a row that does not sum to one within float16's
-            rounding; rows are counted with the axis moved to the end.
+        ValueError: no axis, an empty array, NaN, a negative number, or a row with another sum; rows are counted with
+            the axis moved to the end.
 
     >>> normalise_probs(np.float16([0.1, 0.9])).round(4).tolist()
     [0.1, 0.9]

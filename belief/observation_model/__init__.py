@@ -1,8 +1,8 @@
-"""From touches to likelihoods: p(touch | shape, pose), estimated on touches of objects the classifier never saw.
+"""Observation models: p(touches | shape, poses), fitted to touches of objects outside the classifier's training set.
 
-A classifier's softmax is a *posterior* under its training set, and over-confident; multiplying such outputs counts the
-prior once per touch. An observation model turns touches into a likelihood instead. The likelihood takes all touches of
-one object at once, so that a model may discount touches that repeat each other.
+A classifier's softmax is an over-confident *posterior* under its training set; a product of such outputs counts the
+prior once per touch (decision 0002). An observation model gives a likelihood instead. It takes all touches of one
+object at once, so that it can discount repeated touches.
 
 To add a model, derive from :class:`ArrayModel`, and enter it in
 :data:`belief.observation_model.registry.OBSERVATION_MODELS`.

@@ -1,4 +1,4 @@
-"""Calibration touches: what observation models are fitted to."""
+"""Calibration touches, to which observation models are fitted."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from belief.validation import checked_indices, unmasked
 
 @dataclass(frozen=True, eq=False)
 class LabelledTouches(FrozenArrays):
-    """Touches of known objects, n of them.
+    """n touches of known objects.
 
     Attributes:
         batch: all touches as one sequence.
         shapes: true shape of each, ``(n,)``.
-        objects: which object each is of, ``(n,)``, from 0 without gaps.
+        objects: object of each, ``(n,)``, in [0, N).
         shape_of_object: ``(N,)``.
         shape_labels: names of the K shapes.
         num_poses: P.
@@ -52,18 +52,18 @@ class LabelledTouches(FrozenArrays):
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
     ) -> LabelledTouches:
-        """From touches and what is known about them.
+        """The data of touches with labels.
 
         Args:
             touches: at least one.
             shapes: true shape index of each, ``(n,)``.
-            object_ids: which object was touched, ``(n,)``, any labels; by default every touch is of another one.
-            shape_labels: names; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose seen.
+            object_ids: object of each, ``(n,)``, any labels; by default every touch is of another object.
+            shape_labels: names of the shapes; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose in the data.
 
         Raises:
             ValueError: no touches, fewer than two shapes, shapes or poses out of range, lengths that do not fit, names
-                that do not fit or are the same, or an object of two shapes.
+                that do not fit or are equal, or an object with two shapes.
         """
         truth = unmasked(shapes, "shapes")
         ids = np.arange(len(touches)) if object_ids is None else unmasked(object_ids, "object_ids")
@@ -75,7 +75,7 @@ class LabelledTouches(FrozenArrays):
         batch = TouchBatch.of([touches])
         num_shapes = batch.num_shapes
         if num_shapes < 2:
-            raise ValueError("need logits of at least two shapes, or there is nothing to tell apart; got one")
+            raise ValueError("need logits of at least two shapes, got one")
         truth = checked_indices("shapes", truth, num_shapes)
         objects, shape_of_object = numbered_objects(truth, ids)
         labels = tuple(f"shape_{k}" for k in range(num_shapes))

@@ -1,4 +1,4 @@
-"""Check that an observation model keeps the contract that trackers, searches and planners rely on."""
+"""Check of the contract of observation models."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from belief.observation_model.model import ObservationModel
 
 
 def check_observation_model(model: ObservationModel, rng: np.random.Generator, num_objects: int = 20) -> None:
-    """Try an observation model of one's own on touches that it samples itself.
+    """Check that an observation model keeps the contract of :class:`ObservationModel`, on touches that it samples.
 
-    Checked are the names and shapes of what it returns, that no touches tell nothing, that likelihoods are never NaN
-    or +inf, that the same touches give the same likelihood, and that its outcome table is a table of probabilities.
+    The checks are: labels and array shapes; zeros for no touches; no NaN or +inf; equal likelihoods for equal touches;
+    a valid outcome table.
 
     Args:
-        model: to be checked; nothing about it is changed.
+        model: to be checked; it is not changed.
         rng: draws the touches.
-        num_objects: of every shape, each touched up to four times.
+        num_objects: number of objects of each shape, each touched up to four times.
 
     Raises:
-        BrokenContract: the first promise that is not kept.
+        BrokenContract: the first rule that the model violates.
 
     >>> from belief.synthetic import random_model
     >>> rng = np.random.default_rng(0)
@@ -28,7 +28,7 @@ def check_observation_model(model: ObservationModel, rng: np.random.Generator, n
     """
     labels = tuple(model.shape_labels)
     if not labels or len(set(labels)) < len(labels) or not all(isinstance(label, str) for label in labels):
-        raise BrokenContract(f"shape_labels must be different names, at least one; got {labels}")
+        raise BrokenContract(f"shape_labels must be one or more different names, got {labels}")
     nothing = np.asarray(model.log_likelihood([]))
     if nothing.shape != (len(labels),) or nothing.any():
         raise BrokenContract(f"log_likelihood([]) must be {len(labels)} zeros, got {nothing}")
@@ -49,6 +49,6 @@ def check_observation_model(model: ObservationModel, rng: np.random.Generator, n
             if np.isnan(found).any() or np.isposinf(found).any() or np.isneginf(found).all():
                 raise BrokenContract(f"{where} must be a number or -inf for each shape, and not -inf for all: {found}")
             if np.isneginf(found[shape]):
-                raise BrokenContract(f"{where} is -inf for {label} itself, of which the model drew them")
+                raise BrokenContract(f"{where} is -inf for {label} itself, the shape they were sampled from")
             if not np.array_equal(found, model.log_likelihood(touches)):
-                raise BrokenContract(f"{where} differs when asked again")
+                raise BrokenContract(f"{where} differs between two calls")

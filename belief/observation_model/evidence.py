@@ -1,4 +1,4 @@
-"""The evidence about one object, updated touch by touch at a constant cost for each touch.
+"""Evidence about one object, updated touch by touch.
 
 >>> from belief.synthetic import random_model
 >>> model = random_model(np.random.default_rng(0), num_shapes=2)
@@ -22,11 +22,11 @@ from belief.problem import Floats, Touch
 
 
 class ObjectEvidence(Protocol):
-    """The evidence about one object: a frozen value, each touch makes a new one."""
+    """The evidence about one object: an immutable value; each touch gives a new one."""
 
     @property
     def num_touches(self) -> int:
-        """How many touches it holds."""
+        """Number of touches."""
 
     @property
     def log_likelihood(self) -> Floats:
@@ -37,7 +37,7 @@ class ObjectEvidence(Protocol):
 
 
 class Explains(Protocol):
-    """An observation model that knows no more than the likelihood of touches."""
+    """An observation model that has only the likelihood of touches."""
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
@@ -49,14 +49,14 @@ class Explains(Protocol):
 
 @runtime_checkable
 class Summarises(Protocol):
-    """An observation model that remembers of touches no more than statistics, of one size for any number of them."""
+    """An observation model whose likelihood depends on touches through statistics of fixed size."""
 
     @property
     def shape_labels(self) -> tuple[str, ...]:
         """Names of the K shapes."""
 
     def statistics_with(self, statistics: Any, touch: Touch) -> Any:
-        """The statistics (None before the first touch) with one more touch; new ones.
+        """New statistics: the given ones (None before the first touch) with one more touch.
 
         Raises:
             ValueError: the touch does not fit the model.
@@ -68,12 +68,12 @@ class Summarises(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SummarisedEvidence:
-    """The evidence of a model that is content with statistics; see :meth:`ArrayModel.start`.
+    """Evidence as statistics of fixed size; the cost of a touch is constant.
 
     Attributes:
-        model: whose statistics they are.
-        statistics: of all touches so far; None before the first.
-        num_touches: how many these are.
+        model: computes the statistics.
+        statistics: of all touches; None before the first.
+        num_touches: number of touches.
     """
 
     model: Summarises
@@ -95,10 +95,10 @@ class SummarisedEvidence:
 
 @dataclass(frozen=True, eq=False)
 class RecomputedEvidence:
-    """The evidence of a model that only has ``log_likelihood(touches)``: it is asked about all of them each time.
+    """Evidence as a list of touches; the model computes the likelihood of all of them after each touch.
 
     Attributes:
-        model: any.
+        model: any observation model.
         touches: all of the object, oldest first.
     """
 
@@ -121,7 +121,7 @@ class RecomputedEvidence:
 
 
 def start(model: Explains) -> ObjectEvidence:
-    """No touches yet: what ``model.start()`` gives; :class:`RecomputedEvidence` for a model that cannot start.
+    """Evidence before the first touch: ``model.start()``, or :class:`RecomputedEvidence` for models without ``start``.
 
     >>> from belief.synthetic import random_model
     >>> model = random_model(np.random.default_rng(0), num_shapes=2)

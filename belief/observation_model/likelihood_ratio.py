@@ -1,10 +1,10 @@
-r"""From a calibrated posterior to a likelihood: divide by the training prior, and discount repeats.
+r"""The default observation model: calibrated posterior divided by the training prior, with repeats discounted.
 
-    log p(x | k) = log q(k | x) - log π_k + log p(x)                     (Bayes' rule, read backwards)
+    log p(x | k) = log q(k | x) - log π_k + log p(x)                     (Bayes' rule)
 
-No density over images or logits is needed, and one touch is exactly as trustworthy as the calibration q. Touches of one
-object in *different* poses are taken for independent given the shape; n touches in *one* pose, which show the same face
-again, count as n / (1 + (n - 1) ρ) touches of their mean. ρ is fitted to objects that were touched repeatedly.
+No density over images or logits is needed. Touches of one object in *different* poses are treated as independent given
+the shape. n touches in *one* pose count as n / (1 + (n - 1) ρ) touches with their mean log ratio, where ρ is fitted to
+objects that were touched repeatedly (decision 0021).
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, renormalised, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats"]
-_REFERENCES = 500  # touches kept of each pose
-_POOLING = 100.0  # weight of all poses' table in one pose's, in touches
+_REFERENCES = 500  # touches stored per pose
+_POOLING = 100.0  # weight of the table of all poses in that of each pose, in touches
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +40,18 @@ class RatioModel(ArrayModel):
     Attributes:
         shape_labels: names of the K shapes.
         calibration: from logits to q(shape | touch).
-        training_prior: π, shares of the shapes among the touches that the calibration was fitted on, ``(K,)``.
-        correlation: ρ, between touches of an object in one pose, in [0, 1).
-        references: logits of touches that stand for all, of each pose as many, ``(P, N, K)``; used to sample and to
-            tabulate only.
-        status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
+        training_prior: π, fraction of each shape among the touches of the fit, ``(K,)``.
+        correlation: ρ of touches of an object in one pose, in [0, 1).
+        references: logits of N representative touches per pose, ``(P, N, K)``; used only by sampling and tables.
+        status: ``ok``, or ``no_repeats`` if ρ is assumed because no objects of two shapes were touched twice in a pose.
 
     Raises:
-        ValueError: a prior, correlation, references or status that cannot be; the message says which.
+        ValueError: an invalid prior, correlation, references or status.
 
     Example:
         >>> rng = np.random.default_rng(0)
-        >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3       # three touches of each object
-        >>> logits = 2.0 * np.eye(2)[shapes] + rng.normal(size=(300, 2))[ids]    # that are one and the same
+        >>> shapes, ids = np.arange(900) // 3 % 2, np.arange(900) // 3       # three equal touches of each object
+        >>> logits = 2.0 * np.eye(2)[shapes] + rng.normal(size=(300, 2))[ids]
         >>> model = RatioModel.fit([Touch(0, row) for row in logits], shapes, ids)
         >>> model.status, bool(model.correlation > 0.9)
         ('ok', True)
@@ -98,17 +97,17 @@ class RatioModel(ArrayModel):
         calibration: Calibration | None = None,
         num_folds: int = 5,
     ) -> RatioModel:
-        """Fit the calibration on all touches, and ρ on posteriors of objects that their calibration did not see.
+        """Fit the calibration to all touches, and ρ to cross-fitted posteriors.
 
         Args:
-            touches: calibration touches, of objects the classifier was not trained on; touch some of them several
-                times in one pose, or ρ can only be assumed (see ``status``).
+            touches: calibration touches of objects outside the classifier's training set, some of them touched several
+                times in one pose (see ``status``).
             shapes: true shape index of each, ``(n,)``.
-            object_ids: which object was touched, ``(n,)``; every touch of another one by default.
-            shape_labels: names; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose seen.
-            calibration: which kind; structured matrix scaling by default.
-            num_folds: in which ρ is cross-fitted.
+            object_ids: object of each touch, ``(n,)``; by default every touch is of another object.
+            shape_labels: names of the shapes.
+            num_poses: P.
+            calibration: unfitted; structured matrix scaling by default.
+            num_folds: folds of whole objects in which ρ is cross-fitted.
 
         Raises:
             ValueError: see :meth:`LabelledTouches.of`.
@@ -148,7 +147,7 @@ class RatioModel(ArrayModel):
         return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
 
     def statistics_with(self, statistics: _Means | None, touch: Touch) -> _Means:
-        """The mean log ratio of every pose that was touched in, in the order of their first touches."""
+        """The mean log ratio in each pose, in the order of their first touches."""
         batch = self.alone(touch)
         log_ratio, pose = self._log_ratio(batch)[0], int(batch.poses[0, 0])
         if statistics is None:
@@ -162,7 +161,7 @@ class RatioModel(ArrayModel):
         return _Means(poses, counts, means)
 
     def log_likelihood_of(self, statistics: _Means) -> Floats:
-        """The sum over poses of their means, each as often as its touches count."""
+        """The sum over poses of the mean log ratio times the effective number of touches."""
         counts, means = statistics.counts, statistics.means
         return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
@@ -179,10 +178,9 @@ class RatioModel(ArrayModel):
         return self.correlation
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`; references, drawn in proportion to what they say for the shape.
+        """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape.
 
-        They are drawn independently of each other: how touches repeat is in ``correlation`` as a discount on evidence,
-        not as a density that could be sampled.
+        Repeats are independent too: ``correlation`` is a discount on evidence, not a density that can be sampled.
         """
         cumulative = self._weights[:, :, shape].cumsum(axis=1)  # (P, N)
         drawn = np.empty(poses.shape, np.int64)
@@ -192,7 +190,7 @@ class RatioModel(ArrayModel):
         return TouchBatch(poses, self.references[poses, np.minimum(drawn, self.references.shape[1] - 1)])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`; the references, clustered by what they tell, each pose's shrunk towards all."""
+        """See :class:`ArrayModel`; the references clustered by posterior, with each pose shrunk towards all poses."""
         log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
         log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
         table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
@@ -207,7 +205,7 @@ class RatioModel(ArrayModel):
             "training_prior": self.training_prior.tolist(),
             "correlation": self.correlation,
             "status": self.status,
-            # In single precision, as they were chosen; written with as few digits as tell them apart.
+            # The shortest decimals of the single-precision numbers.
             "references": [
                 [[float(str(z)) for z in row] for row in pose] for pose in self.references.astype(np.float32)
             ],
@@ -234,13 +232,13 @@ class RatioModel(ArrayModel):
 
     @cached_property
     def _weights(self) -> Floats:
-        """Share of each reference in the touches of each shape, ``(P, N, K)``; sums to one over N."""
+        """Weight of each reference for each shape, ``(P, N, K)``; sums to one over N."""
         probs = self.calibration.predict_proba(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
 
 
 class _Means(NamedTuple):
-    """The ``poses`` that were touched in, how often each, ``(p,)``, and their mean log ratios, ``(p, K)``."""
+    """Poses, their numbers of touches, ``(p,)``, and their mean log ratios, ``(p, K)``."""
 
     poses: tuple[int, ...]
     counts: Floats
@@ -248,22 +246,22 @@ class _Means(NamedTuple):
 
 
 def _within_floats(log_likelihoods: Floats) -> Floats:
-    """Sums of finite numbers; beyond the largest float they stay at it, so that nothing is impossible."""
+    """Log-likelihoods limited to finite floats, so that no shape becomes impossible."""
     return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
 
 
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
-    """Shares of the shapes, ``(K,)``; for a shape without touches, the share that the calibration takes it to have.
+    """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration.
 
-    So its likelihood ratio is one on average, as any likelihood's is, and not whatever is divided by next to nothing.
+    Its likelihood ratio is then one on average.
     """
-    claimed = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
-    shares = np.where(data.counts > 0, data.counts / len(data.shapes), claimed)
+    predicted = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
+    shares = np.where(data.counts > 0, data.counts / len(data.shapes), predicted)
     return np.asarray(shares / shares.sum())
 
 
 def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) -> Floats:
-    """Log probabilities ``(n, K)`` of touches, each calibrated by other objects than its own, if there are others."""
+    """Log probabilities ``(n, K)`` of touches, each by a calibration fitted to other objects, if there are any."""
     folds = object_folds(data.shapes, data.objects, min(num_folds, data.num_objects))
     found = np.empty_like(data.logits)
     for fold in np.unique(folds).tolist():
@@ -274,14 +272,14 @@ def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) 
 
 
 def _references(data: LabelledTouches) -> Floats:
-    """As many touches of each pose, evenly spread over those there are, in single precision; all for an unseen pose."""
+    """500 touches per pose, evenly spaced in the data, in single precision; of all poses where a pose has none."""
     rows = []
     for pose in range(data.num_poses):
         here = np.flatnonzero(data.poses == pose)
         here = here if here.size else np.arange(len(data.poses))
         rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
     chosen = data.logits[np.stack(rows)]
-    # Beyond single precision only what logits are below their row's largest is kept, which is all a softmax feels.
+    # Logits beyond single precision are stored relative to the largest in the row, which does not change a softmax.
     with np.errstate(over="ignore"):
         below = np.maximum(chosen - chosen.max(axis=-1, keepdims=True), np.finfo(np.float32).min)
     fits = (np.abs(chosen) <= np.finfo(np.float32).max).all(axis=-1, keepdims=True)

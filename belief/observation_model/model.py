@@ -1,4 +1,4 @@
-"""The interface of observation models, and the base class of those of this package."""
+"""The protocol of observation models, and the base class of the models of this package."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import require_count
 
-_BLOCK = 1 << 16  # logits that are worked on at a time, unless one sequence alone has more
+_BLOCK = 1 << 16  # logits per block, unless one sequence has more
 
 
 class ObservationModel(Protocol):
-    """Turns touches into likelihoods: all methods that trackers and planners call.
+    """A likelihood of touches: all methods that trackers and planners call.
 
-    Two members are optional. ``start()`` returns the :class:`~belief.observation_model.evidence.ObjectEvidence` of no
-    touches, which then takes in touches one by one; without it, the model is asked about all touches of an object after
-    each. ``repeat_correlation`` is the correlation ρ in [0, 1] of two touches of one object in one pose, by which
-    deciders discount repeats; without it, or if it is None, deciders repeat no pose before all others were used.
+    Two members are optional. ``start()`` returns the :class:`~belief.observation_model.evidence.ObjectEvidence` before
+    the first touch; without it, the likelihood of all touches of an object is computed anew after each touch.
+    ``repeat_correlation`` is the correlation ρ in [0, 1] of two touches of one object in one pose, by which deciders
+    discount repeats; without it, or if it is None, deciders repeat no pose before all others were used.
     """
 
     @property
@@ -38,23 +38,23 @@ class ObservationModel(Protocol):
         """Log p(all these touches of one object | shape), ``(K,)``; zeros for no touches."""
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """Touches that one object of this shape might give in these poses."""
+        """Sampled touches of one object of this shape in these poses."""
 
     def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
-        """The model with touches discretised, into at most so many outcomes if a number is given, for planners."""
+        """The model for discretised touches, with at most ``num_outcomes`` outcomes if given; for planners."""
 
 
 class ArrayModel(FrozenArrays, ABC):
-    """An observation model that computes with arrays; the models of this package derive from it.
+    """Base class of observation models that compute with arrays.
 
-    A model of its own has :attr:`num_poses`, :meth:`to_fields`, :meth:`from_fields`, and
+    A subclass defines :attr:`num_poses`, :meth:`to_fields`, :meth:`from_fields`, and
 
-    - ``_log_likelihoods(batch)``: what :meth:`log_likelihood_batch` returns, of at least one touch that fits;
-    - ``_sample(shape, poses, rng)``: what :meth:`sample_batch` returns, for a shape and poses that there are;
-    - ``_tabulate(num_outcomes, rng)``: what :meth:`outcome_table` returns, of at most so many outcomes, at least one.
+    - ``_log_likelihoods(batch)``: the result of :meth:`log_likelihood_batch` for a valid batch with touches;
+    - ``_sample(shape, poses, rng)``: the result of :meth:`sample_batch` for valid arguments;
+    - ``_tabulate(num_outcomes, rng)``: the result of :meth:`outcome_table` for a number ≥ 1.
 
     Attributes:
-        name: what it is called in files.
+        name: name in files.
         shape_labels: names of the K shapes.
 
     Example:
@@ -90,18 +90,18 @@ class ArrayModel(FrozenArrays, ABC):
 
     @abstractmethod
     def to_fields(self) -> dict[str, Any]:
-        """Everything but the shape labels that makes this object, as JSON types."""
+        """All parameters of the model except the shape labels, as JSON types."""
 
     @classmethod
     @abstractmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
-        """The object from :meth:`to_fields`."""
+        """The model of fields from :meth:`to_fields`."""
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.
 
         Args:
-            origin: what the touches come from that it was fitted to, as JSON types; :func:`read_origin` reads it.
+            origin: source of the calibration touches, as JSON types; :func:`read_origin` reads it.
         """
         fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
@@ -125,7 +125,7 @@ class ArrayModel(FrozenArrays, ABC):
         return self.log_likelihood_batch(TouchBatch.of([touches]))[0]
 
     def log_likelihood_batch(self, batch: TouchBatch) -> Floats:
-        """Log p(touches of a sequence | shape) up to a constant of the sequence, ``(S, K)``; zeros for no touches.
+        """Log p(touches of each sequence | shape) up to a constant per sequence, ``(S, K)``; zeros for no touches.
 
         Raises:
             ValueError: a touch does not fit the model; the message names it.
@@ -140,20 +140,20 @@ class ArrayModel(FrozenArrays, ABC):
         return np.concatenate([self._log_likelihoods(block) for block in blocks])
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
-        """Touches that one object of this shape might give in these poses.
+        """Sampled touches of one object of this shape in these poses.
 
         Raises:
-            ValueError: there is no such shape or pose.
+            ValueError: a shape or pose out of range.
         """
         if len(poses) == 0:
             return []
         return self.sample_batch(shape, np.asarray(poses)[None], rng).sequence(0)
 
     def sample_batch(self, shape: int, poses: NDArray[np.integer], rng: np.random.Generator) -> TouchBatch:
-        """What S objects of a shape might give, each touched in its row of ``poses (S, n)``.
+        """Sampled touches of S objects of a shape, one for each row of ``poses (S, n)``.
 
         Raises:
-            ValueError: there is no such shape or pose.
+            ValueError: a shape or pose out of range.
         """
         if not 0 <= shape < len(self.shape_labels):
             raise ValueError(f"shape must be in [0, {len(self.shape_labels)}), got {shape}")
@@ -165,15 +165,14 @@ class ArrayModel(FrozenArrays, ABC):
         return self._sample(shape, rows.astype(np.int64), rng)
 
     def outcome_table(self, num_outcomes: int | None = None, rng: np.random.Generator | None = None) -> OutcomeTable:
-        """The model with touches discretised into at most so many outcomes, for planners.
+        """The model for discretised touches, for planners.
 
         Args:
-            num_outcomes: at most so many; :attr:`default_outcomes` by default.
-            rng: for models that have to sample their table. By default seed 0, so that a model has one table of each
-                size, which is then kept.
+            num_outcomes: largest number of outcomes, ≥ 1; :attr:`default_outcomes` by default.
+            rng: for models that sample their table. By default seed 0, and the table is cached.
 
         Raises:
-            ValueError: no outcome is asked for.
+            ValueError: ``num_outcomes`` is not an integer ≥ 1.
         """
         wanted = self.default_outcomes if num_outcomes is None else num_outcomes
         require_count("num_outcomes", wanted)
@@ -184,16 +183,14 @@ class ArrayModel(FrozenArrays, ABC):
         return self._tables[wanted]
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
-        """Weight of the sum of the log-likelihoods of n single touches in one pose.
-
-        The log-likelihood of an object's touches is then the weighted sum over poses. Array environments keep such sums
-        in place of the touches.
+        """Weight of the summed log-likelihoods of n touches in one pose; vectorised environments store such sums.
 
         Args:
             num_touches: n, ``(...)``.
 
         Returns:
-            Factors ``(...)``; None if the likelihood depends on more than these sums.
+            Weights ``(...)``, with which the log-likelihood of an object is the weighted sum over poses; None if it
+            depends on more than these sums.
         """
         return None
 
@@ -214,7 +211,7 @@ class ArrayModel(FrozenArrays, ABC):
 
     @property
     def default_outcomes(self) -> int:
-        """Outcomes of a table unless asked otherwise: 3 K, to say which shape and how surely, but at least 12."""
+        """Default number of outcomes of a table: 3 K for shape and confidence, at least 12."""
         return max(12, 3 * len(self.shape_labels))
 
     @cached_property
@@ -222,7 +219,7 @@ class ArrayModel(FrozenArrays, ABC):
         return {}
 
     def require_fit(self, batch: TouchBatch) -> None:
-        """Refuse touches of other shapes or poses than the model knows.
+        """Check that touches have the shapes and poses of the model.
 
         Raises:
             ValueError: the message names the first touch that does not fit.

@@ -1,4 +1,4 @@
-"""Outcome tables: discrete observation models, and their mutual information with the shape."""
+"""Outcome tables: discrete observation models."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class OutcomeTable(FrozenArrays):
         >>> table = OutcomeTable(np.array([[[0.9, 0.1], [0.1, 0.9]]]))
         >>> table.num_poses, table.num_shapes, table.num_outcomes
         (1, 2, 2)
-        >>> table.information().round(3)                  # of at most log 2 = 0.693 nats
+        >>> table.information().round(3)                  # at most log 2 = 0.693 nats
         array([0.368])
     """
 
@@ -47,7 +47,7 @@ class OutcomeTable(FrozenArrays):
                 f"probs[pose {pose}, shape {shape}] is no distribution over outcomes: {probs[pose, shape].tolist()}"
             )
         probs = renormalised(probs)
-        probs.flags.writeable = False  # a copy already
+        probs.flags.writeable = False  # already a copy
         object.__setattr__(self, "probs", probs)
 
     @property
@@ -67,7 +67,7 @@ class OutcomeTable(FrozenArrays):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the table's shape and of its numbers to the last bit.
+        """SHA-256 of the table's shape and numbers.
 
         >>> OutcomeTable([[[0.5, 0.5]]]).sha256[:12]
         '38ffe0147c9c'
@@ -81,13 +81,13 @@ class OutcomeTable(FrozenArrays):
         return expected_information_gain(belief, self.probs)
 
     def merged(self, num_outcomes: int) -> OutcomeTable:
-        """A table of at most so many outcomes, merged pair by pair where the least information is lost.
+        """A table of at most ``num_outcomes`` outcomes, by greedy merging of the pair that loses the least information.
 
-        Information is that about the shape under a uniform prior, on average over poses; an outcome means the same in
-        all poses afterwards too.
+        The information is that about the shape under a uniform prior, averaged over poses. The same outcomes are merged
+        in all poses.
 
         Raises:
-            ValueError: no outcome is asked for.
+            ValueError: ``num_outcomes`` is not an integer ≥ 1.
 
         >>> table = OutcomeTable(np.array([[[0.7, 0.2, 0.1], [0.1, 0.2, 0.7]]]))
         >>> table.merged(2).probs.round(1).tolist(), table.merged(2).num_outcomes
@@ -97,21 +97,21 @@ class OutcomeTable(FrozenArrays):
         columns = np.moveaxis(self.probs, 2, 0)  # (M, P, K)
         if len(columns) <= num_outcomes:
             return self
-        told = _told(columns)
-        loss = np.stack([told + mine - _told(columns + column) for mine, column in zip(told, columns, strict=True)])
+        terms = _info(columns)
+        loss = np.stack([terms + mine - _info(columns + column) for mine, column in zip(terms, columns, strict=True)])
         np.fill_diagonal(loss, np.inf)
         while len(columns) > num_outcomes:
             one, other = sorted(int(i) for i in np.unravel_index(int(loss.argmin()), loss.shape))
             both = columns[one] + columns[other]
-            columns, told = np.delete(columns, other, axis=0), np.delete(told, other)
+            columns, terms = np.delete(columns, other, axis=0), np.delete(terms, other)
             loss = np.delete(np.delete(loss, other, axis=0), other, axis=1)
-            columns[one], told[one] = both, _told(both)
-            loss[one] = loss[:, one] = told + told[one] - _told(columns + both)
+            columns[one], terms[one] = both, _info(both)
+            loss[one] = loss[:, one] = terms + terms[one] - _info(columns + both)
             loss[one, one] = np.inf
         return OutcomeTable(np.moveaxis(columns, 0, 2))
 
 
-def _told(joint: Floats) -> Floats:
-    """Part of the information that outcomes carry, ``(...)``, from p(outcome | pose, shape), ``(..., P, K)``."""
+def _info(joint: Floats) -> Floats:
+    """Contribution of each outcome to the information, ``(...)``, from p(outcome | pose, shape), ``(..., P, K)``."""
     total = np.maximum(joint.sum(axis=-1, keepdims=True), np.finfo(float).smallest_subnormal)
     return np.asarray(-entr(joint / total) * total + joint * np.log(joint.shape[-1])).mean(axis=-1).sum(axis=-1)

@@ -1,8 +1,7 @@
-"""From a continuous observation model to a table of outcomes that keeps as much information as possible.
+"""Quantisation: from a continuous observation model to an outcome table, by information-theoretic clustering.
 
-What a touch tells about the shape is its posterior under a uniform prior; touches of equal posterior may share an
-outcome at no loss. So touches are clustered by posterior with the Kullback-Leibler divergence for a distance: the
-k-means whose objective *is* the information lost (Dhillon, Mallela & Kumar 2003).
+Touches are clustered by their posterior under a uniform prior, by k-means with the Kullback-Leibler divergence. Its
+objective is the mutual information of touch and shape that is lost (Dhillon, Mallela & Kumar 2003).
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from belief.touch_batch import TouchBatch
 if TYPE_CHECKING:
     from belief.observation_model.model import ArrayModel
 
-_SAMPLES = 2000  # touches of each shape in each pose
-_CLUSTERED = 20_000  # touches, of all, that the clusters are found from
-_SMOOTHING = 0.1  # touches, spread over all outcomes, so that none is impossible
+_SAMPLES = 2000  # touches per shape and pose
+_CLUSTERED = 20_000  # most touches from which clusters are computed
+_SMOOTHING = 0.1  # pseudo-touches, spread over all outcomes, so that none is impossible
 
 
 def sampled_table(
     model: ArrayModel, num_outcomes: int, rng: np.random.Generator, num_samples: int = _SAMPLES
 ) -> OutcomeTable:
-    """The table of touches that the model samples, as many of each shape in each pose.
+    """The outcome table of touches that the model samples, ``num_samples`` per shape and pose.
 
     >>> from belief.synthetic import random_model
     >>> table = sampled_table(random_model(np.random.default_rng(0)), num_outcomes=4, rng=np.random.default_rng(0))
@@ -44,16 +43,16 @@ def sampled_table(
 
 
 def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.random.Generator) -> Floats:
-    """p(outcome | pose, shape), ``(P, K, M)``, of touches clustered by what they tell.
+    """p(outcome | pose, shape), ``(P, K, M)``, of touches clustered by posterior.
 
-    A touch counts for every shape as far as it may be of that shape. So the table tells exactly as much as the touches
-    do by their clusters' mean posteriors: no more than by their own, and no chance of the draw is taken for knowledge.
+    Each touch counts for every shape with its posterior weight, not for the shape it was sampled from. The table
+    therefore has no more information than the touches, and sampling noise adds none.
 
     Args:
-        log_posteriors: of N touches in each pose under a uniform prior, ``(P, N, K)``.
-        shares: of each touch in those of a shape in a pose, ``(P, N, K)``; sums to one over N.
+        log_posteriors: log posteriors of N touches per pose under a uniform prior, ``(P, N, K)``.
+        shares: weight of each touch for each shape in its pose, ``(P, N, K)``; sums to one over N.
         num_outcomes: M.
-        rng: to start the clusters from.
+        rng: initialises the clusters.
 
     >>> probs = np.array([[[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]]])
     >>> table = tabulate(np.log(probs), probs / probs.sum(axis=1), num_outcomes=2, rng=np.random.default_rng(0))
@@ -68,7 +67,7 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
 
 
 def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:
-    """A table ``(..., M)`` from so many touches (broadcast) with a tenth of one spread over all outcomes.
+    """A table ``(..., M)`` of ``num_touches`` touches with 0.1 pseudo-touches spread over all outcomes.
 
     >>> smoothed(np.array([1.0, 0.0]), num_touches=10).round(3)
     array([0.995, 0.005])
@@ -78,7 +77,7 @@ def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:
 
 
 def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples: int) -> Floats:
-    """Log posteriors under a uniform prior of touches the model samples for each pose and shape, ``(P, K, n, K)``.
+    """Log posteriors under a uniform prior of sampled touches for each pose and shape, ``(P, K, n, K)``.
 
     >>> from belief.synthetic import random_model
     >>> found = sampled_posteriors(random_model(np.random.default_rng(0)), np.random.default_rng(0), num_samples=7)
@@ -98,9 +97,9 @@ def sampled_posteriors(model: ArrayModel, rng: np.random.Generator, num_samples:
 def information_of_touch(
     model: ArrayModel, rng: np.random.Generator | None = None, num_samples: int = _SAMPLES
 ) -> Floats:
-    """Mutual information of a touch and the shape, in each pose [nats], ``(P,)``, uniform prior, nothing discretised.
+    """Mutual information of a continuous touch and the shape in each pose under a uniform prior [nats], ``(P,)``.
 
-    A mean over sampled touches; its standard error is about half a nat over the root of ``K * num_samples``.
+    It is a mean over sampled touches with a standard error of about 0.5 / √(K · num_samples).
 
     >>> from belief.synthetic import random_model
     >>> model = random_model(np.random.default_rng(0))
@@ -116,7 +115,7 @@ def information_of_touch(
 def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator, num_rounds: int = 30) -> Floats:
     """Log of cluster means ``(M, K)`` of posteriors ``(n, K)``: k-means under the Kullback-Leibler divergence.
 
-    Starts with k-means++; fewer distinct posteriors than clusters leave clusters that nothing is nearest to.
+    Initialised with k-means++. With fewer distinct posteriors than clusters, some clusters stay empty.
 
     >>> probs = np.array([[0.9, 0.1], [0.8, 0.2], [0.1, 0.9], [0.2, 0.8]])
     >>> np.sort(np.exp(cluster(np.log(probs), 2, np.random.default_rng(0))), axis=0).round(2).tolist()
@@ -144,7 +143,7 @@ def cluster(log_posteriors: Floats, num_clusters: int, rng: np.random.Generator,
 
 
 def nearest(log_posteriors: Floats, centroids: Floats) -> np.ndarray:
-    """Index of the centroid of least Kullback-Leibler divergence from each posterior, ``(...)``.
+    """Index of the centroid with the least Kullback-Leibler divergence from each posterior, ``(...)``.
 
     >>> nearest(np.log([[0.9, 0.1], [0.3, 0.7]]), np.log([[0.1, 0.9], [0.8, 0.2]]))
     array([1, 0])
@@ -152,4 +151,4 @@ def nearest(log_posteriors: Floats, centroids: Floats) -> np.ndarray:
     return np.asarray((np.exp(log_posteriors) @ np.maximum(centroids, _FLOOR).T).argmax(axis=-1))
 
 
-_FLOOR = -700.0  # the smallest logarithm whose exponential is an ordinary number
+_FLOOR = -700.0  # smallest logarithm whose exponential is not subnormal

@@ -1,8 +1,8 @@
 """The registry of observation models. To add one, derive from :class:`ArrayModel` and add a line here.
 
-A model of your own needs no line: name its class ``module:attribute`` where it is fitted. Its file can be read where an
-installed package offers the class by an entry point of the group ``activetouch.observation_models``, under the class's
-``name``. Reading a file never imports what the file itself names.
+A user's own model needs no line: the commands that fit models take its class as ``module:attribute``. To read its
+files, an installed package must offer the class as an entry point of the group ``activetouch.observation_models``,
+under the class's ``name``. Reading a file never imports a module that the file names.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from belief.observation_model.model import ArrayModel
 from belief.references import BadReference, Reference, entry_point_names, find
 
 Fit = Callable[..., ArrayModel]
-"""Builds a model from touches, shapes and object ids; takes ``shape_labels`` and ``num_poses`` too."""
+"""Fits a model to touches, shapes and object ids; also takes ``shape_labels`` and ``num_poses``."""
 
 ENTRY_POINTS = "activetouch.observation_models"
-"""Group of entry points by which installed packages offer observation models."""
+"""Entry-point group of observation models in installed packages."""
 
 _EDGES = (0.6, 0.9, 0.99)
 
@@ -39,11 +39,11 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
         "ratio": RatioModel.fit,
     }
 )
-"""Every observation model by name, as the function that fits it."""
+"""The function that fits each observation model, by name."""
 
 
 def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
-    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by the names that their files bear.
+    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by their names in files.
 
     >>> kinds()["ratio"].__name__
     'RatioModel'
@@ -54,10 +54,7 @@ def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
 
 
 def class_named(kind: str) -> type[ArrayModel]:
-    """The class of the models whose files bear a name.
-
-    Args:
-        kind: from the file.
+    """The class of observation models with a name in files.
 
     Raises:
         ValueError: neither the registry nor an installed package has it.
@@ -73,15 +70,15 @@ def class_named(kind: str) -> type[ArrayModel]:
         raise ValueError(f"unknown kind {kind!r}, known are {', '.join(sorted([*known, *offered]))}")
     found = Reference.parse(offered[kind]).load()
     if not (inspect.isclass(found) and issubclass(found, ArrayModel)):
-        raise ValueError(f"the kind {kind!r} is {offered[kind]}, which is no class derived from ArrayModel")
+        raise ValueError(f"the kind {kind!r} is {offered[kind]}, which is not a class derived from ArrayModel")
     return found
 
 
 def require_readable(model: ArrayModel) -> None:
-    """Check that a model can be read back once it is written.
+    """Check that a file of the model could be read.
 
     Raises:
-        BadReference: nothing would know its class.
+        BadReference: neither the registry nor an installed package has its class.
 
     >>> from belief.synthetic import random_model
     >>> import numpy as np
@@ -99,16 +96,16 @@ def require_readable(model: ArrayModel) -> None:
 
 
 def fit_named(name: str) -> Fit:
-    """What fits the observation model of that name.
+    """The function that fits an observation model.
 
     Args:
-        name: a key of :data:`OBSERVATION_MODELS`, a name that an installed package offers, or ``module:attribute`` of
-            your own: a class derived from ``ArrayModel`` with a class method ``fit``, or a function like ``fit``;
-            with settings in brackets where wanted.
+        name: a key of :data:`OBSERVATION_MODELS`, an entry point, or ``module:attribute`` of a class derived from
+            ``ArrayModel`` with a class method ``fit``, or of a function like ``fit``; optionally with settings in
+            brackets.
 
     Raises:
-        UnknownName: there is none of that name.
-        BadReference: the name cannot be read, or its settings do not fit.
+        UnknownName: there is no such name.
+        BadReference: the name is malformed, or its settings do not fit.
 
     >>> fit_named("gaussian") == GaussianModel.fit
     True
@@ -116,7 +113,7 @@ def fit_named(name: str) -> Fit:
     found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
     fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found
     if not callable(fit):
-        raise BadReference(f"{name} is no observation model: it has no function fit")
+        raise BadReference(f"{name} is not an observation model: it has no function fit")
     try:
         inspect.signature(fit).bind_partial(**reference.settings)
     except TypeError as error:

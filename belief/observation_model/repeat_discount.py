@@ -1,4 +1,4 @@
-"""The effective number of independent touches of repeats in one pose, and the fit of their correlation."""
+"""Effective number of independent touches among repeats in one pose, and the fit of their correlation."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from belief.bayes import update
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats
 
-ASSUMED_CORRELATION = 0.5  # where no object was touched twice in a pose
+ASSUMED_CORRELATION = 0.5  # if no object was touched twice in a pose
 _LARGEST = 0.999
-_LONGEST = 12  # touches of a group that count: by then it shows how they repeat, and one long group costs no memory
+_LONGEST = 12  # touches used of each group; limits the memory for one long group
 
 
 def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
-    """Effective number of n touches in one pose that correlate pairwise by ρ: n / (1 + (n - 1) ρ).
+    """Effective number of n touches in one pose with pairwise correlation ρ: n / (1 + (n - 1) ρ).
 
-    It is the weight of their mean in generalised least squares under equal correlation; between 1 (ρ = 1, or one
-    touch) and n (ρ = 0), and never above 1/ρ.
+    It is the weight of their mean in generalised least squares under equal correlation: 1 for ρ = 1, n for ρ = 0, and
+    never above 1/ρ.
 
     >>> effective_touches([1, 2, 6], correlation=0.4).round(2)
     array([1.  , 1.43, 2.  ])
@@ -32,10 +32,10 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
 
 
 class Repeats(NamedTuple):
-    """Touches of one object in one pose, as G groups of at most n ≤ 12; shorter ones are filled up.
+    """G groups of at most n ≤ 12 touches of one object in one pose, padded to length n.
 
     Attributes:
-        rows: index of each touch, ``(G, n)``; -1 where there is none.
+        rows: index of each touch, ``(G, n)``; -1 for padding.
         shapes: true shape of each group's object, ``(G,)``.
     """
 
@@ -44,9 +44,9 @@ class Repeats(NamedTuple):
 
 
 def repeats(data: LabelledTouches) -> Repeats | None:
-    """The groups of at least two touches of one object in one pose, in the order they came; of each the first twelve.
+    """Groups of at least two touches of one object in one pose, each with its first twelve touches in order.
 
-    None if there are none of at least two shapes, as then nothing is learnt of what repeats do to telling them apart.
+    None if the groups are of fewer than two shapes, from which the correlation cannot be estimated.
 
     >>> from belief import Touch
     >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 1, 0, 0, 1, 0)]
@@ -69,16 +69,16 @@ def repeats(data: LabelledTouches) -> Repeats | None:
 
 
 def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) -> float:
-    """The ρ in [0, 1) under which groups of repeated touches predict best which of their shapes they are of.
+    """The ρ in [0, 1) that minimises the negative log posterior of the true shapes of groups of repeated touches.
 
-    Shapes of no group do not compete: what a model makes of a shape that it never saw would spoil the measure.
+    The posterior is restricted to the shapes that occur in the groups.
 
     Args:
-        log_likelihoods: of every group after two, three, … touches, given ρ: ``(G, n - 1, K)``.
+        log_likelihoods: for ρ, the log-likelihoods of every group after two, three, … touches, ``(G, n - 1, K)``.
         found: the groups.
 
     >>> pairs = Repeats(np.array([[0, 1], [2, 3]]), shapes=np.array([0, 1]))
-    >>> sums = 3.0 * np.array([[[1.0, 0.0]], [[1.0, 0.0]]])         # the second pair is taken for the first shape
+    >>> sums = 3.0 * np.array([[[1.0, 0.0]], [[1.0, 0.0]]])         # the second pair is mistaken for the first shape
     >>> fit_correlation(lambda rho: sums * effective_touches(2, rho) / 2, pairs)
     0.999
     """

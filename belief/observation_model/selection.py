@@ -1,4 +1,4 @@
-"""Choose between observation models by their cross-validated loss on sequences of touches of held-out objects."""
+"""Choice of an observation model by cross-validated loss on sequences of touches of held-out objects."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from belief.touch_batch import TouchBatch
 from belief.validation import require_count
 
 NUM_FOLDS = 5
-"""Of whole objects, in which models are compared unless told otherwise."""
+"""Default number of folds of whole objects."""
 
 
 @dataclass(frozen=True, eq=False)
 class ModelChoice:
-    """An observation model and why it was chosen.
+    """The chosen observation model, and the losses of all candidates.
 
     Attributes:
-        name: of the candidate, a key of ``losses``.
+        name: of the chosen candidate, a key of ``losses``.
         model: fitted to all touches.
-        losses: sequence NLL out of fold of every candidate [nats]; the chosen one has the least.
+        losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least.
     """
 
     name: str
@@ -51,14 +51,14 @@ def log_posteriors(model: ArrayModel, batch: TouchBatch) -> Floats:
 
 
 def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, NDArray[np.int64]]]:
-    """Touches sorted into the sequences they belong to, each in the order it came.
+    """Touches grouped into sequences, each in its original order.
 
     Args:
         batch: all touches as one sequence, n of them.
-        groups: to which sequence each belongs, ``(n,)``; any labels.
+        groups: sequence of each touch, ``(n,)``; any labels.
 
     Yields:
-        The sequences of one length, for every length there is, and the rows of their touches, ``(S, length)``.
+        For each length, the sequences of that length and the rows of their touches, ``(S, length)``.
 
     >>> batch = TouchBatch(np.zeros((1, 5), int), np.zeros((1, 5, 2)))
     >>> [rows.tolist() for _, rows in grouped(batch, ["mug", "ball", "mug", "cup", "mug"])]
@@ -75,17 +75,17 @@ def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, 
 def sequence_nll(
     model: ArrayModel, batch: TouchBatch, shapes: ArrayLike, object_ids: ArrayLike, max_touches: int = 12
 ) -> float:
-    """Mean negative log posterior of the true shape after one touch of an object, two, and so on [nats].
+    """Mean negative log posterior of the true shape after 1, 2, … touches of an object [nats].
 
-    Early touches count as much as late ones: with a good sensor the posterior in the end is certain under any model.
-    Half of it is about an object's touches in the order they came, half about those in one pose, which repeat.
+    All prefixes count equally, because with a good sensor the final posterior is certain under any model. Half of the
+    loss is over all touches of an object in order, half over its touches in one pose, which are repeats.
 
     Args:
-        model: what to measure, under a uniform prior.
+        model: to be evaluated, under a uniform prior.
         batch: all touches as one sequence, n of them.
         shapes: true shape of each, ``(n,)``.
-        object_ids: which object each is of, ``(n,)``; any labels.
-        max_touches: longest beginning of a sequence that counts.
+        object_ids: object of each, ``(n,)``; any labels.
+        max_touches: length of the longest prefix.
 
     >>> from belief.synthetic import random_model
     >>> useless = random_model(np.random.default_rng(0), num_shapes=2, sharpness=0.0)
@@ -117,17 +117,17 @@ def cross_validated_nll(
     object_ids: ArrayLike,
     num_folds: int = NUM_FOLDS,
 ) -> float:
-    """:func:`sequence_nll` of objects that the model was not fitted to, on average over folds of whole objects.
+    """:func:`sequence_nll` of held-out objects, averaged over folds of whole objects.
 
     Args:
-        fit: builds a model from touches, shapes and object ids.
+        fit: fits a model to touches, shapes and object ids.
         touches: calibration touches.
         shapes: true shape of each, ``(n,)``.
-        object_ids: which object each belongs to, ``(n,)``.
-        num_folds: number of folds, at least 2, at most the number of objects.
+        object_ids: object of each, ``(n,)``.
+        num_folds: from 2 to the number of objects.
 
     Raises:
-        ValueError: too few objects or folds, or what the fit refuses.
+        ValueError: ``num_folds`` is out of range; or as ``fit``.
 
     >>> from belief.synthetic import random_model
     >>> rng = np.random.default_rng(0)
@@ -158,16 +158,16 @@ def choose_observation_model(
     candidates: Mapping[str, Fit] = OBSERVATION_MODELS,
     num_folds: int = NUM_FOLDS,
 ) -> ModelChoice:
-    """The candidate that predicts unseen objects best, fitted to all touches.
+    """The candidate with the least :func:`cross_validated_nll`, fitted to all touches.
 
     Args:
-        touches: calibration touches, of objects the classifier was not trained on.
+        touches: calibration touches of objects outside the classifier's training set.
         shapes: true shape of each, ``(n,)``.
-        object_ids: which object each belongs to, ``(n,)``.
+        object_ids: object of each, ``(n,)``.
         shape_labels: names of the K shapes.
         num_poses: P.
-        candidates: what to choose from, by name.
-        num_folds: of the cross-validation.
+        candidates: functions that fit a model, by name.
+        num_folds: folds of the cross-validation.
 
     Example:
         >>> from belief.synthetic import random_model
@@ -182,7 +182,7 @@ def choose_observation_model(
         True
     """
     if not candidates:
-        raise ValueError("there is no candidate to choose from")
+        raise ValueError("there are no candidates to choose from")
     options = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
     fits = {name: partial(fit, **options) for name, fit in candidates.items()}
     losses = {name: cross_validated_nll(fit, touches, shapes, object_ids, num_folds) for name, fit in fits.items()}

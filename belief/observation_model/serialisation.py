@@ -1,4 +1,4 @@
-"""Read observation models from JSON text."""
+"""Reading of observation models from JSON text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def read_observation_model(text: str) -> ArrayModel:
     """The model from :meth:`ArrayModel.to_json`.
 
     Raises:
-        ValueError: the text is no observation model, or was changed since; the message says what is wrong with it.
+        ValueError: the text is not an observation model, or was changed; the message gives the cause.
 
     >>> from belief.files import sealed_json
     >>> read_observation_model(sealed_json({"model": "oracle"}))
@@ -33,10 +33,7 @@ def read_observation_model(text: str) -> ArrayModel:
 
 
 def read_origin(text: str) -> dict[str, Any] | None:
-    """What the touches come from that a model was fitted to, as :meth:`ArrayModel.to_json` was given it.
-
-    Returns:
-        JSON types; None if nobody said.
+    """The source of the calibration touches, as given to :meth:`ArrayModel.to_json`; None if there is none.
 
     Raises:
         ValueError: the text was changed after it was written.

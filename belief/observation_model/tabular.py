@@ -1,4 +1,4 @@
-"""A model whose touches are drawn from an outcome table, for exact tests of planners."""
+"""An observation model that is an outcome table, for exact tests of planners."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from belief.problem import Floats, Touch
 
 @dataclass(frozen=True, eq=False)
 class TabularModel:
-    """Touches that are outcomes of a table, independent given the shape; an :class:`ObservationModel`.
+    """An observation model whose touches are outcomes of a table, independent given the shape.
 
-    The logits of a touch are the log-likelihoods of its outcome: all that it tells.
+    The logits of a touch are the log-likelihoods of its outcome.
 
     Attributes:
         shape_labels: names of the K shapes.
         table: p(outcome | pose, shape).
 
     Raises:
-        ValueError: as many names as the table has shapes are needed.
+        ValueError: the number of names is not the number of shapes in the table.
 
     >>> model = TabularModel(("cube", "cone"), OutcomeTable(np.array([[[0.9, 0.1], [0.2, 0.8]]])))
     >>> touches = model.sample(0, poses=[0, 0], rng=np.random.default_rng(0))
@@ -46,7 +46,7 @@ class TabularModel:
         return total
 
     def start(self) -> SummarisedEvidence:
-        """No touches yet; see :mod:`belief.observation_model.evidence`."""
+        """See :mod:`belief.observation_model.evidence`."""
         return SummarisedEvidence(self)
 
     def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:

@@ -188,7 +188,7 @@ def test_a_bag_that_does_not_fit_is_refused(counts, message):
 
 
 def test_two_objects_of_which_a_bag_holds_one_are_impossible():
-    with pytest.raises(ImpossibleObservation, match="more objects can only be of some shape than the bag holds"):
+    with pytest.raises(ImpossibleObservation, match="more objects of a shape than the bag holds"):
         arrangement_marginals([[0.0, -np.inf], [0.0, -np.inf]], [1, 5])
 
 

@@ -141,7 +141,7 @@ CASES: tuple[Case, ...] = (
         "zero likelihood for every shape still believed in",
         lambda: _posterior([1, 0], [-_INF, 0]),
         ImpossibleObservation,
-        r"zero likelihood under every shape still believed in: prior \[1.0, 0.0\]",
+        r"zero likelihood under every shape of positive probability: prior \[1.0, 0.0\]",
     ),
     *refusals(
         "bayes.update",
@@ -322,7 +322,7 @@ CASES: tuple[Case, ...] = (
         "two objects that can only be the same shape",
         lambda: arrangement_marginals([[0, -_INF], [0, -_INF]]),
         ImpossibleObservation,
-        "can only be the same shape",
+        "to have the same shape",
     ),
     *refusals(
         "arrangement_marginals",

@@ -1,4 +1,1 @@
-"""Observation models that `calibration-report` and `tradeoff` compare the default model with.
-
-The default is :class:`belief.observation_model.likelihood_ratio.RatioModel`.
-"""
+"""Baseline observation models, with which `calibration-report` and `tradeoff` compare the default, ``RatioModel``."""

@@ -1,7 +1,4 @@
-"""The confusion model: the frequency of each discrete outcome, by pose and shape.
-
-A touch is discretised into (predicted shape × confidence bin); an outcome's probability is its share, per pose.
-"""
+"""The confusion model: frequencies of discrete outcomes, (predicted shape × confidence bin), by pose and shape."""
 
 from __future__ import annotations
 
@@ -27,9 +24,9 @@ class ConfusionModel(ArrayModel):
 
     Attributes:
         shape_labels: names of the K shapes.
-        probs: p(outcome | pose, shape), ``(P, K, M)`` with M = K · number of bins; never zero when fitted.
-        calibration: turns logits into the confidences that are binned.
-        confidence_edges: rising inner edges of the confidence bins; empty for the plain confusion matrix.
+        probs: p(outcome | pose, shape), ``(P, K, M)`` with M = K · number of bins; positive when fitted.
+        calibration: gives the confidences that are binned.
+        confidence_edges: ascending inner edges of the confidence bins; empty for the plain confusion matrix.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -50,7 +47,7 @@ class ConfusionModel(ArrayModel):
     def __post_init__(self) -> None:
         probs = OutcomeTable(self.probs).probs
         if len(self.shape_labels) < 2:
-            raise ValueError(f"one shape is no choice: need at least two names, got {self.shape_labels}")
+            raise ValueError(f"need at least two shapes, got {self.shape_labels}")
         expected = len(self.shape_labels) * (len(self.confidence_edges) + 1)
         if probs.shape[1:] != (len(self.shape_labels), expected):
             raise ValueError(
@@ -75,24 +72,23 @@ class ConfusionModel(ArrayModel):
         smoothing: float = 0.5,
         pooling: float = 100.0,
     ) -> ConfusionModel:
-        """Count outcomes on a calibration set.
+        """Count the outcomes of calibration touches.
 
-        Each pose's counts are shrunk towards the matrix pooled over all poses (Dirichlet prior of ``pooling``
-        pseudo-counts), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts an outcome), so no
-        outcome ever has probability zero.
+        The counts of each pose are shrunk towards the matrix pooled over all poses (Dirichlet prior of ``pooling``
+        pseudo-counts), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts per outcome).
 
         Args:
-            touches: calibration touches, of objects the classifier was not trained on.
+            touches: calibration touches of objects outside the classifier's training set.
             shapes: true shape index of each, ``(n,)``.
-            object_ids: of no effect, as this model treats touches as independent given the shape.
-            shape_labels: names; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose seen.
+            object_ids: ignored, because touches are independent given the shape.
+            shape_labels: names of the shapes; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose in the data.
             confidence_edges: inner edges of the confidence bins.
             smoothing: pseudo-counts per outcome of the pooled matrix, > 0.
-            pooling: weight of the pooled matrix in each pose, in touches.
+            pooling: weight of the pooled matrix in each pose, in touches, ≥ 0.
 
         Raises:
-            ValueError: see :meth:`LabelledTouches.of`; smoothing that is not above zero, or negative pooling.
+            ValueError: as :meth:`LabelledTouches.of`; ``smoothing`` or ``pooling`` out of range.
         """
         if not 0.0 < smoothing < np.inf or not 0.0 <= pooling < np.inf:
             raise ValueError(f"smoothing must be > 0, pooling ≥ 0, both finite; got {smoothing} and {pooling}")
@@ -127,25 +123,25 @@ class ConfusionModel(ArrayModel):
         return _outcomes(self.calibration, logits, self.confidence_edges)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`; the sum over touches, which are independent given the shape here."""
+        """See :class:`ArrayModel`; the sum over touches."""
         outcomes = self.outcomes_of(batch.logits)
         return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
-        """See :class:`ArrayModel`; all, as touches are independent."""
+        """See :class:`ArrayModel`; touches are independent."""
         return np.ones(np.shape(num_touches))
 
     def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:
         """The sum of log-likelihoods, ``(K,)``."""
-        told = self._log_likelihoods(self.alone(touch))[0]
-        return told if statistics is None else statistics + told
+        new = self._log_likelihoods(self.alone(touch))[0]
+        return new if statistics is None else statistics + new
 
     def log_likelihood_of(self, statistics: Floats) -> Floats:
         """The sum itself."""
         return statistics
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`; the logits state the precision of the sampled outcome, within its bin."""
+        """See :class:`ArrayModel`; the logits are typical of the sampled outcome."""
         cumulative = self.probs[:, shape].cumsum(axis=1)  # (P, M)
         drawn = rng.random(poses.shape)[..., None] * cumulative[poses][..., -1:]
         outcomes = (cumulative[poses] <= drawn).sum(axis=-1)
@@ -158,29 +154,29 @@ class ConfusionModel(ArrayModel):
 
     @cached_property
     def _typical_logits(self) -> Floats:
-        """Logits that stand for each outcome, ``(P, M, K)``: calibrated, they give the precision of the outcome."""
+        """Typical logits of each outcome, ``(P, M, K)``: calibrated, they give its precision, within its bin."""
         num_shapes = len(self.shape_labels)
         predicted = np.arange(self.probs.shape[2]) % num_shapes  # (M,)
         bins = np.arange(self.probs.shape[2]) // num_shapes
         edges = np.concatenate([[1.0 / num_shapes], self.confidence_edges, [1.0]])
         right = self.probs[:, predicted, np.arange(self.probs.shape[2])]  # (P, M)
-        margin = 1e-9  # bins are open below, and certainty has no finite logits
+        margin = 1e-9  # bins exclude their lower edge, and probability one has no finite logits
         low, high = edges[bins] + margin, np.minimum(edges[bins + 1], 1.0 - margin)
         confidence = np.clip(right / np.maximum(self.probs.sum(axis=1), np.finfo(float).tiny), low, high)
-        floor = self.calibration.floor  # which the calibration will add again
+        floor = self.calibration.floor  # which the calibration adds again
         confidence = np.minimum((confidence - floor / num_shapes) / (1.0 - floor), 1.0 - margin)
         rest = (1.0 - confidence) / (num_shapes - 1)
         probs = np.where(predicted[:, None] == np.arange(num_shapes), confidence[..., None], rest[..., None])
-        with np.errstate(over="ignore"):  # of a temperature near the largest float; real logits end there too
+        with np.errstate(over="ignore"):  # for a temperature near the largest float
             return np.clip(np.log(probs) * self.calibration.temperature, -np.finfo(float).max, 0.0)
 
     @property
     def default_outcomes(self) -> int:
-        """All M that there are."""
+        """M."""
         return self.probs.shape[2]
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`; exact, and merged where fewer outcomes are asked for than there are."""
+        """See :class:`ArrayModel`; exact, or merged into fewer outcomes."""
         return OutcomeTable(self.probs).merged(num_outcomes)
 
     def to_fields(self) -> dict[str, Any]:

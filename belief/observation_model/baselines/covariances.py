@@ -1,4 +1,4 @@
-"""Means and covariances of touches of shapes, estimated from few and from none."""
+"""Shrinkage estimates of the means and covariances of touches by shape, for shapes with few or no touches."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats
 
 MEAN_POOLING = 30.0
-"""Weight of a shape's mean over all poses in that of each pose, in touches."""
-_SMALLEST_VARIANCE = 1e-12  # in units of the embedding, whose typical touch is about one away from the centre
+"""Weight of a shape's mean over all poses in its mean in each pose, in touches."""
+_SMALLEST_VARIANCE = 1e-12  # in units of the embedding
 
 
 def pose_means(vectors: Floats, data: LabelledTouches, pooling: float = MEAN_POOLING) -> tuple[Floats, Floats]:
-    """Mean vector of each shape in each pose, ``(P, K, D)``, and what touches ``(n, D)`` are away from theirs.
+    """Mean vector of each shape in each pose, ``(P, K, D)``, and the residuals of the touches, ``(n, D)``.
 
-    Each is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all.
+    Each mean is shrunk towards the shape's mean over all poses. A shape without touches gets the mean of all touches.
 
     >>> from belief import Touch
     >>> data = LabelledTouches.of([Touch(pose, np.zeros(2)) for pose in (0, 0, 1)], [0, 0, 0], None)
@@ -47,12 +47,12 @@ def scatter_of_shapes(rest: Floats, data: LabelledTouches) -> Floats:
 
 
 def pooled(sums: Floats, numbers: ArrayLike, pooling: float) -> Floats:
-    """Covariances ``(K, D, D)`` from sums of squares, each shrunk towards that of all shapes together.
+    """Covariances ``(K, D, D)`` from sums of squares, each shrunk towards the covariance of all shapes together.
 
     Args:
         sums: sums of squares, ``(K, D, D)``.
-        numbers: how many terms each has, ``(K,)``; none at all for a shape that was never seen.
-        pooling: weight of the common covariance, in terms, ≥ 0; ``inf`` for that one only.
+        numbers: number of terms of each sum, ``(K,)``, ≥ 0.
+        pooling: weight of the common covariance, in terms, ≥ 0; with ``inf`` all shapes get it.
 
     Raises:
         ValueError: ``pooling`` is negative or NaN.
@@ -67,12 +67,12 @@ def pooled(sums: Floats, numbers: ArrayLike, pooling: float) -> Floats:
     common = sums.sum(axis=0) / max(number.sum(), 1.0)
     if np.isinf(pooling):
         return np.broadcast_to(common, sums.shape).copy()
-    weight = np.where(number > 0.0, pooling, 1.0)  # a shape never seen has nothing but what is common
+    weight = np.where(number > 0.0, pooling, 1.0)  # a shape without touches gets the common covariance
     return np.asarray((sums + weight * common) / (number + weight))
 
 
 def positive_definite(covariances: Floats) -> Floats:
-    """Covariances ``(K, D, D)`` with eigenvalues of at least 1e-6 of the largest, so that none is singular.
+    """Covariances ``(K, D, D)`` with eigenvalues raised to at least 1e-6 of the largest.
 
     >>> positive_definite(np.diag([4.0, 0.0])[None]).tolist()
     [[[4.0, 0.0], [0.0, 4e-06]]]
@@ -83,7 +83,7 @@ def positive_definite(covariances: Floats) -> Floats:
 
 
 def whitened(vectors: Floats, bases: Floats) -> Floats:
-    """Vectors ``(..., D)`` in the basis A of every shape, ``(..., K, D)``, from all A, ``(K, D, D)``.
+    """Vectors ``(..., D)`` in the basis of each shape, ``(..., K, D)``, for bases ``(K, D, D)``.
 
     >>> whitened(np.array([1.0, 2.0]), np.stack([np.eye(2), np.diag([2.0, 0.5])])).tolist()
     [[1.0, 2.0], [2.0, 1.0]]
@@ -93,7 +93,7 @@ def whitened(vectors: Floats, bases: Floats) -> Floats:
 
 
 def squares_within(scatter: Floats, bases: Floats) -> Floats:
-    """Sums of squares ``(S, D, D)`` as traces in the basis of every shape, ``(S, K)``, from all A, ``(K, D, D)``.
+    """Traces of sums of squares ``(S, D, D)`` in the basis of each shape, ``(S, K)``, for bases ``(K, D, D)``.
 
     >>> squares_within(np.diag([1.0, 2.0])[None], np.stack([np.eye(2), np.diag([2.0, 0.0])])).tolist()
     [[3.0, 4.0]]
@@ -103,10 +103,10 @@ def squares_within(scatter: Floats, bases: Floats) -> Floats:
 
 
 def require_means(means: Floats, num_shapes: int, num_components: int) -> None:
-    """Refuse what is not ``(P, K, D)`` for these K and D, and finite.
+    """Check that means are finite and ``(P, K, D)`` for the given K and D.
 
     Raises:
-        ValueError: it says what was given.
+        ValueError: they are not.
 
     >>> require_means(np.zeros((1, 2, 3)), num_shapes=2, num_components=4)
     Traceback (most recent call last):
@@ -120,7 +120,7 @@ def require_means(means: Floats, num_shapes: int, num_components: int) -> None:
 
 
 def require_covariances(name: str, covariances: Floats, means: Floats, *, definite: bool) -> None:
-    """Refuse what are no covariances ``(K, D, D)``, one for each shape of ``means (P, K, D)``.
+    """Check that covariances are valid and ``(K, D, D)``, one for each shape of ``means (P, K, D)``.
 
     Raises:
         ValueError: wrong shape, NaN, not symmetric, or an eigenvalue below zero (not above zero, if ``definite``).

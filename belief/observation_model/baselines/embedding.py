@@ -1,8 +1,7 @@
-"""Embeddings of touches as vectors of few components, for Gaussian models.
+"""Embeddings of touches as vectors with few components, for Gaussian models.
 
-Both embeddings cut off what is beyond all experience, so that one touch (a logit of 1e308, say) never outweighs all
-others: at the extremes that the calibration touches showed, and at three times the size that all but a tenth of them
-stay below. That size is the unit too, so the numbers are neither huge nor tiny, whatever a classifier's scale.
+Both embeddings clip their input, so that a single extreme touch cannot dominate: to the range of the calibration
+touches, and to three units. One unit is the 90th percentile of the sizes of the calibration touches.
 """
 
 from __future__ import annotations
@@ -26,17 +25,17 @@ _MOST_UNITS = 3.0
 
 
 class Embedding(Protocol):
-    """Turns touches into vectors, and vectors into touches."""
+    """A map from touches to vectors, and back."""
 
     @property
     def num_components(self) -> int:
         """D."""
 
     def __call__(self, batch: TouchBatch) -> Floats:
-        """Vectors ``(S, n, D)`` of touches."""
+        """Vectors of touches, ``(S, n, D)``."""
 
     def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
-        """Touches in ``poses (S, n)`` that such vectors ``(S, n, D)`` are of."""
+        """Touches in ``poses (S, n)`` with vectors ``(S, n, D)``."""
 
     def to_fields(self) -> dict[str, Any]:
         """All attributes, as JSON types; :func:`embedding_from_fields` reads them."""
@@ -44,14 +43,14 @@ class Embedding(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class LogitEmbedding(FrozenArrays):
-    """The logits without their mean, which no softmax feels: K - 1 numbers in an orthonormal basis.
+    """The centred logits in an orthonormal basis of K - 1 vectors; a softmax does not depend on the mean.
 
     Attributes:
-        lowest, highest: of the logits without their mean, ``(K,)``; what is beyond is cut off.
-        unit: logits that make one unit of the vectors, > 0.
+        lowest, highest: bounds to which centred logits are clipped, ``(K,)``.
+        unit: size of one unit of the vectors, in logits, > 0.
 
     Raises:
-        ValueError: bounds that are NaN, cross, or are not of at least two shapes; a unit that is not above zero.
+        ValueError: invalid bounds, fewer than two shapes, or a unit out of range.
 
     Example:
         >>> embedding = LogitEmbedding(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
@@ -74,7 +73,7 @@ class LogitEmbedding(FrozenArrays):
 
     @classmethod
     def fit(cls, batch: TouchBatch) -> LogitEmbedding:
-        """With the extremes of these touches.
+        """The embedding with the range of these touches.
 
         >>> rng = np.random.default_rng(0)
         >>> embedding = LogitEmbedding.fit(TouchBatch(np.zeros((1, 99), int), rng.normal(size=(1, 99, 3))))
@@ -95,11 +94,11 @@ class LogitEmbedding(FrozenArrays):
         return self.cut(batch.logits) @ _basis(len(self.lowest)).T / self.unit
 
     def cut(self, logits: Floats) -> Floats:
-        """Logits ``(..., K)`` without their mean, cut off."""
+        """Centred and clipped logits, ``(..., K)``."""
         return np.minimum(np.maximum(_centred(logits), self.lowest), self.highest)
 
     def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
-        """See :class:`Embedding`; the logits' mean is zero."""
+        """See :class:`Embedding`; the logits have mean zero."""
         return TouchBatch(poses, vectors @ _basis(len(self.lowest)) * self.unit)
 
     def to_fields(self) -> dict[str, Any]:
@@ -114,13 +113,13 @@ class FeatureEmbedding(FrozenArrays):
     Attributes:
         centre: mean of the features, ``(F,)``.
         components: orthonormal rows ``(D, F)``.
-        lowest, highest: of every component, ``(D,)``, in units of the features; what is beyond is cut off.
-        readout: from vectors to logits, the last layer as far as the components span it, ``(D, K)``.
+        lowest, highest: bounds to which components are clipped, in units of the features, ``(D,)``.
+        readout: linear map from vectors to logits, ``(D, K)``.
         offset: logits at the centre, ``(K,)``.
-        unit: what makes one unit of the vectors, in those of the features, > 0.
+        unit: size of one unit of the vectors, in units of the features, > 0.
 
     Raises:
-        ValueError: arrays that do not fit each other or are not finite, crossing bounds, a unit not above zero.
+        ValueError: arrays that do not fit each other or are not finite, invalid bounds, or a unit out of range.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -130,7 +129,7 @@ class FeatureEmbedding(FrozenArrays):
         >>> np.abs(embedding.components).round(2).tolist()
         [[0.71, 0.0, 0.71]]
         >>> again = embedding.to_touches(batch.poses, embedding(batch)).features
-        >>> float(np.abs(again - features).max().round(1))            # what the second component had to say
+        >>> float(np.abs(again - features).max().round(1))            # the part of the second component
         0.4
     """
 
@@ -157,10 +156,10 @@ class FeatureEmbedding(FrozenArrays):
 
     @classmethod
     def fit(cls, batch: TouchBatch, num_components: int) -> FeatureEmbedding:
-        """Principal components of these touches.
+        """The principal components of these touches.
 
         Raises:
-            ValueError: the touches have no features, or not so many as components are asked for.
+            ValueError: the touches have no features, or ``num_components`` is out of range.
         """
         features = _features(batch).reshape(batch.poses.size, -1)
         if not 1 <= num_components <= min(features.shape):
@@ -194,7 +193,7 @@ class FeatureEmbedding(FrozenArrays):
         return np.minimum(np.maximum(vectors, self.lowest), self.highest) / self.unit
 
     def to_touches(self, poses: NDArray[np.int64], vectors: Floats) -> TouchBatch:
-        """See :class:`Embedding`; logits as the classifier's last layer would give, from these components alone."""
+        """See :class:`Embedding`; the logits are the readout of the components."""
         features = vectors * self.unit @ self.components + self.centre
         return TouchBatch(poses, vectors @ self.readout + self.offset, features)
 
@@ -204,10 +203,10 @@ class FeatureEmbedding(FrozenArrays):
 
 
 def embedding_from_fields(fields: Mapping[str, Any]) -> LogitEmbedding | FeatureEmbedding:
-    """The embedding that wrote these fields.
+    """The embedding of fields from :meth:`Embedding.to_fields`.
 
     Raises:
-        ValueError: there is no such embedding, or its numbers do not fit.
+        ValueError: an unknown embedding, or invalid numbers.
 
     >>> fields = {"embedding": "LogitEmbedding", "lowest": [-1.0, -2.0], "highest": [1.0, 2.0], "unit": 2.0}
     >>> embedding_from_fields(fields).to_fields() == fields
@@ -241,12 +240,12 @@ def _centred(logits: Floats) -> Floats:
 
 def _features(batch: TouchBatch) -> Floats:
     if batch.features is None:
-        raise ValueError("the touches carry no features; use an embedding of logits, or keep the features")
+        raise ValueError("the touches have no features; use an embedding of logits, or keep the features")
     return np.clip(np.asarray(batch.features, np.float64), -_LARGEST, _LARGEST)
 
 
 def _typical_size(away: Floats) -> float:
-    """Which size all but a tenth of the rows ``(n, …)`` stay below, by their largest entry; 1 where all are zero."""
+    """90th percentile of the largest entry of each row ``(n, …)``; 1 if all are zero."""
     sizes = np.sort(np.abs(away).max(axis=1))
     typical = sizes[int(0.9 * (len(sizes) - 1))]
     typical = typical if typical > 0.0 else sizes[np.searchsorted(sizes, 0.0, "right") % len(sizes)]

@@ -1,9 +1,9 @@
-r"""A Gaussian for every shape in every pose: linear or quadratic discriminant analysis as a likelihood.
+r"""Linear or quadratic discriminant analysis as a likelihood: a Gaussian for each shape in each pose.
 
     x | shape k, pose p ~ N(m_pk, Σ_k)            touches independent given the shape
 
-With ``pooling`` touches' worth of the covariance of all shapes together mixed into each shape's own, it goes from
-quadratic (0) to linear discriminant analysis (∞), as in Friedman (1989).
+Each covariance is shrunk towards the covariance of all shapes together with weight ``pooling``, in touches: 0 gives
+quadratic and ∞ linear discriminant analysis (Friedman 1989).
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from belief.validation import as_real
 
 @dataclass(frozen=True, eq=False)
 class GaussianModel(PoseStatisticsModel):
-    """One Gaussian a shape and pose on an embedding of touches; covariances are those of shapes, means also of poses.
+    """A Gaussian model of an embedding of touches, with a mean per shape and pose and a covariance per shape.
 
     Attributes:
         shape_labels: names of the K shapes.
-        embedding: where it looks at a touch.
+        embedding: from touches to vectors.
         means: ``(P, K, D)``.
         covariances: ``(K, D, D)``.
 
@@ -82,20 +82,20 @@ class GaussianModel(PoseStatisticsModel):
         embedding: Embedding | None = None,
         pooling: float = 30.0,
     ) -> GaussianModel:
-        """Maximum likelihood, shrunk where touches are few.
+        """Fit by maximum likelihood with shrinkage.
 
         Args:
-            touches: calibration touches, of objects the classifier was not trained on.
+            touches: calibration touches of objects outside the classifier's training set.
             shapes: true shape index of each, ``(n,)``.
-            object_ids: of no effect, as this model treats touches as independent given the shape.
-            shape_labels: names; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose seen.
-            embedding: where to look at a touch; the logits by default.
-            pooling: weight of what all shapes have in common in each one's covariance, in touches; 0 for quadratic,
-                ``inf`` for linear discriminant analysis.
+            object_ids: ignored, because touches are independent given the shape.
+            shape_labels: names of the shapes; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose in the data.
+            embedding: from touches to vectors; the logits by default.
+            pooling: weight of the common covariance in that of each shape, in touches; 0 for quadratic, ``inf`` for
+                linear discriminant analysis.
 
         Raises:
-            ValueError: see :meth:`LabelledTouches.of`; negative pooling.
+            ValueError: as :meth:`LabelledTouches.of`; negative pooling.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
@@ -112,7 +112,7 @@ class GaussianModel(PoseStatisticsModel):
 
     @cached_property
     def _whitening(self) -> Floats:
-        """``(K, D, D)``: A with Aᵀ A = Σ⁻¹."""
+        """A with Aᵀ A = Σ⁻¹, ``(K, D, D)``."""
         return np.linalg.inv(np.linalg.cholesky(self.covariances))
 
     @cached_property

@@ -1,13 +1,12 @@
-r"""Touches of one object resemble each other: the two-covariance model of speaker verification, with poses.
+r"""Probabilistic linear discriminant analysis (PLDA) with poses: touches of one object share random effects.
 
 A touch of object o, of shape k, in pose p is (Ioffe 2006; Brümmer & de Villiers 2010; Sizov, Lee & Kinnunen 2014)
 
-    x = m_pk + u_o + v_op + e,     u ~ N(0, B_k),  v ~ N(0, V_k),  e ~ N(0, W_k):
+    x = m_pk + u_o + v_op + e,     u ~ N(0, B_k),  v ~ N(0, V_k),  e ~ N(0, W_k).
 
-u is what all touches of the object share, v what those in one pose share, e what every touch has for itself. Under
-naive Bayes the same pose felt twice counts twice; here its second touch only averages out e. With B = V = 0 the two
-are the same. The likelihood of all touches is closed-form and needs of each pose no more than the number of touches,
-their mean and their scatter.
+All touches of the object share u, its touches in one pose share v, and e is independent for each touch. With B = V = 0
+it is the Gaussian model. The likelihood has a closed form in the number of touches in each pose, their mean and their
+scatter.
 """
 
 from __future__ import annotations
@@ -44,27 +43,26 @@ Status: TypeAlias = Literal["ok", "no_repeats", "one_touch_per_object"]
 
 @dataclass(frozen=True, eq=False)
 class PLDAModel(PoseStatisticsModel):
-    """Gaussian touches that share a part with other touches of their object, and another with those in their pose.
+    """A Gaussian model with one random effect per object and one per object and pose.
 
     Attributes:
         shape_labels: names of the K shapes.
-        embedding: where it looks at a touch.
+        embedding: from touches to vectors.
         means: ``(P, K, D)``.
-        components: covariances of what an object's touches share, of what those in one pose share, and of the rest.
-        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, so half of what a pose's touches do not
-            share with others is *taken* to repeat; ``one_touch_per_object``: nor in two poses, and a third each is
-            taken for B, V and W.
+        components: the covariances B, V and W.
+        status: ``ok``; ``no_repeats``: no object was touched twice in a pose, and V = W is assumed;
+            ``one_touch_per_object``: B = V = W is assumed.
 
     Raises:
-        ValueError: arrays that do not fit each other, are no covariances, or an unknown status.
+        ValueError: arrays that do not fit each other, invalid covariances, or an unknown status.
 
     Example:
-        Five touches of one object in one pose, all the same, are hardly more than one:
+        Five equal touches of one object in one pose are little more evidence than one:
 
         >>> rng = np.random.default_rng(0)
         >>> ids = np.arange(1200) // 4                                  # four touches of each object, in one pose
         >>> shapes = ids % 2
-        >>> shared = rng.normal(size=(300, 2))[ids]                     # what repeats
+        >>> shared = rng.normal(size=(300, 2))[ids]                     # equal in all four
         >>> logits = 1.5 * np.eye(2)[shapes] + shared + 0.1 * rng.normal(size=(1200, 2))
         >>> touches = [Touch(0, row) for row in logits]
         >>> model = PLDAModel.fit(touches, shapes, ids)
@@ -104,21 +102,21 @@ class PLDAModel(PoseStatisticsModel):
         embedding: Embedding | None = None,
         pooling: float = np.inf,
     ) -> PLDAModel:
-        """Means as of :class:`GaussianModel`; covariances by expectation maximisation.
+        """Fit the means as :class:`GaussianModel` does, and the covariances by expectation maximisation.
 
         Args:
-            touches: calibration touches, of objects the classifier was not trained on; touch some of them several
-                times in one pose, or the model cannot know how far touches repeat each other (see ``status``).
+            touches: calibration touches of objects outside the classifier's training set, some of them touched several
+                times in one pose (see ``status``).
             shapes: true shape index of each, ``(n,)``.
-            object_ids: which object was touched, ``(n,)``; any labels.
-            shape_labels: names; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose seen.
-            embedding: where to look at a touch; the logits by default.
-            pooling: weight of what all shapes have in common in each one's covariances, in terms of the sums they are
-                estimated from; by default there is one set of covariances for all shapes.
+            object_ids: object of each touch, ``(n,)``; any labels.
+            shape_labels: names of the shapes; by default ``shape_0`` and so on.
+            num_poses: P; by default one more than the largest pose in the data.
+            embedding: from touches to vectors; the logits by default.
+            pooling: weight of the common covariances in those of each shape, in terms of their sums; by default all
+                shapes have the same covariances.
 
         Raises:
-            ValueError: see :meth:`LabelledTouches.of`; negative pooling.
+            ValueError: as :meth:`LabelledTouches.of`; negative pooling.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
@@ -134,11 +132,11 @@ class PLDAModel(PoseStatisticsModel):
 
     @property
     def repeat_correlation(self) -> float:
-        """The ρ by which touches in one pose correlate, as far as that matters to telling shapes apart.
+        """The correlation ρ that gives a repeat the same information about the shape as in this model.
 
-        The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two, and its information
-        about the shape is the trace of the means' scatter between shapes over that covariance. Under equal correlation
-        a repeat adds (1 - ρ)/(1 + ρ) of what another pose adds; this is solved for ρ.
+        The mean of two touches has covariance B + V + W/2 in one pose and B + (V + W)/2 in two. Its information about
+        the shape is tr(covariance⁻¹ · scatter of the means between shapes). Under correlation ρ a repeat adds
+        (1 - ρ)/(1 + ρ) times the information of a touch in another pose.
 
         >>> from belief.observation_model import LogitEmbedding
         >>> identity, means = np.stack([np.eye(2)] * 3), np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]])
@@ -157,7 +155,7 @@ class PLDAModel(PoseStatisticsModel):
         once = information(shared + repeated + rest)
         repeat = information(shared + repeated + rest / 2.0) - once
         another = information(shared + (repeated + rest) / 2.0) - once
-        if another <= 0.0:  # all shapes have the same mean, so no touch has a value to discount
+        if another <= 0.0:  # all shapes have the same mean
             return 0.0
         ratio = min(max(repeat / another, 0.0), 1.0)
         return (1.0 - ratio) / (1.0 + ratio)
@@ -166,12 +164,12 @@ class PLDAModel(PoseStatisticsModel):
         """Log-likelihoods ``(S, K)``."""
         basis, counts, present = self._basis, found.counts, np.maximum(found.counts, 1.0)  # (S, p)
         within = squares_within(found.scatter, basis.whiten)
-        # In the basis of a shape W is the identity, V is diagonal, and each pose's mean has variance V + 1 / count.
+        # In the basis of a shape W is the identity, V is diagonal, and the mean in a pose has variance V + 1 / count.
         y = whitened(found.means, basis.whiten) - basis.means[found.used]  # (S, p, K, D)
         weight = np.where(counts > 0.0, 1.0, 0.0)[..., None, None] / (basis.of_pose + 1.0 / present[..., None, None])
         between = (weight * y**2).sum(axis=(1, 3))
         pull = (weight * y).sum(axis=1)  # (S, K, D)
-        # The rest depends on how many touches there were in how many poses only, and few such patterns occur.
+        # The other terms depend only on the pattern of counts, and few patterns occur.
         _, example, pattern = np.unique(np.sort(counts, axis=1), axis=0, return_index=True, return_inverse=True)
         inner = np.eye(y.shape[3]) + basis.of_object * weight[example].sum(axis=1)[..., None, :]  # I + B M, M diagonal
         gain = np.linalg.solve(inner, np.broadcast_to(basis.of_object, inner.shape))  # (patterns, K, D, D)
@@ -226,7 +224,7 @@ class PLDAModel(PoseStatisticsModel):
 
 
 class _Basis(NamedTuple):
-    """For every shape a basis in which its W is the identity and its V diagonal.
+    """A basis for each shape in which W is the identity and V is diagonal.
 
     Attributes:
         whiten: A with A W Aᵀ = I, ``(K, D, D)``.
@@ -244,6 +242,6 @@ class _Basis(NamedTuple):
 
 
 def _root(covariance: Floats) -> Floats:
-    """A symmetric square root, also of a covariance of less than full rank."""
+    """A symmetric square root, also of a singular covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T)

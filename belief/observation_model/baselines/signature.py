@@ -1,13 +1,12 @@
-r"""Outcomes that repeat: a hidden signature for every object and pose.
+r"""The signature model: a confusion model with a hidden outcome per object and pose that touches repeat.
 
-An object touched in a pose has a signature, an outcome drawn from the table. Each touch shows the signature with
-probability ρ, and otherwise an outcome drawn anew:
+The signature of an object in a pose is an outcome drawn from the table. Each touch gives the signature with probability
+ρ, and otherwise a new draw:
 
     p(o_1 … o_n | k, pose) = ∑_m T_km ∏_t (ρ [o_t = m] + (1 - ρ) T_k,o_t)
 
-The chance of a single touch is the table's whatever ρ; at ρ = 0 touches are independent, and as ρ → 1 all touches after
-the first tell nothing. The sum is over M outcomes and depends on how often each occurred only, so it takes any number
-of touches, in closed form.
+A single touch has the probability in the table for any ρ. At ρ = 0 touches are independent; as ρ → 1 touches after the
+first give no information. The sum depends only on how often each outcome occurred.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ class SignatureModel(ArrayModel):
     """A confusion model whose touches in one pose repeat each other.
 
     Attributes:
-        confusion: the model of single touches.
+        confusion: model of single touches.
         repeat_probability: ρ, in [0, 1).
-        status: ``ok``; ``no_repeats``: no objects of two shapes were touched twice in a pose, and ρ is assumed.
+        status: ``ok``, or ``no_repeats`` if ρ is assumed because no objects of two shapes were touched twice in a pose.
 
     Raises:
         ValueError: a probability out of range, or an unknown status.
@@ -76,9 +75,9 @@ class SignatureModel(ArrayModel):
         num_poses: int | None = None,
         confidence_edges: Sequence[float] = (),
     ) -> SignatureModel:
-        """The confusion model of these touches, and the ρ that explains how objects' touches repeat.
+        """Fit the confusion model, and ρ to repeated touches of an object (``object_ids``) in one pose.
 
-        Arguments and errors are those of :meth:`ConfusionModel.fit`; ``object_ids`` counts here.
+        Arguments and errors are otherwise those of :meth:`ConfusionModel.fit`.
         """
         confusion = ConfusionModel.fit(
             touches, shapes, shape_labels=shape_labels, num_poses=num_poses, confidence_edges=confidence_edges
@@ -89,8 +88,8 @@ class SignatureModel(ArrayModel):
             return cls(confusion, ASSUMED_CORRELATION, "no_repeats")
         outcomes = np.where(found.rows >= 0, confusion.outcomes_of(data.logits)[found.rows], -1)
         same = outcomes[:, :, None] == outcomes[:, None]  # (G, n, n)
-        is_first = same.argmax(axis=2) == np.arange(outcomes.shape[1])  # of its kind in its group
-        # How often the outcome of a touch has occurred after two, three, … touches; counted once for all of its kind.
+        is_first = same.argmax(axis=2) == np.arange(outcomes.shape[1])  # first occurrence in its group
+        # How often each outcome occurred after two, three, … touches, at its first occurrence.
         counts = np.where(is_first[:, None], same.cumsum(axis=1), 0)[:, 1:]  # (G, n - 1, n)
         poses = data.poses[found.rows[:, 0], None, None]
         correlation = fit_correlation(
@@ -110,7 +109,7 @@ class SignatureModel(ArrayModel):
 
     @property
     def repeat_correlation(self) -> float:
-        """See :class:`ArrayModel`; ρ², as both of two touches show the signature with that probability."""
+        """See :class:`ArrayModel`; ρ² is the probability that two touches both give the signature."""
         return self.repeat_probability**2
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
@@ -123,36 +122,36 @@ class SignatureModel(ArrayModel):
         return total
 
     def statistics_with(self, statistics: _Occurred | None, touch: Touch) -> _Occurred:
-        """How often every outcome occurred in every pose, and what that tells."""
+        """Counts of the outcomes in each pose, and their log-likelihoods."""
         batch = self.alone(touch)
         pose, (outcome,) = int(batch.poses[0, 0]), self.confusion.outcomes_of(batch.logits[0]).tolist()
         num_poses, num_shapes, num_outcomes = self.confusion.probs.shape
         if statistics is None:
-            counts, told = np.zeros((num_poses, num_outcomes), np.int64), np.zeros((num_poses, num_shapes))
+            counts, log_likelihoods = np.zeros((num_poses, num_outcomes), np.int64), np.zeros((num_poses, num_shapes))
         else:
-            counts, told = statistics.counts.copy(), statistics.told.copy()
+            counts, log_likelihoods = statistics.counts.copy(), statistics.log_likelihoods.copy()
         counts[pose, outcome] += 1
-        told[pose] = self._log_repeats(pose, np.arange(num_outcomes), counts[pose][None])[0]
-        return _Occurred(counts, told)
+        log_likelihoods[pose] = self._log_repeats(pose, np.arange(num_outcomes), counts[pose][None])[0]
+        return _Occurred(counts, log_likelihoods)
 
     def log_likelihood_of(self, statistics: _Occurred) -> Floats:
-        """The sum over poses."""
-        return np.asarray(statistics.told.sum(axis=0))
+        """The sum of the log-likelihoods over poses."""
+        return np.asarray(statistics.log_likelihoods.sum(axis=0))
 
     def _log_repeats(
         self, poses: NDArray[np.int64] | int, outcomes: NDArray[np.int64], counts: NDArray[np.int64]
     ) -> Floats:
-        """Log-likelihoods ``(..., K)`` of outcomes that occurred so many times in one pose.
+        """Log-likelihoods ``(..., K)`` of outcomes with their counts in one pose.
 
         Args:
             poses: ``(..., 1)``.
-            outcomes: ``(..., m)``, different ones wherever their count is not zero.
-            counts: ``(..., m)``; an outcome that did not occur says nothing.
+            outcomes: ``(..., m)``, different where their counts are positive.
+            counts: ``(..., m)``.
         """
         anew, of_signature = self._logs
         number, occurred = counts[..., None], (counts > 0)[..., None]  # (..., m, 1)
         independent = (number * np.where(occurred, anew[poses, outcomes], 0.0)).sum(axis=-2)
-        # The signature is one of the outcomes that occurred, which were then likelier, or any other.
+        # The signature is one of the outcomes that occurred, which are then more likely, or another outcome.
         probs = np.where(occurred, self._probs_by_outcome[poses, outcomes], 0.0)
         likelier = np.where(probs > 0.0, number * of_signature[poses, outcomes], 0.0)  # log factors
         most = np.maximum(likelier.max(axis=-2), 0.0)
@@ -167,7 +166,7 @@ class SignatureModel(ArrayModel):
 
     @cached_property
     def _logs(self) -> tuple[Floats, Floats]:
-        """Log of (1 - ρ) T, and of how many times likelier an outcome is as the signature; both ``(P, M, K)``."""
+        """Log of (1 - ρ) T, and log of the factor by which the signature is more likely; both ``(P, M, K)``."""
         rho, probs = self.repeat_probability, self._probs_by_outcome
         with np.errstate(divide="ignore"):
             anew = np.log1p(-rho) + np.log(probs)
@@ -184,11 +183,11 @@ class SignatureModel(ArrayModel):
 
     @property
     def default_outcomes(self) -> int:
-        """All M that single touches have."""
+        """M of the confusion model."""
         return self.confusion.default_outcomes
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`; that of single touches."""
+        """See :class:`ArrayModel`; the table of single touches."""
         return self.confusion.outcome_table(num_outcomes)
 
     def to_fields(self) -> dict[str, Any]:
@@ -207,7 +206,7 @@ class SignatureModel(ArrayModel):
 
 
 class _Occurred(NamedTuple):
-    """``counts`` of every outcome in every pose, ``(P, M)``, and what they tell, log-likelihoods ``(P, K)``."""
+    """``counts`` of the outcomes in each pose, ``(P, M)``, and their log-likelihoods, ``(P, K)``."""
 
     counts: NDArray[np.int64]
-    told: Floats
+    log_likelihoods: Floats

@@ -1,4 +1,4 @@
-"""Expectation maximisation for covariances that touches share by object, by object and pose, and not at all."""
+"""Expectation maximisation for variance components: by object, by object and pose, and by touch."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Components(NamedTuple):
     """Covariances, each ``(K, D, D)``.
 
     Attributes:
-        of_object: B, of what all touches of an object share.
-        of_pose: V, of what an object's touches in one pose share beyond that.
-        of_touch: W, of the rest; positive definite.
+        of_object: B, of the effect that all touches of an object share.
+        of_pose: V, of the effect that touches of an object in one pose share.
+        of_touch: W, of single touches; positive definite.
     """
 
     of_object: Floats
@@ -35,15 +35,15 @@ def estimate_components(
     has_repeats: bool,
     num_rounds: int = 300,
 ) -> Components:
-    """Maximum likelihood of the components, shrunk towards what shapes have in common.
+    """Maximum-likelihood estimate of the components, shrunk towards their means over shapes.
 
     Args:
-        rest: touches less the mean of their shape and pose, ``(n, D)``.
-        data: what is known about these touches.
-        total: covariance of ``rest`` for each shape, ``(K, D, D)``, from which the search starts, a third each.
-        pooling: weight of what all shapes have in common, see :func:`pooled`.
-        has_repeats: whether some object was touched twice in a pose; if not, V and W stay equal.
-        num_rounds: of expectation maximisation, at most.
+        rest: touches minus the mean of their shape and pose, ``(n, D)``.
+        data: labels of these touches.
+        total: covariance of ``rest`` for each shape, ``(K, D, D)``; each component starts at a third of it.
+        pooling: as for :func:`pooled`.
+        has_repeats: whether some object was touched twice in a pose; if not, V and W are kept equal.
+        num_rounds: largest number of iterations.
 
     >>> rng = np.random.default_rng(0)
     >>> from belief import Touch
@@ -51,16 +51,16 @@ def estimate_components(
     >>> rest = 2.0 * rng.normal(size=(2000, 1))[ids] + rng.normal(size=(6000, 1))
     >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 6000, np.zeros(6000, int), ids)
     >>> parts = estimate_components(rest, data, np.full((2, 1, 1), 5.0), pooling=np.inf, has_repeats=True)
-    >>> shared = parts.of_object + parts.of_pose                         # in one pose nobody can tell them apart
+    >>> shared = parts.of_object + parts.of_pose                         # not separable with a single pose
     >>> shared[0].round(1).tolist(), parts.of_touch[0].round(1).tolist()
     ([[4.1]], [[1.0]])
     """
     num_shapes, size = len(total), rest.shape[1]
-    if np.isinf(pooling):  # one set of covariances: objects of all shapes are alike
+    if np.isinf(pooling):  # the same covariances for all shapes
         statistics, total = [_statistics(rest, data, np.ones(data.num_objects, np.bool_))], total[:1]
     else:
         statistics = [_statistics(rest, data, data.shape_of_object == k) for k in range(num_shapes)]
-    # Without it, W would vanish where touches repeat each other exactly, and the likelihood exceed all bounds.
+    # Without a floor, W would vanish for equal touches, and the likelihood would be unbounded.
     floor = 1e-6 * np.trace(total, axis1=1, axis2=2)[:, None, None] / size * np.eye(size)
     parts = np.stack([total / 3.0] * 3)  # (3, K, D, D)
     for _ in range(num_rounds):
@@ -77,25 +77,25 @@ def estimate_components(
         parts = updated
         if done:
             break
-    values, basis = np.linalg.eigh(parts[:2])  # which rounding may have left a little below zero
+    values, basis = np.linalg.eigh(parts[:2])  # rounding may leave eigenvalues slightly below zero
     shared = (basis * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(basis, -1, -2)
     found = np.concatenate([shared, parts[2:]])
     return Components(*np.broadcast_to(found, (3, num_shapes, size, size)).copy())
 
 
 class _Statistics(NamedTuple):
-    """All that expectation maximisation needs to know of N touched objects that share their covariances.
+    """Sufficient statistics of N objects that share their covariances.
 
-    A *level* is a number of touches in a pose. Few of them occur, whatever the number of objects, and the posterior
-    covariance of an object's part depends on its *pattern* alone: how many of its poses are on each level.
+    A *level* is a number of touches in a pose. A *pattern* states how many poses of an object are on each level. The
+    posterior covariance of an object's effect depends only on its pattern, and few patterns occur.
 
     Attributes:
         levels: numbers of touches that occur, ``(L,)``.
-        patterns: those that occur, ``(U, L)``.
-        pattern: which each object has, ``(N,)``.
-        sums: of the means of an object's poses on a level, ``(N, L, D)``.
-        squares: of those means, summed over all objects, ``(L, D, D)``.
-        scatter: of touches about their pose's mean, ``(D, D)``.
+        patterns: patterns that occur, ``(U, L)``.
+        pattern: index of each object's pattern, ``(N,)``.
+        sums: sum of the means of an object's poses on each level, ``(N, L, D)``.
+        squares: sums of squares of those means over all objects, ``(L, D, D)``.
+        scatter: sum of squares of touches about the mean of their object and pose, ``(D, D)``.
     """
 
     levels: Floats
@@ -107,7 +107,7 @@ class _Statistics(NamedTuple):
 
 
 def _statistics(rest: Floats, data: LabelledTouches, members: NDArray[np.bool_]) -> _Statistics | None:
-    """Of some objects, ``(N,)``; None if there are none."""
+    """Statistics of the objects in a mask ``(N,)``; None if there are none."""
     if not members.any():
         return None
     counts = np.zeros((data.num_objects, data.num_poses))
@@ -132,7 +132,7 @@ def _statistics(rest: Floats, data: LabelledTouches, members: NDArray[np.bool_])
 
 
 def _expect(of: _Statistics, parts: Floats) -> tuple[Floats, Floats]:
-    """Expected sums of squares of u, v and e over these objects, ``(3, D, D)``, and how many each has."""
+    """Expected sums of squares of u, v and e over these objects, ``(3, D, D)``, and their numbers of terms."""
     shared_object, shared_pose, own = parts
     identity = np.eye(len(own))
     precision = np.linalg.inv(shared_pose + own / of.levels[:, None, None])  # of a pose's mean, given u; (L, D, D)

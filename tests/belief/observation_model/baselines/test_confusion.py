@@ -77,7 +77,7 @@ def test_confidence_edges_that_do_not_rise_are_refused(edges):
 
 @pytest.mark.parametrize("labels", [("a",), ()])
 def test_a_model_of_one_shape_is_refused(labels):
-    with pytest.raises(ValueError, match="one shape is no choice"):
+    with pytest.raises(ValueError, match="at least two shapes"):
         ConfusionModel(labels, np.ones((1, 1, 1)), TemperatureScaling())
 
 
