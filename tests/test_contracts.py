@@ -110,7 +110,7 @@ chance = np.random.default_rng(1)
         ),
         (
             {"log_likelihood": lambda found, touches: found(touches) + (chance.random() if touches else 0.0)},
-            "asked again",
+            "differs between two calls",
         ),
         ({"outcome_table": lambda found: OutcomeTable(np.full((3, 2, 2), 0.5))}, "must have 4 shapes"),
         (

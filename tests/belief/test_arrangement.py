@@ -140,7 +140,7 @@ def test_certainty_about_all_but_one_object_decides_the_last():
 
 def test_two_objects_that_can_only_be_the_same_shape_are_impossible():
     weights = np.array([[0.0, -np.inf], [0.0, -np.inf]])
-    with pytest.raises(ImpossibleObservation, match="only be the same shape"):
+    with pytest.raises(ImpossibleObservation, match="to have the same shape"):
         arrangement_marginals(weights)
 
 
@@ -160,7 +160,7 @@ def test_weights_at_the_edge_of_floats_have_marginals(weights, expected):
     ("weights", "message"),
     [
         (np.zeros((3, 2)), "3 objects cannot all differ"),
-        (np.eye(21), "more than the limit of 1048576, which 20 distinct shapes reach"),
+        (np.eye(21), "more than 1048576 multisets"),
         (np.zeros((0, 3)), "at least one object"),
         (np.array([[0.0, 1.0], [np.nan, 0.0]]), "row 1 hold NaN"),
         (np.array([[0.0, 1.0], [0.0, np.inf]]), "row 1 hold NaN or [+]inf"),

@@ -169,9 +169,7 @@ def test_more_than_twenty_distinct_objects_are_refused_before_the_search_with_li
     class Model(Told):
         shape_labels = labels
 
-    with pytest.raises(
-        ValueError, match=r"21 objects .* every multiset of shapes .* limit of 1048576, which 20 distinct"
-    ):
+    with pytest.raises(ValueError, match=r"21 objects .* more than 1048576 multisets"):
         SceneBelief(SearchProblem(labels, ("p",), 21), Model())
     few = SceneBelief(SearchProblem(labels, ("p",), 3), Model())
     np.testing.assert_allclose(few.marginals(), 1 / 21)

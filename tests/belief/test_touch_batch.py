@@ -57,7 +57,7 @@ def test_any_type_of_number_will_do(dtype):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (Touch(0, np.zeros(2)), "as many as the first touch has"),
+        (Touch(0, np.zeros(2)), "as many as in the first touch"),
         (Touch(0, np.array([0, -np.inf, 0])), "finite logits"),
         (Touch(0, np.array([0, 0, 0]), np.array([np.nan] * 5)), "finite features"),
         (Touch(0, np.array([0, 0, 0]), np.zeros(4)), "row of features"),
