@@ -1,4 +1,4 @@
-"""The ``activetouch`` command: a table of commands, of which only the chosen one is imported."""
+"""The ``activetouch`` command; it imports only the module of the chosen subcommand."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from experiments.command_line.signals import loading, running
 
 
 @dataclass(frozen=True)
-class Entry:
-    """A command in the table.
+class Command:
+    """A subcommand.
 
     Attributes:
-        place: ``module:class``; the module lies in :mod:`experiments`.
-        summary: what it does, in one line of the help.
+        place: ``module:class``, with the module relative to :mod:`experiments`.
+        summary: one line of the help.
     """
 
     place: str
@@ -31,60 +31,60 @@ class Entry:
         return getattr(import_module(f"experiments.{module}"), name)
 
 
-GROUPS: dict[str, dict[str, Entry]] = {
+COMMAND_GROUPS: dict[str, dict[str, Command]] = {
     "Search": {
-        "compare": Entry("search.compare:Compare", "play the same searches with several deciders; report"),
-        "merge": Entry("search.merge:Merge", "unite run folders that several machines filled"),
-        "replay": Entry("search.replay:Replay", "draw or animate one recorded search"),
-        "export": Entry("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
-        "overprobing": Entry("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
+        "compare": Command("search.compare:Compare", "run the same searches with several deciders; report"),
+        "merge": Command("search.merge:Merge", "combine run folders of several machines"),
+        "replay": Command("search.replay:Replay", "draw or animate one recorded search"),
+        "export": Command("search.export:Export", "write a search (.pomdp) or a solved policy (.npz)"),
+        "overprobing": Command("search.overprobing:OverprobingCommand", "count the touches made after certainty"),
     },
     "Look at touches": {
-        "touch": Entry("press.touch:TouchCommand", "draw one press"),
-        "gallery": Entry("press.touch:Gallery", "draw every shape, pose and renderer"),
-        "view": Entry("press.touch:View", "watch a press in MuJoCo's window"),
-        "record": Entry("press.touch:Record", "write presses as time series, one CSV file per object"),
-        "explain": Entry("press.explain:Explain", "list what a scene models, why, and what that costs"),
-        "fidelity": Entry("press.fidelity:FidelityCommand", "compare cheap and rich ways to press"),
+        "touch": Command("press.touch:TouchCommand", "draw one press"),
+        "gallery": Command("press.touch:Gallery", "draw every shape, pose and renderer"),
+        "view": Command("press.touch:View", "watch a press in MuJoCo's window"),
+        "record": Command("press.touch:Record", "write presses as time series, one CSV file per object"),
+        "explain": Command("press.explain:Explain", "list what a scene models, and measure its cost"),
+        "fidelity": Command("press.fidelity:FidelityCommand", "compare cheap and rich ways to press"),
     },
     "Make a sensor": {
-        "collect": Entry("sensor.collect:Collect", "record touches of thousands of objects"),
-        "train": Entry("sensor.train:Train", "train a classifier on a collection"),
-        "calibrate": Entry("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
-        "learning-curve": Entry("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
-        "frontier": Entry("sensor.frontier:Frontier", "accuracy against time and size, per network"),
+        "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
+        "train": Command("sensor.train:Train", "train a classifier on a collection"),
+        "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
+        "learning-curve": Command("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
+        "frontier": Command("sensor.frontier:Frontier", "accuracy against time and size, per network"),
     },
     "Train policies": {
-        "touch-bank": Entry("ppo.touch_bank:MakeTouchBank", "turn a collection into a bank of touches to learn from"),
-        "train-ppo": Entry("ppo.train_ppo:TrainPPO", "train PPO policies, one per target"),
+        "touch-bank": Command("ppo.touch_bank:MakeTouchBank", "turn a collection into a touch bank for PPO training"),
+        "train-ppo": Command("ppo.train_ppo:TrainPPO", "train PPO policies, one per target"),
     },
     "Evaluate": {
-        "calibration-report": Entry(
-            "calibration.calibration_report:CalibrationReport", "test whether stated probabilities are right"
+        "calibration-report": Command(
+            "calibration.calibration_report:CalibrationReport", "test the calibration of stated probabilities"
         ),
-        "limit": Entry("bayes_error.limit:Limit", "estimate the best possible accuracy of one touch"),
-        "leak": Entry("press.leak:Leak", "measure what force and depth reveal without the image"),
-        "robustness": Entry("robustness.robustness:Robustness", "test faults, other objects and unknown shapes"),
-        "tradeoff": Entry("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
-        "reproduce": Entry("paper.reproduce:Reproduce", "the paper's tables and figures, beside ours"),
-        "stress": Entry("extremes.stress:Stress", "run extreme inputs and judge what happens"),
+        "limit": Command("bayes_error.limit:Limit", "estimate the best possible accuracy of one touch"),
+        "leak": Command("press.leak:Leak", "measure what force and depth reveal without the image"),
+        "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
+        "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
+        "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),
+        "stress": Command("extremes.stress:Stress", "test extreme inputs of commands and functions"),
     },
 }
-"""Every command, in the groups and the order of the help."""
+"""All commands, grouped and ordered as in the help."""
 
-TABLE: dict[str, Entry] = {name: entry for group in GROUPS.values() for name, entry in group.items()}
+REGISTRY: dict[str, Command] = {name: entry for group in COMMAND_GROUPS.values() for name, entry in group.items()}
 
 
 def commands() -> dict[str, Any]:
-    """The class of every command by name; this imports all of them."""
-    return {name: entry.load() for name, entry in TABLE.items()}
+    """Import all commands; return their classes by name."""
+    return {name: entry.load() for name, entry in REGISTRY.items()}
 
 
 def help_lines() -> Iterator[str]:
-    """What ``activetouch --help`` prints: one line per command."""
+    """Lines that ``activetouch --help`` prints."""
     yield "usage: activetouch COMMAND [OPTIONS]"
-    yield "Find an object by touch alone. To begin: activetouch compare"
-    for group, entries in GROUPS.items():
+    yield "Find an object by touch alone. Start with: activetouch compare"
+    for group, entries in COMMAND_GROUPS.items():
         yield f"\n{group}:" if group == "Search" else f"{group}:"
         yield from (f"  {name:<18}  {entry.summary}" for name, entry in entries.items())
     yield "\nactivetouch COMMAND --help    a command's options, with examples"
@@ -96,9 +96,9 @@ def main() -> None:
     try:
         _run(sys.argv[1:])
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever read the output, such as head, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # or the interpreter complains when it flushes at its end
-        sys.exit(141)  # what a shell says of a process that SIGPIPE ended
+    except BrokenPipeError:  # the reader of the output, such as head, has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # without this the interpreter reports an error at exit
+        sys.exit(141)  # 128 + SIGPIPE, as shells report it
 
 
 def _run(arguments: list[str]) -> None:
@@ -127,37 +127,33 @@ def _run(arguments: list[str]) -> None:
         raise
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
-    except OSError as error:  # of what libraries write on their own, such as logs and copies for workers
+    except OSError as error:  # raised when libraries write files, such as logs
         if not is_of_writing(error):
             raise
-        sys.exit(f"activetouch: {error}. What was finished is kept; mend that, and run the same command to go on")
+        sys.exit(f"activetouch: {error}. Finished results are kept. Solve this, then run the same command to continue")
 
 
 def _parsed(arguments: list[str]) -> Any:
-    """The command that was typed, with its arguments."""
+    """Parse the command line into a command object."""
+    import argparse
+
     import tyro
 
     from belief.errors import UnknownName
 
     name, *options = arguments
-    if name.startswith("--tyro-"):  # completion for a shell, which has to know all commands
+    if name.startswith("--tyro-"):  # shell completion needs all commands
         return tyro.extras.subcommand_cli_from_dict(commands(), prog="activetouch", args=arguments)
-    if name not in TABLE:
-        raise UnknownName("command", name, list(TABLE))
-    kind = TABLE[name].load()
-    config = _value_of("--config", options) if hasattr(kind, "from_config") else None
-    known = {} if config is None else {"default": kind.from_config(Path(config))}
+    if name not in REGISTRY:
+        raise UnknownName("command", name, list(REGISTRY))
+    kind = REGISTRY[name].load()
+    known = {}
+    if hasattr(kind, "from_config"):
+        flag = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+        flag.add_argument("--config", type=Path, nargs="?")
+        if (config := flag.parse_known_args(options)[0].config) is not None:
+            known["default"] = kind.from_config(config)
     return tyro.cli(kind, prog=f"activetouch {name}", args=options, **known)
-
-
-def _value_of(flag: str, options: list[str]) -> str | None:
-    """What follows a flag, which stands alone or with an equals sign."""
-    for word, following in zip(options, [*options[1:], None], strict=True):
-        if word == flag:
-            return following
-        if word.startswith(f"{flag}="):
-            return word.removeprefix(f"{flag}=")
-    return None
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Run independent tasks on several processes or machines, with a progress bar, and hand back results as they finish."""
+"""Run independent tasks on several processes or machines, with a progress bar; yield results as tasks finish."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.console import plain_console
-from experiments.command_line.workers import born_deaf, end_with_parent
+from experiments.command_line.workers import block_interrupt, end_with_parent
 
 T = TypeVar("T")
 
@@ -21,16 +21,16 @@ _SECONDS_TO_CONNECT = 30
 
 
 class NoCluster(ActiveTouchError, ConnectionError):
-    """There is no Dask scheduler to send tasks to, or nothing to reach one with."""
+    """No Dask scheduler or worker can be reached, or Dask is not installed."""
 
 
 def default_jobs() -> int:
-    """Processors this process may use."""
+    """Number of processors that this process may use."""
     return joblib.cpu_count()
 
 
 def progress_bar() -> Progress:
-    """The progress bar every command shows: what, how far, how long still."""
+    """The progress bar of all commands: description, progress, elapsed and remaining time."""
     return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -45,41 +45,40 @@ def progress_bar() -> Progress:
 def run_tasks(
     tasks: Sequence[Callable[[], T]], jobs: int, description: str, scheduler: str | None = None
 ) -> Iterator[T]:
-    """Yield the result of every task, in order of completion; see :func:`run_lazily`."""
+    """Yield the result of every task in order of completion; see :func:`run_lazily`."""
     return run_lazily(tasks, len(tasks), jobs, description, scheduler)
 
 
 def run_lazily(
     tasks: Iterable[Callable[[], T]], total: int, jobs: int, description: str, scheduler: str | None = None
 ) -> Iterator[T]:
-    """Yield the result of every task, in order of completion; tasks are asked for shortly before they run.
+    """Yield the result of every task in order of completion; take each task from the iterable shortly before it runs.
 
-    Several workers use one thread each for linear algebra, because together they already use all cores; one job runs
-    in this process. An interrupt stops them, and they end when this process does, whatever ends it. Whatever was
-    yielded before is the caller's to keep.
+    Each worker process uses one thread for linear algebra. With one job, the tasks run in this process. Workers end
+    with this process and on an interrupt.
 
     Args:
-        tasks: at most ``total`` of them.
-        total: what the progress bar counts up to.
-        jobs: processes of this machine.
-        description: what the progress bar says.
+        tasks: at most ``total`` tasks.
+        total: number at which the progress bar is full.
+        jobs: number of processes on this machine.
+        description: text of the progress bar.
         scheduler: address of a Dask scheduler whose workers run the tasks instead, such as tcp://10.0.0.1:8786.
 
     Raises:
-        NoCluster: the scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
+        NoCluster: The scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
     with _backend(scheduler), progress_bar() as progress:
         parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
         bar = progress.add_task(description, total=total)
         results: Any = (None for _ in range(0))
         try:
-            with born_deaf():
+            with block_interrupt():
                 results = parallel(joblib.delayed(task)() for task in tasks)
             for result in results:
                 progress.advance(bar)
                 yield result
         finally:
-            with warnings.catch_warnings():  # that tasks are left undone where the caller stops early, as it knows
+            with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
                 warnings.simplefilter("ignore", UserWarning)
                 results.close()
         progress.update(bar, completed=total)

@@ -1,7 +1,7 @@
-"""From the names on a command line to a scene: here, and nowhere deeper, strings become objects.
+"""Scenes and renderers by name, as on the command line.
 
-A scene or renderer is named by its key in a registry, by the name under which an installed package offers it (entry
-points of the groups ``activetouch.scenes`` and ``activetouch.renderers``), or as ``module:attribute`` of your own.
+A name is a key of a registry, a name that an installed package registers (entry points ``activetouch.scenes`` and
+``activetouch.renderers``), or ``module:attribute``.
 """
 
 from __future__ import annotations
@@ -35,47 +35,47 @@ FIDELITIES: Mapping[str, Press] = {
 PRESENTATIONS: Mapping[str, Presentation] = {"tumbled": Tumbled(), "upright": Upright(), "resampled": Resampled()}
 
 
-Fidelity: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
+FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]
 PresentationName: TypeAlias = Literal[tuple(PRESENTATIONS)]  # type: ignore[valid-type]
-_LARGEST_INPUT = 64  # edge of the images that the classifier of a scene of the user's own sees [pixels]
+_LARGEST_INPUT = 64  # image edge of a classifier for a user's scene [pixels]
 
 
 def named_scene(name: str) -> NamedScene:
-    """The scene of that name, and its search.
+    """The scene with this name, and its search.
 
     Args:
-        name: a key of :data:`SCENES`, a name that an installed package offers, or ``module:attribute``, which is a
-            ``Scene``, a ``NamedScene``, or a function that returns one.
+        name: key of :data:`SCENES`, registered name, or ``module:attribute`` of a ``Scene``, a ``NamedScene`` or a
+            function that returns one.
 
     Raises:
-        UnknownName: there is no such name; the message suggests the nearest.
-        BadReference: the name cannot be read, or leads to something that is no scene.
+        UnknownName: There is no such name; the message suggests the nearest.
+        BadReference: The name cannot be parsed, or is not the name of a scene.
     """
     found, reference = find("scene", name, SCENES, "activetouch.scenes")
     made = build(reference.name, found, reference.settings, {}, reference.is_called)
     if not isinstance(made, Scene | NamedScene):
-        raise BadReference(f"{name} is no scene: it is {made!r:.80}, not an activetouch.Scene or NamedScene")
+        raise BadReference(f"{name} is not a scene: it is {made!r:.80}, not an activetouch.Scene or NamedScene")
     return made if isinstance(made, NamedScene) else as_named(made)
 
 
 def as_named(scene: Scene) -> NamedScene:
-    """A scene with a search among up to four different objects, and images of up to 64 pixels for its classifier."""
+    """A scene with the default search: up to four different objects, classifier images of at most 64 pixels."""
     edge = scene.image_shape[0]
     size = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
     return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size * max(1, 16 // size))
 
 
 def renderer_named(name: str) -> TactileRenderer:
-    """The renderer of that name.
+    """The renderer with this name.
 
     Args:
-        name: a key of :data:`RENDERERS`, a name that an installed package offers, or ``module:attribute``, which is a
-            renderer, or a class or function that makes one.
+        name: key of :data:`RENDERERS`, registered name, or ``module:attribute`` of a renderer or of a class or
+            function that makes one.
 
     Raises:
-        UnknownName: there is no such name; the message suggests the nearest.
-        BadReference: the name cannot be read.
-        WrongRenderer: it leads to something that is no renderer.
+        UnknownName: There is no such name; the message suggests the nearest.
+        BadReference: The name cannot be parsed.
+        WrongRenderer: The name is not that of a renderer.
     """
     found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
     is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
@@ -85,7 +85,7 @@ def renderer_named(name: str) -> TactileRenderer:
 
 
 def in_file_names(scene: str) -> str:
-    """The name of a scene as it stands in names of folders.
+    """The name of a scene as used in folder names.
 
     >>> in_file_names("gel"), in_file_names("mine:scene(force=2)")
     ('gel', 'mine-scene-force-2')
@@ -94,22 +94,22 @@ def in_file_names(scene: str) -> str:
 
 
 def collection_folder(scene: str) -> Path:
-    """Where touches of a scene are collected unless told otherwise."""
+    """Default folder of a scene's collection of touches."""
     return Path("data") / in_file_names(scene)
 
 
 def repeats_folder(scene: str) -> Path:
-    """Where objects of a scene are touched again and again, to calibrate on, unless told otherwise."""
+    """Default folder of a scene's repeated touches, which observation models are fitted to."""
     return Path("data") / f"{in_file_names(scene)}-repeats"
 
 
 def bank_folder(scene: str) -> Path:
-    """Where the touch banks of a scene are unless told otherwise."""
+    """Default folder of a scene's touch bank."""
     return Path("data") / f"{in_file_names(scene)}-bank"
 
 
 def training_folder(scene: str) -> Path:
-    """Where the classifier of a scene is trained unless told otherwise."""
+    """Default folder of a scene's classifier training."""
     return Path(f"runs/train-{in_file_names(scene)}")
 
 
@@ -119,33 +119,32 @@ class DuplicateShape(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """A named scene, and what to change about it."""
+    """A named scene and changes to it."""
 
     scene: str = "gel"
-    """Which world: paper, coarse, gel, hard or many; or module:attribute of your own."""
-    fidelity: Fidelity | None = None
-    """How presses are made; the scene's own way by default."""
+    """Scene: paper, coarse, gel, hard or many; or module:attribute of your own scene."""
+    fidelity: FidelityName | None = None
+    """Press model; that of the scene by default."""
     renderer: str | None = None
-    """What the images show: force_patch, pressure or gelsight; or module:attribute of your own; the scene's own by
-    default."""
+    """Renderer: force_patch, pressure or gelsight; or module:attribute of your own; that of the scene by default."""
     presentation: PresentationName | None = None
-    """How objects lie; the scene's own by default."""
+    """Distribution of object orientations; that of the scene by default."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; a shape is called what its file is."""
+    """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; the file name without its ending becomes the shape's name."""
     mesh_scale: Positive = 1.0
-    """Metres per unit of those files: 0.001 for millimetres."""
+    """Metres per unit of the mesh files: 0.001 for millimetres."""
     robot: Literal["panda_allegro"] | None = None
-    """A robot to stand behind the pad; its models are read from $MENAGERIE_ROOT."""
+    """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
     @cached_property
     def named(self) -> NamedScene:
-        """The scene, changed as asked, and its search.
+        """The scene with its changes, and its search.
 
         Raises:
-            UnknownName: there is no such scene or renderer.
-            BadReference: the name of either cannot be read, or leads to something else.
-            DuplicateShape: a mesh is called like a shape of the scene.
-            BadMesh: a mesh file holds no solid.
+            UnknownName: There is no such scene or renderer.
+            BadReference: The name of either cannot be parsed, or is the name of something else.
+            DuplicateShape: A mesh has the name of another shape.
+            BadMesh: A mesh file does not contain a solid.
         """
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
@@ -168,7 +167,7 @@ class SceneChoice:
         return replace(named, scene=replace(named.scene, **changes))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is sent to another process: the names, which that process resolves itself."""
+        """State for pickling: the names only; the receiving process resolves them."""
         return {name: value for name, value in vars(self).items() if name != "named"}
 
     def to_dict(self) -> dict[str, Any]:

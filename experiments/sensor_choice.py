@@ -1,4 +1,4 @@
-"""Sensors and collections on the command line: is it one for this scene, and if not, which commands make one?"""
+"""Sensors and collections on the command line: checks that they fit a scene, and commands that make fitting ones."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ T = TypeVar("T")
 
 
 class NoSensor(ActiveTouchError, FileNotFoundError):
-    """There is no sensor in a folder."""
+    """A folder holds no sensor."""
 
 
 def command(name: str, *words: object, **options: object) -> str:
-    """A command as it is typed, such as ``command("train", scene="gel")``; options that are None are left out."""
+    """A command line, such as ``command("train", scene="gel")``; options that are None are omitted."""
     told = [str(word) for word in words]
     for option, value in options.items():
         if value is not None:
@@ -48,7 +48,7 @@ def command(name: str, *words: object, **options: object) -> str:
 
 
 def scene_words(choice: SceneChoice) -> list[str]:
-    """What to type for a scene: its name, and what is changed about it."""
+    """Command-line arguments that select a scene with its changes."""
     words = ["--scene", choice.scene]
     for field in fields(SceneChoice):
         value = getattr(choice, field.name)
@@ -59,7 +59,7 @@ def scene_words(choice: SceneChoice) -> list[str]:
 
 
 def sensor_commands(choice: SceneChoice) -> str:
-    """The commands that make a sensor for a scene, one a line, and the flag that uses it."""
+    """The commands that make a sensor for a scene, one per line, and the flag that selects it."""
     changes = [choice.fidelity, choice.renderer, choice.presentation, *(path.stem for path in choice.meshes)]
     name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
@@ -76,7 +76,7 @@ def sensor_commands(choice: SceneChoice) -> str:
 
 
 def policy_commands(scene: str, sensor: Path) -> str:
-    """The commands that train policies for a sensor and put them where deciders look, one a line."""
+    """The commands that train policies for a sensor and copy them into its folder, one per line."""
     repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
     return "\n".join(
         (
@@ -89,11 +89,17 @@ def policy_commands(scene: str, sensor: Path) -> str:
 
 
 def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: Path) -> None:
-    """Check that a decider that was trained has its policies.
+    """Check that a decider has all trained policies that it needs.
+
+    Args:
+        decider: name of the decider.
+        targets: labels of the target shapes.
+        scene: name of the scene.
+        sensor: folder of the sensor.
 
     Raises:
-        MissingPolicy: it has none for a target; the message names the commands that train them.
-        BadPolicy: a policy is damaged, or another's.
+        MissingPolicy: There is no policy for a target; the message names the commands that train it.
+        BadPolicy: A policy is damaged or belongs to another decider.
     """
     try:
         if (state := trained_state(decider)) is not None:
@@ -104,11 +110,11 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
 
 
 def sensor_folder(given: Path | None, scene: str) -> Path:
-    """Where a sensor is.
+    """Folder of a sensor.
 
     Args:
-        given: its folder, or the name of a scene whose sensor is part of the package; None for that of ``scene``.
-        scene: name of the scene it is for.
+        given: folder, or name of a scene with a shipped sensor; None for the shipped sensor of ``scene``.
+        scene: name of the scene in which it is used.
     """
     if given is None:
         return MODELS / in_file_names(scene)
@@ -117,22 +123,19 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
 
 
 def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False) -> tuple[str, ...]:
-    """How a scene differs from that of a sensor, found before any work is done.
-
-    Returns:
-        As :func:`activetouch.world.sensor_shift`.
+    """Differences between a scene and that of a sensor, as :func:`activetouch.world.sensor_shift`.
 
     Raises:
-        NoSensor: the folder holds none.
-        CorruptFile: one of its files is damaged.
-        LabelMismatch: it was made for other shapes or poses.
-        WrongScene: it was made for another scene; the message names the commands that make one for this.
+        NoSensor: The folder holds no sensor.
+        CorruptFile: A file of the sensor is damaged.
+        LabelMismatch: The sensor was made for other shapes or poses.
+        WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one.
     """
     return _with_remedy(partial(sensor_shift, folder, choice.named.scene, anyway), folder, choice)
 
 
 def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) -> TactileSensor:
-    """The sensor in a folder, by default the one that comes with the scene; a known shift is told on stderr.
+    """Load the sensor in a folder, by default the shipped one; print an accepted difference of scenes to stderr.
 
     Raises:
         ActiveTouchError: as :func:`check_sensor`.
@@ -144,19 +147,19 @@ def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) 
 
 
 def load_quietly(folder: Path, scene: Any, anyway: bool) -> TactileSensor:
-    """The sensor, without a warning of a known shift: the caller tells it once."""
+    """Load a sensor without the warning about accepted differences, which the caller prints."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneShift)
         return TactileSensor.load(folder, scene, anyway)
 
 
 def shift_sentences(shift: tuple[str, ...]) -> list[str]:
-    """What to tell people about a shift; nothing where there is none."""
-    return [f"The sensor is used outside the scene it was made for: {in_words(shift)}."] if shift else []
+    """A sentence on the differences between the scene and that of the sensor; none if there are none."""
+    return [f"The sensor was made for another scene: {in_words(shift)}."] if shift else []
 
 
 def tell_shift(shift: tuple[str, ...]) -> None:
-    """Warn of a shift, if there is one."""
+    """Print a warning about differences between the scene and that of the sensor, if there are any."""
     for sentence in shift_sentences(shift):
         print(f"warning: {sentence}", file=sys.stderr)
 
@@ -174,12 +177,12 @@ def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
 
 
 def _anyway(folder: Path, choice: SceneChoice) -> str:
-    """The flag that uses a sensor all the same, where its network can read the images."""
+    """Advice to use ``--anyway``, if the network can read the images of the scene."""
     try:
         sensor_shift(folder, choice.named.scene, anyway=True)
     except ActiveTouchError:
         return ""
-    return "\nTo use it all the same, add --anyway."
+    return "\nTo use it nevertheless, add --anyway."
 
 
 def _remedy(choice: SceneChoice) -> str:
@@ -189,16 +192,16 @@ def _remedy(choice: SceneChoice) -> str:
 
 
 def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
-    """The manifest of a collection.
+    """Read the manifest of a collection.
 
     Args:
-        folder: of the collection.
-        scene: name of the scene that one is needed of.
-        repeats: whether objects must be touched again and again in it.
+        folder: folder of the collection.
+        scene: name of its scene, for the message.
+        repeats: whether the collection must contain repeated touches.
 
     Raises:
-        NoCollection: there is none; the message names the command that makes it.
-        CorruptFile: its manifest is damaged.
+        NoCollection: There is no collection; the message names the command that records one.
+        CorruptFile: The manifest is damaged.
     """
     try:
         return read_manifest(folder)
@@ -236,18 +239,18 @@ def require_collection(
 
 
 def require_named_scene(folder: Path, manifest: Manifest, scene: str | None, repeats: bool) -> None:
-    """Refuse a collection of another scene than the one whose name results will be filed under.
+    """Check that a collection has the scene that is named by the results folder.
 
     Args:
-        folder: of the collection.
-        manifest: what it says about itself.
-        scene: name of the scene; None if the user names the folder of the results.
-        repeats: whether objects must be touched again and again in it.
+        folder: folder of the collection.
+        manifest: manifest of the collection.
+        scene: name of the scene; None if the user chose the results folder.
+        repeats: whether the collection must contain repeated touches.
 
     Raises:
-        WrongScene: it differs by more than a known shift.
+        WrongScene: The collection has another scene.
     """
-    flag = "To train on it all the same, name a folder for the results with --out."
+    flag = "To train on it nevertheless, name a folder for the results with --out."
     require_scene_of(folder, manifest, _named_fields(scene), repeats, flag)
 
 
@@ -259,18 +262,18 @@ def require_scene_of(
     flag: str,
     anyway: bool = False,
 ) -> None:
-    """Refuse a collection that is not of the scenes it has to be of; a known shift is told on stderr.
+    """Check that a collection has the required scenes; print accepted differences to stderr.
 
     Args:
-        folder: of the collection.
-        manifest: what it says about itself.
-        wanted: fields of those scenes, by what messages call them.
-        repeats: whether objects must be touched again and again in it.
-        flag: a sentence on how to use it all the same.
-        anyway: whether to use it whatever the differences are.
+        folder: folder of the collection.
+        manifest: manifest of the collection.
+        wanted: fields of the required scenes, by their description in messages.
+        repeats: whether the collection must contain repeated touches.
+        flag: sentence on how to use the collection nevertheless.
+        anyway: whether to accept all differences.
 
     Raises:
-        WrongScene: it differs by more than a known shift; the message names the command that records another.
+        WrongScene: The collection has another scene; the message names the command that records a fitting one.
     """
     shift: list[str] = []
     for whose, made_for in wanted.items():
@@ -291,7 +294,7 @@ def _named_fields(scene: str | None) -> dict[str, Any]:
 
 
 def _another_collection(made_for: Any, folder: Path, repeats: bool) -> str:
-    """How to record one, where the scene that is wanted has a name."""
+    """Advice to record a collection of a scene; empty unless the scene has a name."""
     for name, named in SCENES.items():
         if scene_fields(named.scene) == made_for:
             own = _own(name, repeats)

@@ -1,1 +1,1 @@
-"""What every command shares: ranges of arguments, signals, and what is printed."""
+"""Code shared by all commands: argument ranges, signals, worker processes and printing."""

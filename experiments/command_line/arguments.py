@@ -1,7 +1,6 @@
-"""Ranges of command-line arguments: declared in their annotations, and checked before a command does anything.
+"""Valid ranges of command-line arguments, declared in annotations such as ``jobs: Jobs``.
 
-A command begins its work with :func:`check_arguments`. To give an argument a range, annotate it: ``jobs: Jobs``,
-``success: Annotated[float, Within(0.0, 1.0)]``.
+Every command calls :func:`check_arguments` before it starts work.
 """
 
 from __future__ import annotations
@@ -16,24 +15,24 @@ from belief.errors import ActiveTouchError
 
 
 class BadArgument(ActiveTouchError, ValueError):
-    """A command was given an argument that makes no sense; the message names the flag and the value."""
+    """An argument of a command is invalid; the message names the flag and the value."""
 
 
 @runtime_checkable
 class Rule(Protocol):
-    """What an argument must be; metadata of its annotation."""
+    """Constraint on an argument, given as metadata of its annotation."""
 
     def broken(self, value: Any) -> str | None:
-        """What the value must be, after "must"; None if it is that."""
+        """None for a valid value; otherwise the requirement, as the words after "must"."""
 
 
 @dataclass(frozen=True)
 class Within:
-    """A number must lie in a range; of several numbers, each.
+    """Range of a number, or of every number in a tuple.
 
     Attributes:
-        low, high: its ends.
-        open_low, open_high: whether an end is left out.
+        low, high: ends of the range.
+        open_low, open_high: whether the range excludes this end.
     """
 
     low: float
@@ -65,7 +64,7 @@ class NotEmpty:
 
 @dataclass(frozen=True)
 class Ending:
-    """The name of a file must have one of these endings, which decide the format."""
+    """Allowed endings of a file name; the ending decides the format."""
 
     endings: tuple[str, ...]
 
@@ -75,36 +74,36 @@ class Ending:
 
 
 Count: TypeAlias = Annotated[int, Within(1, 10**8)]
-"""How many; at least one."""
+"""Positive number of things."""
 CountOrNone: TypeAlias = Annotated[int, Within(0, 10**8)]
-"""How many; zero leaves it out."""
+"""Number of things, possibly zero."""
 Jobs: TypeAlias = Annotated[int, Within(1, 4096)]
-"""Processes or threads."""
+"""Number of processes or threads."""
 Seed: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
-"""Of chance; one word, so that no two seeds share a key."""
+"""Random seed, 32 bits."""
 Pixels: TypeAlias = Annotated[int, Within(1, 4096)]
-"""Edge of an image."""
+"""Edge length of an image [pixels]."""
 Positive: TypeAlias = Annotated[float, Within(0.0, math.inf, open_low=True, open_high=True)]
-"""A finite number above zero."""
+"""Positive finite number."""
 NotNegative: TypeAlias = Annotated[float, Within(0.0, math.inf, open_high=True)]
-"""A finite number, at least zero."""
+"""Non-negative finite number."""
 Share: TypeAlias = Annotated[float, Within(0.0, 1.0, open_low=True)]
-"""Part of something: above zero, at most one."""
+"""Fraction in (0, 1]."""
 Picture: TypeAlias = Annotated[Path, Ending((".png", ".svg", ".pdf", ".jpg"))]
-"""File for a figure."""
+"""File name of a figure."""
 JSONFile: TypeAlias = Annotated[Path, Ending((".json",))]
-"""File for numbers."""
+"""File name of JSON results."""
 
 
 def check_arguments(command: Any, prefix: str = "--") -> None:
-    """Check every argument of a command against the rules in its annotation, those of nested groups included.
+    """Check all arguments of a command, nested groups included, against the rules in their annotations.
 
     Args:
-        command: a dataclass.
-        prefix: of its flags.
+        command: dataclass instance.
+        prefix: prefix of its flags.
 
     Raises:
-        BadArgument: one breaks its rule; the message names the flag, the rule and the value.
+        BadArgument: An argument breaks its rule.
     """
     for flag, _, value, rules in arguments(command, prefix):
         for rule in rules:
@@ -115,7 +114,7 @@ def check_arguments(command: Any, prefix: str = "--") -> None:
 def arguments(
     command: Any, prefix: str = "--", path: tuple[str, ...] = ()
 ) -> Iterator[tuple[str, tuple[str, ...], Any, list[Rule]]]:
-    """Flag, attributes that lead to it, value and rules of every argument of a command, nested groups included."""
+    """Yield flag, attribute path, value and rules of every argument of a command, nested groups included."""
     annotations = get_type_hints(type(command), include_extras=True)
     for field in fields(command):
         value, metadata = getattr(command, field.name), list(_metadata(annotations[field.name]))
@@ -128,7 +127,7 @@ def arguments(
 
 
 def _metadata(annotation: Any) -> Iterator[Any]:
-    """All metadata in an annotation, that of the members of a union or tuple included."""
+    """All metadata in an annotation and in its type arguments."""
     if get_origin(annotation) is Annotated:
         yield from annotation.__metadata__
     for part in get_args(annotation):

@@ -1,4 +1,4 @@
-"""The numbers of a collection on the command line."""
+"""Command-line arguments that describe a collection of touches."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Annotated, TypeAlias
 from activetouch.data.manifest import CollectionPlan
 from experiments.command_line.arguments import Count, Seed, Within
 
-Objects: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
+ObjectCount: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
 
 
 @dataclass(frozen=True)
 class PlanArguments:
-    """Objects of each shape and split, and rounds of poses that each is touched in."""
+    """Number of objects of each shape per split, and rounds of touches per object."""
 
-    train: Objects = CollectionPlan.train
-    """Objects of each shape to learn from."""
-    calibration: Objects = CollectionPlan.calibration
-    """Objects of each shape to calibrate on."""
-    test: Objects = CollectionPlan.test
-    """Objects of each shape to measure on."""
+    train: ObjectCount = CollectionPlan.train
+    """Objects of each shape for training."""
+    calibration: ObjectCount = CollectionPlan.calibration
+    """Objects of each shape for calibration."""
+    test: ObjectCount = CollectionPlan.test
+    """Objects of each shape for testing."""
     seed: Seed = CollectionPlan.seed
-    """Of the whole collection."""
+    """Seed of the collection."""
     repeats: Count = CollectionPlan.repeats
-    """Rounds of all poses that every object is touched in: 1 teaches a classifier most for the time, 6 show how far
-    touches of one object in one pose repeat each other."""
+    """Rounds of all poses per object. 1 is best for training a classifier; 6 measures how strongly repeated touches of
+    one object are correlated."""
 
     @property
     def plan(self) -> CollectionPlan:
-        """The plan."""
+        """The arguments as a plan."""
         return CollectionPlan(**asdict(self))

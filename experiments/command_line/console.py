@@ -1,8 +1,4 @@
-"""What the commands print to: text as it is, on any terminal.
-
-Paths and labels are a user's. So nothing printed is read as rich's markup, and a character that the terminal's encoding
-lacks is replaced, not an error at the end of the work.
-"""
+"""Printing on any terminal: no markup is interpreted, and characters that the encoding lacks are replaced."""
 
 from __future__ import annotations
 
@@ -16,17 +12,17 @@ from rich.console import Console
 
 _ALIKE = """
 –- —- −- …... →-> ≤<= ≥>= ≠!= ×x ·. •* █# ‘' ’' “" ”" µu μu λlambda πpi σsigma ßss ─- ━- ╸- ╺- │| ╭+ ╮+ ╰+ ╯+
-"""  # each character, and what it becomes
+"""  # each character and its replacement
 _PLAIN = {word[0]: word[1:] for word in _ALIKE.split()}
 
 
-def plain_console(file: IO[str] | None = None, width: int | None = None, stderr: bool = False) -> Console:
-    """A console that prints text as it is, with neither markup, nor names of emoji, nor colours of its own choice."""
-    return Console(file=file, width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
+def plain_console(file: IO[str] | None = None, width: int | None = None) -> Console:
+    """A console that prints text unchanged: no markup, no emoji names, no automatic colours."""
+    return Console(file=file, width=width, markup=False, emoji=False, highlight=False)
 
 
 def print_on_any_terminal() -> None:
-    """Have standard output and error replace characters that they cannot encode."""
+    """Make standard output and error replace characters that they cannot encode."""
     codecs.register_error("plain", _replace)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -34,8 +30,8 @@ def print_on_any_terminal() -> None:
 
 
 def _replace(error: UnicodeError) -> tuple[str, int]:
-    """Something like the characters that cannot be encoded, in ASCII."""
-    assert isinstance(error, UnicodeEncodeError), "it is registered for writing only"
+    """ASCII replacement of the characters that cannot be encoded."""
+    assert isinstance(error, UnicodeEncodeError), "registered for writing only"
     return "".join(map(_plain, error.object[error.start : error.end])), error.end
 
 

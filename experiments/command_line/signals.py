@@ -1,6 +1,6 @@
-"""What Ctrl-C and a signal to end do to a command: one line, no worker left behind, and all that was finished is kept.
+"""Handling of Ctrl-C and SIGTERM: a command prints one line, ends its worker processes and keeps finished results.
 
-Importing this module loads nothing, so that it guards the import of everything else.
+This module imports only the standard library, because it must be active while all other modules are imported.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_MESSAGE = "interrupted; what was finished is kept, run the same command to go on"
-_PATIENCE = 10.0  # seconds until a process that was told to end does so wherever it is
+_MESSAGE = "interrupted; finished results are kept, run the same command to continue"
+_PATIENCE = 10.0  # seconds from SIGTERM until the process ends without cleaning up
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was told to end, by SIGTERM; handled like Ctrl-C."""
+    """The process received SIGTERM; handled like Ctrl-C."""
 
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """While modules are imported and arguments read, Ctrl-C ends the process at once, as nothing is begun yet.
+    """End the process at once on Ctrl-C or SIGTERM, while modules are imported and arguments are parsed.
 
-    An exception would not do: modules written in C turn it into errors of their own.
+    An exception is unsuitable here, because C extension modules convert it to other errors.
     """
     with _handlers(_end_at_once, _end_at_once):
         yield
@@ -33,7 +33,7 @@ def loading() -> Iterator[None]:
 
 @contextmanager
 def running() -> Iterator[None]:
-    """While a command works, Ctrl-C and SIGTERM stop it and its workers, say so, and end the process.
+    """On Ctrl-C or SIGTERM, stop the command and its workers, print a message and end the process.
 
     Raises:
         SystemExit: 130 after Ctrl-C, 143 after SIGTERM.
@@ -46,7 +46,7 @@ def running() -> Iterator[None]:
             code = 128 + signal.SIGTERM
         except KeyboardInterrupt:
             code = 128 + signal.SIGINT
-        if code:  # the exception is gone by now, and with it the progress bar
+        if code:  # outside of the except block, so that the progress bar is closed
             _end_workers()
             print(f"\n{_MESSAGE}", file=sys.stderr)
             sys.exit(code)
@@ -54,7 +54,7 @@ def running() -> Iterator[None]:
 
 @contextmanager
 def _handlers(interrupt: object, terminate: object) -> Iterator[None]:
-    """Handle both signals in a block; one that whoever started this process has it ignore stays ignored."""
+    """Set both signal handlers within a block; a signal that the parent process made us ignore stays ignored."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -76,7 +76,7 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    """Stop as Ctrl-C does, and surely: where the exception is lost in foreign code, a thread ends the process."""
+    """Raise an exception as Ctrl-C does; if foreign code swallows it, a thread ends the process later."""
     signal.signal(number, _end_at_once)
     deadline = threading.Timer(_PATIENCE, _give_up)
     deadline.daemon = True

@@ -1,4 +1,4 @@
-"""Worker processes that end when the process ends that they work for."""
+"""Worker processes that end together with the process that started them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _EVERY = 0.5  # seconds
 
 
 def end_with_parent(parent: int | None = None) -> None:
-    """Make this process end soon after another: the initializer of a pool of workers.
+    """Make this process end soon after its parent; used as the initializer of a pool of workers.
 
-    A worker is left behind where its parent is killed, since it waits for its next task on a pipe that its fellows
-    hold open. So a thread looks for the parent. Linux's signal for the death of a parent will not do: it is sent when
-    the thread ends that started the worker. Ctrl-C is left to the parent, which ends its workers.
+    A thread watches the parent. Without it, workers of a killed parent wait forever for a task, on a pipe that the
+    other workers keep open. ``PR_SET_PDEATHSIG`` is unsuitable: Linux sends it when the starting *thread* ends. The
+    worker ignores Ctrl-C; the parent ends its workers.
 
     Args:
-        parent: number of the process that starts the workers; not needed where multiprocessing itself starts them.
+        parent: process id of the parent; not needed if :mod:`multiprocessing` starts the workers.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_watch, args=(parent,), name="end-with-parent", daemon=True).start()
@@ -39,7 +39,7 @@ def end_with_parent(parent: int | None = None) -> None:
 def _watch(parent: int | None) -> None:
     if parent is None:
         origin = multiprocessing.parent_process()
-        assert origin is not None, "it is no process of multiprocessing"
+        assert origin is not None, "not a process of multiprocessing"
         origin.join()
     while os.getppid() == parent:
         time.sleep(_EVERY)
@@ -47,7 +47,7 @@ def _watch(parent: int | None) -> None:
 
 
 def end_workers() -> None:
-    """Kill the processes that this one started to share its work."""
+    """Kill all worker processes of this process."""
     for child in multiprocessing.active_children():
         if child.pid is not None:
             with suppress(ProcessLookupError):  # loky's processes have no kill()
@@ -55,11 +55,11 @@ def end_workers() -> None:
 
 
 @contextmanager
-def born_deaf() -> Iterator[None]:
-    """Start the processes of a block so that they do not hear Ctrl-C; this one hears it when the block ends.
+def block_interrupt() -> Iterator[None]:
+    """Block Ctrl-C in all processes that are started within the block; this process handles it after the block.
 
-    A new process inherits which signals its starter blocks. The trackers of shared resources are started before,
-    because starting one ends the blocking.
+    New processes inherit the blocked signals. The resource trackers are started first, because starting one unblocks
+    the signals.
     """
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler) or os.name != "posix":
@@ -80,10 +80,10 @@ def born_deaf() -> Iterator[None]:
 
 
 def in_own_process(context: BaseContext, function: Callable[..., T], *arguments: object) -> T:
-    """What a function returns in a new process, which ends with this one or with an interrupt."""
+    """Call a function in a new process, which ends with this one or with an interrupt, and return its result."""
     with ProcessPoolExecutor(1, context, initializer=end_with_parent) as pool:
         try:
-            with born_deaf():
+            with block_interrupt():
                 result = pool.submit(function, *arguments)
             return result.result()
         except KeyboardInterrupt:

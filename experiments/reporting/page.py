@@ -1,4 +1,4 @@
-"""One self-contained HTML page of sentences, tables and figures."""
+"""Self-contained HTML pages of sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Section:
     """A section of a page.
 
     Attributes:
-        title: its heading.
-        sentences: paragraphs below it.
-        tables: shown below the figures, those that are long folded away.
-        pictures: figures, side by side where there is room.
+        title: heading.
+        sentences: paragraphs.
+        tables: tables below the figures.
+        pictures: figures, side by side on a wide page.
     """
 
     title: str
@@ -37,32 +37,27 @@ class Section:
 def write_page(
     path: Path, title: str, sections: Sequence[Section], template: str = "page.html", **values: object
 ) -> None:
-    """Write a page, atomically; it needs no other file.
+    """Write a page, atomically.
 
     Args:
         path: file to write.
         title: heading of the page.
-        sections: its content.
+        sections: content of the page.
         template: name of a template that extends ``page.html``.
-        values: what else this template shows.
+        values: further values of this template; an unknown name in the template is an error.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
-    write_text(path, environment().get_template(template).render(title=title, sections=sections, **values))
-
-
-def environment() -> Environment:
-    """Templates of all reports; a template that names an unknown value is an error."""
-    found = Environment(
+    environment = Environment(
         loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )
-    found.filters["data_uri"] = data_uri
-    return found
+    environment.filters["data_uri"] = data_uri
+    write_text(path, environment.get_template(template).render(title=title, sections=sections, **values))
 
 
 def data_uri(content: str | bytes, kind: str) -> str:
-    """Content as an address of its own, so that a page needs no other file.
+    """Content as a ``data:`` URI.
 
     >>> data_uri("a", "text/csv")
     'data:text/csv;base64,YQ=='

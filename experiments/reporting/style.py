@@ -1,4 +1,4 @@
-"""One style for all figures, and how they are drawn, shown on a page and written."""
+"""Common style of all figures; drawing them, embedding them in pages and writing them to files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from belief.files import atomic_path
 # Colour-blind safe (Okabe and Ito 2008).
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 INK = "#010203"
-"""Stands for the page's text colour; :func:`svg` replaces it by currentColor."""
+"""Placeholder for the text colour; :func:`svg` replaces it by ``currentColor``."""
 STYLE: Any = {
     "font.size": 10.0,
     "font.family": "sans-serif",
@@ -34,7 +34,7 @@ STYLE: Any = {
 
 @contextmanager
 def figure(size: tuple[float, float], *paths: Path, dpi: int = 130) -> Iterator[Figure]:
-    """A figure in the style of all, written to files when the block ends; equal content gives equal SVG.
+    """A figure in the common style, written to files at the end of the block; equal content gives equal SVG.
 
     Args:
         size: width and height [inches].
@@ -42,7 +42,7 @@ def figure(size: tuple[float, float], *paths: Path, dpi: int = 130) -> Iterator[
         dpi: pixels per inch of PNG files.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
     with matplotlib.rc_context(STYLE):
         drawn = Figure(figsize=size, layout="constrained")
@@ -53,11 +53,11 @@ def figure(size: tuple[float, float], *paths: Path, dpi: int = 130) -> Iterator[
 
 
 def svg(drawn: Figure, prefix: str = "") -> str:
-    """A figure as inline SVG, its text in the colour of the page's.
+    """A figure as inline SVG; its text has the page's colour.
 
     Args:
-        drawn: figure to show.
-        prefix: of its ids, which must differ from those of other figures of the page.
+        drawn: the figure.
+        prefix: prefix of its ids, unique on the page.
     """
     buffer = io.StringIO()
     with matplotlib.rc_context(STYLE):
@@ -69,13 +69,13 @@ def svg(drawn: Figure, prefix: str = "") -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """Panels with one caption and one legend: one below the other on a narrow page, side by side in a file.
+    """Figure of one or more panels with one caption and one legend.
 
     Attributes:
         name: stem of its files.
-        caption: what it shows.
-        panels: functions that draw on axes of their own.
-        legend: colour by name; none if empty.
+        caption: description.
+        panels: functions, each of which draws one panel.
+        legend: colour by name; no legend if empty.
         size: width and height of a panel [inches].
     """
 
@@ -86,7 +86,7 @@ class Picture:
     size: tuple[float, float] = (4.0, 3.2)
 
     def inline(self) -> list[str]:
-        """Every panel as SVG for a page, which shows the legend itself."""
+        """Every panel as SVG; the page shows the legend."""
         found = []
         for number, draw in enumerate(self.panels):
             with figure(self.size) as drawn:
@@ -98,7 +98,7 @@ class Picture:
         """Write NAME.svg and NAME.png.
 
         Raises:
-            CannotWrite: there is no room, or no permission.
+            CannotWrite: The disk is full, or the folder is not writable.
         """
         (width, height), count = self.size, len(self.panels)
         columns = 4 * count - 1 if count > 1 else 2

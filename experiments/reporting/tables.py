@@ -1,21 +1,23 @@
-"""One table type for everything that is shown: in a terminal, on a page, as Markdown and as CSV."""
+"""Tables for the terminal, HTML pages, Markdown and CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import csv
+import io
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from belief.files import write_text
-from experiments.reporting.csv_text import csv_text
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 Value: TypeAlias = str | int | float | tuple[float, float] | None
-"""A cell: a pair is an interval; None is shown as a dash."""
+"""Content of a table cell: a pair is an interval; None is shown as a dash."""
+_BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\n", "＝", "＋", "－", "＠")  # list of OWASP
 
 
 @dataclass(frozen=True)
@@ -24,11 +26,11 @@ class Table:
 
     Attributes:
         title: line above the table; none if empty.
-        columns: headings; a pair of heading and format specification for a column of numbers, such as ``.3f``.
-        rows: values in the order of the columns; a row of a single word heads the rows below it.
+        columns: headings; for a column of numbers, a pair of heading and format specification such as ``.3f``.
+        rows: values in the order of the columns; a row with a single value is a heading of the rows below it.
         note: explanation below the table.
-        name: stem of its CSV file; a page offers the CSV of tables that have one.
-        is_long: whether a page folds the table away.
+        name: stem of the CSV file that a page offers; none if empty.
+        is_long: whether a page shows the table collapsed.
 
     >>> table = Table("Success", ["decider", ("success", ".2f"), ("95 %", ".2f")], [("greedy", 0.8125, (0.7, 0.9))])
     >>> print(table.markdown())
@@ -64,7 +66,7 @@ class Table:
 
     @property
     def is_word(self) -> list[bool]:
-        """Whether each column is of words: the first one, and those in which most cells begin with a letter."""
+        """For each column, whether it contains words: the first, and those whose cells mostly start with a letter."""
         cells = self.cells()
         letters = [
             2 * sum(row[place][:1].isalpha() for row in cells) > len(cells) for place in range(len(self.columns))
@@ -75,13 +77,13 @@ class Table:
         ]
 
     def without(self, headings: Collection[str]) -> Table:
-        """The table without the columns of these headings."""
+        """The table without the columns that have these headings."""
         kept = [place for place, heading in enumerate(self.headings) if heading not in headings]
         rows = [row if len(row) == 1 else [row[place] for place in kept] for row in self.rows]
         return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
 
     def rich(self) -> RichTable:
-        """The table for a terminal; a word longer than the terminal is wide goes on in the next line."""
+        """The table for a terminal; long words are wrapped."""
         from rich import box
         from rich.table import Table as RichTable
         from rich.text import Text
@@ -113,7 +115,7 @@ class Table:
         )
 
     def csv(self) -> str:
-        """The values for other programs: intervals in two columns, numbers to the last digit, nothing for None."""
+        """The table as CSV: intervals in two columns, numbers unrounded, None as an empty cell."""
         pairs = [any(isinstance(row[place], tuple) for row in self.rows) for place in range(len(self.columns))]
         headings: list[list[str]] = [
             [f"{heading} low", f"{heading} high"] if pair else [heading]
@@ -132,13 +134,39 @@ class Table:
         """Write the CSV, atomically.
 
         Raises:
-            CannotWrite: there is no room, or no permission.
+            CannotWrite: The disk is full, or the folder is not writable.
         """
         write_text(path, self.csv())
 
 
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    r"""Rows as CSV; text that a spreadsheet would run as a formula gets a leading apostrophe.
+
+    >>> csv_text([("=1+1", -0.5, "-0.5")])
+    "'=1+1,-0.5,-0.5\n"
+    """
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([_harmless(cell) for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def _harmless(cell: object) -> object:
+    if not isinstance(cell, str) or _is_number(cell):
+        return cell
+    text = cell.replace("\r", "\n")  # csv.writer does not quote "\r", which would start a new row
+    return f"'{text}" if text.startswith(_BEGINS_A_FORMULA) else text
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return cell == cell.strip()
+
+
 def interval(value: float, low: float, high: float, *, spec: str = ".3f") -> str:
-    """A number with its interval, in one cell.
+    """A number and its interval as text.
 
     >>> interval(0.8125, 0.7, 0.9)
     '0.812 [0.700, 0.900]'

@@ -1,1 +1,1 @@
-"""``compare``, ``merge``, ``replay``, ``overprobing``: live searches and what is told of them."""
+"""Comparisons of deciders on live searches: ``compare``, ``merge``, ``replay``, ``export`` and ``overprobing``."""

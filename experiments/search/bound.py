@@ -1,9 +1,8 @@
-"""An upper bound on the return of a comparison's searches, for the discretised sensor model.
+"""Upper bound on the expected return of a comparison's searches, for the discretised sensor model.
 
-The bound counts what touches cost: :mod:`planners.solve` certifies what no policy's expected return exceeds if a touch
-is a draw from the outcome table, and a pose's second and third touch are worth what the observation model says of
-repeats, for policies that use no pose again before the others. Live touches hold more than their outcome does, and are
-not independent given the shape, so live returns can exceed the bound.
+In this model a touch is a draw from the outcome table, and repeats of a pose are discounted as the observation model
+says. The bound holds for policies that use every pose before they repeat one (:mod:`planners.solve`). Live touches
+carry more information than their outcome and are correlated, so live returns can exceed the bound.
 """
 
 from __future__ import annotations
@@ -16,16 +15,13 @@ from planners.bounds.search import search_bound
 from planners.repeats import repeat_discount, weights_in_turn
 from planners.solve import SearchTouchProblem
 
-_MOST_STATES = 64  # four distinct objects have 32, and take some minutes
-_LEAST_OUTCOMES = 24  # of a touch: fewer would hold less than deciders make of it
-_MOST_USES = 4  # of a pose that are priced one by one; the last price holds for all that follow
+_MOST_STATES = 64  # four distinct objects have 32, which takes minutes
+_LEAST_OUTCOMES = 24  # of the outcome table; fewer would lose information that deciders use
+_MOST_USES = 4  # of a pose with a discount of their own; later uses have the last discount
 
 
 def best_expected_return(setting: Setting, target: int) -> float | None:
-    """Upper bound on the expected return of a search for a target, for the discretised sensor model.
-
-    In it touches are independent given the shape; live touches are not. None where it cannot be solved.
-    """
+    """Upper bound on the expected return of a search for a target; None if the search is too large to solve."""
     problem, model = setting.problem, load_sensor(setting).model
     if not isinstance(problem.composition, Composition) or problem.touch_cost == 0.0:
         return None

@@ -1,4 +1,4 @@
-"""``activetouch compare``: live searches, the same ones for every decider, and a report."""
+"""``activetouch compare``: live searches on identical episodes for several deciders, and a report."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from experiments.search.setting import Setting
 from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
-from experiments.search.verdict import verdict
+from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import command, require_policies, tell_shift
 from planners.registry import DECIDERS, find_decider, summary_of
 
 _DECIDERS_HELP = (
-    "Deciders to compare, with settings where wanted, such as 'information_gain(confirm=0.97)'; or module:attribute of "
-    "your own, such as 'mine:TwoLooks(touches=4)'. Known are:\n"
+    "Deciders to compare. Settings follow in brackets: 'information_gain(confirm=0.97)'. Name your own as "
+    "module:attribute: 'mine:TwoLooks(touches=4)'. Available deciders:\n"
     + "\n".join(f"{name}: {summary_of(name)}" for name in DECIDERS)
 )
 
 
 @dataclass(frozen=True)
 class Compare:
-    """Search live in MuJoCo with several deciders on identical episodes; print a table, write a report.
+    """Search live in MuJoCo with several deciders on identical episodes; print a table and write a report.
 
-    Finished episodes are kept: interrupt with Ctrl-C whenever you like, the same command goes on from there, and a
-    larger ``--episodes`` extends a finished run. Several machines may work on one folder at once, on a Dask cluster
-    (``--backend dask``), or each on its part (``--part 1/2``), to be united by ``activetouch merge``.
+    Finished episodes are kept: after an interruption, the same command continues. A larger ``--episodes`` extends a
+    finished run. Several machines can share the work: as workers of a Dask cluster (``--backend dask``), or each with a
+    part of the run (``--part 1/2``), which ``activetouch merge`` combines.
 
     For example:
 
@@ -62,47 +62,48 @@ class Compare:
         "random_confirm",
     )
     reference: str | None = None
-    """The decider that differences are taken to; the first by default."""
+    """Decider that the others are compared with; the first by default."""
     targets: tuple[str, ...] = ()
     """Shapes to search for; all by default."""
     episodes: Count = 250
     """Searches per decider and target."""
     seed: Seed = 0
-    """Of the whole comparison."""
+    """Seed of the whole comparison."""
     setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
-    """What the episodes have in common."""
+    """Setting of all episodes."""
     scenes: tuple[str, ...] = ()
-    """Several scenes, one comparison each, and a page that shows them side by side; instead of --scene."""
+    """Several scenes: one comparison for each, and an overview page; replaces --scene."""
     renderers: tuple[str, ...] = ()
-    """Several renderers of every scene; instead of --renderer."""
+    """Several renderers of every scene; replaces --renderer."""
     sensors: str | None = None
-    """Where their sensors are, with {scene} and {renderer}; those that come with the scenes by default."""
+    """Folders of the sensors for --scenes and --renderers, with the placeholders {scene} and {renderer}; the shipped
+    sensors by default."""
     out: Path | None = None
-    """Folder of the run; runs/compare, or runs/compare-SCENE for another scene than gel, by default."""
+    """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""
     bound: bool = False
-    """Also find an upper bound on the expected return for the discretised sensor model, in which touches are
-    independent given the shape; live touches are neither, so live returns can exceed it. Some minutes a target."""
+    """Also compute an upper bound on the expected return for the discretised sensor model (minutes per target). Live
+    returns can exceed it, because live touches carry more information than their outcome and are correlated."""
     jobs: Jobs = field(default_factory=default_jobs)
-    """Processes; the results do not depend on it."""
+    """Number of processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"
-    """Processes of this machine, or workers of a Dask cluster; the results do not depend on it."""
+    """Run on processes of this machine (loky) or on a Dask cluster (dask); the results do not depend on it."""
     scheduler: str | None = None
     """Address of the Dask scheduler, such as tcp://10.0.0.1:8786."""
     part: str = "1/1"
-    """Play only the i-th of n parts, such as 2/8, and summarise nothing."""
+    """Run only part i of n, such as 2/8, and write no report."""
     config: Path | None = None
-    """The run.json of an earlier run: its arguments are the defaults of this one, except for --jobs, and its folder is
-    the default of --out."""
+    """run.json of an earlier run. Its arguments, except --jobs, become the defaults; its folder becomes the default of
+    --out."""
 
     @classmethod
     def from_config(cls, path: Path) -> Compare:
-        """The comparison that a ``run.json`` records: in the file's folder, with the default number of jobs.
+        """The comparison that a ``run.json`` records, with the default number of jobs.
 
         Args:
-            path: the file, or the run's folder.
+            path: the file, or the folder of the run.
 
         Raises:
-            BadArgument: it is not the ``run.json`` of a comparison.
+            BadArgument: The file is not the ``run.json`` of a comparison.
         """
         file = path / "run.json" if path.is_dir() else path
         try:
@@ -118,14 +119,14 @@ class Compare:
 
     @property
     def folder(self) -> Path:
-        """Where the run is kept."""
+        """Folder of the run."""
         if self.out is not None:
             return self.out
         scene = self.setting.choice.scene
         return Path("runs/compare" if scene == "gel" else f"runs/compare-{in_file_names(scene)}")
 
     def run(self) -> None:
-        """Play what is missing, then summarise everything."""
+        """Run the missing searches, then print the results and write the report."""
         console = plain_console()
         worlds = self.worlds()
         found = {name: compare._run_one(console) for name, compare in worlds.items()}
@@ -134,14 +135,14 @@ class Compare:
 
             root = next(iter(worlds.values())).folder.parent
             page = write_overview(root, {name: comparison for name, comparison in found.items() if comparison})
-            console.print(f"all of them side by side: {page}", soft_wrap=True)
+            console.print(f"overview: {page}", soft_wrap=True)
 
     def worlds(self) -> dict[str, Compare]:
-        """A comparison for every scene and renderer that was asked for, by name; only this one if none was.
+        """One comparison per requested scene and renderer, by name.
 
         Raises:
-            BadArgument: --scene beside --scenes, or the like.
-            UnknownName: a scene or renderer that does not exist.
+            BadArgument: Arguments exclude each other, such as --scene and --scenes.
+            UnknownName: A scene or renderer does not exist.
         """
         choice = self.setting.choice
         if not self.scenes and not self.renderers:
@@ -152,110 +153,75 @@ class Compare:
             if plural and chosen:
                 raise BadArgument("give either --scene or --scenes, and either --renderer or --renderers")
         for name in self.renderers:
-            renderer_named(name)  # or say which there are
+            renderer_named(name)  # raises UnknownName
         root, found = self.out if self.out is not None else Path("runs/compare-scenes"), {}
         for scene in dict.fromkeys(self.scenes or (choice.scene,)):
             for renderer in dict.fromkeys(self.renderers) or (choice.renderer,):
                 name = in_file_names(scene if renderer is None else f"{scene}-{renderer}")
                 sensor = self.setting.sensor
                 if self.sensors is not None:
-                    sensor = Path(
-                        self.sensors.replace("{scene}", in_file_names(scene)).replace(
-                            "{renderer}", in_file_names(str(renderer))
-                        )
-                    )
+                    named = self.sensors.replace("{scene}", in_file_names(scene))
+                    sensor = Path(named.replace("{renderer}", in_file_names(str(renderer))))
                 setting = replace(self.setting, choice=replace(choice, scene=scene, renderer=renderer), sensor=sensor)
                 found[name] = replace(self, scenes=(), renderers=(), sensors=None, setting=setting, out=root / name)
         return found
-
-    def of_sensor(self, folder: Path | None) -> Compare:
-        """The same comparison with the sensor in this folder."""
-        return replace(self, setting=replace(self.setting, sensor=folder))
 
     def _run_one(self, console: Console) -> Comparison | None:
         if self.part != "1/1":
             self.fill()
             other, union = (self.folder.with_name(f"{self.folder.name}-{word}") for word in ("other", "all"))
             console.print(
-                f"{self.folder} has part {self.part}. If the others are in folders of their own, here {other}, unite "
+                f"{self.folder} holds part {self.part}. If another part is in another folder, such as {other}, merge "
                 f"them with:\n{command('merge', self.folder, other, out=union)}",
                 soft_wrap=True,
             )
             return None
-        comparison, report, told = self.report()
+        comparison, report, notes = self.report()
         console.print(terminal_table(comparison, console.width).rich())
-        for sentence in verdict(comparison):
-            console.print(textwrap.fill(sentence, 78))
-        for sentence in told:
+        for sentence in [*verdict_sentences(comparison), *notes]:
             console.print(textwrap.fill(sentence, 78))
         console.print(f"report: {report}", soft_wrap=True)
         return comparison
 
     def report(self) -> tuple[Comparison, Path, list[str]]:
-        """Play what is missing and write the report.
+        """Run the missing searches and write the report.
 
         Returns:
-            What was asked for, the page, and in words what else the folder holds.
+            The requested comparison, the path of the page, and sentences about further searches in the folder.
 
         Raises:
             ActiveTouchError: as :meth:`play`.
         """
         from experiments.search.report import write_report  # loads matplotlib
 
-        comparison = self.play()
-        held, told = self.held()
-        return comparison, write_report(self.folder, held, self.setting, self.seed, told), told
+        problem, holdings, asked = self._filled()
+        largest, notes = self._largest(problem, holdings, asked)
+        page = write_report(self.folder, largest, self.setting, self.seed, notes)
+        return holdings.compare(problem, asked, self._reference, self.seed, self.bound), page, notes
 
     def play(self) -> Comparison:
-        """Play what is missing and read back what was asked for.
-
-        ``episodes.jsonl`` tells everything that the folder holds of those who play now.
+        """Run the missing searches, write ``episodes.jsonl`` and return the requested comparison.
 
         Raises:
-            BadArgument: there is nothing to play, or no such search.
-            UnknownName: a decider or target that does not exist.
-            RunMismatch: the folder holds another run.
-            CannotWrite: the disk is full.
-            NoCluster: there is no cluster.
-            WorkerMismatch: a worker of the cluster has other versions.
+            BadArgument: An argument is invalid.
+            UnknownName: A decider or target does not exist.
+            RunMismatch: The folder holds another run.
+            CannotWrite: The disk is full, or the folder is not writable.
+            NoCluster: The cluster cannot be reached.
+            WorkerMismatch: A worker of the cluster has other versions.
         """
-        problem, targets = self.fill()
-        holdings = self._holdings()
-        RunFolder(self.folder).write_episodes(holdings.episodes())
-        return holdings.compare(problem, self._selection(targets), self._reference, self.seed, self.bound)
-
-    def held(self) -> tuple[Comparison, list[str]]:
-        """The largest comparison that the folder holds, and in words what else it holds; nothing is played."""
-        problem, targets = self._check()
-        holdings, asked = self._holdings(), self._selection(targets)
-        chosen, told = holdings.largest(asked), []
-        if chosen != asked:
-            told.append(
-                f"The report tells more than was asked for: {chosen}."
-                if asked in chosen
-                else f"The report keeps the larger comparison in this folder: {chosen}."
-            )
-        beyond = holdings.beyond(chosen)
-        if beyond:
-            words = ", ".join(f"{num} of {name}" for name, num in beyond.items())
-            told.append(
-                f"Not in the report, as not all of its deciders have played the same, are searches: {words}. They are "
-                f"in {self.folder / 'episodes.jsonl'}."
-            )
-        reference = self._reference if self._reference in chosen.deciders else chosen.deciders[0]
-        bounds = all((BOUND, target) in holdings.shards for target in chosen.targets)
-        return holdings.compare(problem, chosen, reference, self.seed, bounds), told
+        problem, holdings, asked = self._filled()
+        return holdings.compare(problem, asked, self._reference, self.seed, self.bound)
 
     def fill(self) -> tuple[SearchProblem, list[str]]:
-        """Play what is missing of this part; return the search and its targets. Raises as :meth:`play`."""
+        """Run the missing searches of this part; return the search and its targets. Raises as :meth:`play`."""
         problem, targets = self._check()
-        tell_shift(self.setting.shift)
-        sizes = shard_sizes(self._players, targets, self.episodes)
+        players = [*dict.fromkeys(self.deciders), ORACLE, *([BOUND] if self.bound else [])]
         play_missing(
             RunFolder(self.folder),
             self.setting.resolved(),
             self.seed,
-            sizes,
+            shard_sizes(players, targets, self.episodes),
             self._arguments(),
             part=self._part(),
             jobs=self.jobs,
@@ -264,18 +230,12 @@ class Compare:
         return problem, targets
 
     @property
-    def _players(self) -> list[str]:
-        return [*dict.fromkeys(self.deciders), ORACLE, *([BOUND] if self.bound else [])]
-
-    @property
     def _reference(self) -> str:
         return self.reference or self.deciders[0]
 
-    def _selection(self, targets: list[str]) -> Selection:
-        return Selection(tuple(dict.fromkeys(self.deciders)), tuple(targets), self.episodes)
-
-    def _holdings(self) -> Holdings:
-        """What the folder holds of those who play now, asked for or not."""
+    def _filled(self) -> tuple[SearchProblem, Holdings, Selection]:
+        """Run the missing searches; return the search, the content of the folder, and what was requested of it."""
+        problem, targets = self.fill()
         setting, folder = self.setting.resolved(), RunFolder(self.folder)
         current: dict[str, dict[str, str]] = {}
         for decider, by_target in folder.read_run()["made_by"].items():
@@ -283,53 +243,70 @@ class Compare:
                 try:
                     now = made_by(setting, decider, target)
                 except (ActiveTouchError, ValueError):
-                    continue  # it is no more
+                    continue  # a decider that no longer exists
                 if now == digest:
                     current.setdefault(decider, {})[target] = digest
-        return Holdings.of(folder, current)
+        holdings = Holdings.of(folder, current)
+        folder.write_episodes(holdings.episodes())
+        return problem, holdings, Selection(tuple(dict.fromkeys(self.deciders)), tuple(targets), self.episodes)
+
+    def _largest(self, problem: SearchProblem, holdings: Holdings, asked: Selection) -> tuple[Comparison, list[str]]:
+        chosen, notes = holdings.largest(asked), []
+        if chosen != asked:
+            is_more = asked in chosen
+            word = "contains more than was requested" if is_more else "keeps the larger comparison in this folder"
+            notes.append(f"The report {word}: {chosen}.")
+        if beyond := holdings.beyond(chosen):
+            words = ", ".join(f"{num} of {name}" for name, num in beyond.items())
+            notes.append(
+                f"Not in the report, because not all of its deciders have run the same searches: {words} (see "
+                f"{self.folder / 'episodes.jsonl'})."
+            )
+        reference = self._reference if self._reference in chosen.deciders else chosen.deciders[0]
+        bounds = all((BOUND, target) in holdings.shards for target in chosen.targets)
+        return holdings.compare(problem, chosen, reference, self.seed, bounds), notes
 
     def _part(self) -> tuple[int, int]:
-        """Number of this part, from 0, and of all."""
+        """Index of this part, from 0, and number of parts."""
         found = re.fullmatch(r"(\d+)/(\d+)", self.part)
         if found is None or not 1 <= int(found[1]) <= int(found[2]):
             raise BadArgument(f"--part must be i/n with 1 ≤ i ≤ n, such as 2/8; got {self.part!r}")
         return int(found[1]) - 1, int(found[2])
 
     def _check(self) -> tuple[SearchProblem, list[str]]:
-        """The search and the targets, or an error before anything is started or written."""
+        """Check all arguments before anything is run or written; return the search and its targets."""
         check_arguments(self)
         named, num_objects = self.setting.choice.named, self.setting.num_objects
         composition, shapes = self.setting.composition or named.composition, named.scene.shape_labels
         if num_objects is not None and num_objects > len(shapes) and composition == Composition.DISTINCT:
             raise BadArgument(
-                f"--num-objects {num_objects}: there are only {len(shapes)} shapes ({', '.join(shapes)}), and all "
-                "objects are to differ; add --composition independent, and each may have any shape"
+                f"--num-objects {num_objects}: the scene has only {len(shapes)} shapes ({', '.join(shapes)}), and all "
+                "objects must differ; add --composition independent to allow several objects of one shape"
             )
         try:
             problem = self.setting.problem
         except ValueError as error:
             raise BadArgument(str(error)) from error
-        self.setting.shift  # noqa: B018  refuses the sensor of another scene
+        shift = self.setting.shift  # raises WrongScene
         if not self.deciders:
             raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
         if (self.backend == "dask") != (self.scheduler is not None):
             raise BadArgument("--backend dask and --scheduler ADDRESS go together; start one with: dask scheduler")
         self._part()
         require_writable(self.folder)
-        for name in self.deciders:
-            if isinstance(player := self.setting.player(name), str):
-                find_decider(player)
         if self.reference is not None and self.reference not in self.deciders:
             raise UnknownName("reference among --deciders", self.reference, list(self.deciders))
         for target in self.targets:
             if target not in problem.shape_labels:
                 raise UnknownName("target", target, list(problem.shape_labels))
+        targets = list(dict.fromkeys(self.targets or problem.shape_labels))
         for player in map(self.setting.player, self.deciders):
             if isinstance(player, str):
-                wanted = self.targets or problem.shape_labels
-                require_policies(player, wanted, self.setting.choice.scene, self.setting.sensor_folder)
-        return problem, list(dict.fromkeys(self.targets or problem.shape_labels))
+                find_decider(player)
+                require_policies(player, targets, self.setting.choice.scene, self.setting.sensor_folder)
+        tell_shift(shift)
+        return problem, targets
 
     def _arguments(self) -> dict[str, object]:
-        told = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "config"}
-        return {**told, "out": str(self.folder), "setting": self.setting.to_dict()}
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "config"}
+        return {**own, "out": str(self.folder), "setting": self.setting.to_dict()}

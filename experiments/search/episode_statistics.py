@@ -1,4 +1,4 @@
-"""Statistics of episodes: calibration at stopping, success by place of the target, regret and gap to the bound."""
+"""Statistics of episodes: calibration at stopping, success by position of the target, regret, gap to the bound."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from planners import Episode
 
 
-def claims(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
-    """Calibration of the searches that confirmed an object, by touches of that object.
+def calibration_of_confirmations(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
+    """Calibration of the stated confidence at confirmation, by number of touches of the confirmed object.
 
     The stated confidence is the posterior probability at confirmation that the object is the target.
 
     Returns:
         None if no object was confirmed.
     """
-    stops = [(episode, episode.steps[-1]) for episode in episodes if _confirmed(episode)]
+    stops = [(e, e.steps[-1]) for e in episodes if e.steps and isinstance(e.steps[-1].decision.action, Confirm)]
     if not stops:
         return None
     return calibration_at_stop(
@@ -31,20 +31,16 @@ def claims(episodes: Sequence[Episode]) -> CalibrationAtStop | None:
     )
 
 
-def _confirmed(episode: Episode) -> bool:
-    return bool(episode.steps) and isinstance(episode.steps[-1].decision.action, Confirm)
-
-
 @dataclass(frozen=True)
 class Place:
-    """Searches whose target lay at one place in the order of visit.
+    """Results of the searches whose target has one position in the order of visit.
 
     Attributes:
-        position: of the first object of the target shape, from 0; None where there was none.
-        num_episodes: searches.
-        successes: that ended right.
-        wrong: confirmed something else.
-        touches: mean per search.
+        position: position of the first object of the target shape, from 0; None if the target is absent.
+        num_episodes: number of searches.
+        successes: searches that succeeded.
+        wrong: searches that confirmed an object of another shape.
+        touches: mean number of touches per search.
     """
 
     position: int | None
@@ -55,27 +51,27 @@ class Place:
 
     @property
     def success(self) -> float:
-        """Share that succeeded."""
+        """Fraction of searches that succeeded."""
         return self.successes / self.num_episodes
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson, 95 %."""
+        """95 % Wilson interval of the success rate."""
         return wilson_interval(self.successes, self.num_episodes)
 
     @property
     def label(self) -> str:
-        """As a reader counts: from one."""
+        """The position counted from 1, or "absent"."""
         return "absent" if self.position is None else f"{self.position + 1}"
 
 
 def position(episode: Episode) -> int | None:
-    """Where the first object of the target shape lies in the order of visit; None if there is none."""
+    """Position of the first object of the target shape in the order of visit; None if the target is absent."""
     return episode.arrangement.index(episode.target) if episode.target in episode.arrangement else None
 
 
 def by_position(episodes: Sequence[Episode]) -> list[Place]:
-    """Success by where the target lay, in order of visit, absent ones last; places that never occurred are left out."""
+    """Results by position of the target, in order of visit, absent targets last; positions without searches omitted."""
     groups: dict[int | None, list[Episode]] = {}
     for episode in episodes:
         groups.setdefault(position(episode), []).append(episode)
@@ -97,16 +93,16 @@ def gap(
     problem: SearchProblem,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
-    """Upper bound of the discretised model minus a decider's mean return: mean and 95 % interval.
+    """Upper bound of the discretised model minus the return of a decider: mean and 95 % interval.
 
     Args:
-        episodes: of one decider, by target.
-        bounds: of the expected return, by target; None where there is none.
-        problem: the rules.
-        rng: source of the bootstrap.
+        episodes: searches of the decider, by target.
+        bounds: upper bound on the expected return, by target; None where unknown.
+        problem: rules of the search.
+        rng: random generator of the bootstrap.
 
     Returns:
-        None if the bound of some target is not known.
+        None if the bound is unknown for a target.
     """
     known = {target: bound for target, bound in bounds.items() if bound is not None}
     if not episodes.keys() <= known.keys():
@@ -123,13 +119,13 @@ def regret(
 ) -> tuple[float, float, float]:
     """Return of the full-information oracle minus that of a decider on the same episodes: mean and 95 % interval.
 
-    The oracle touches every object in every pose free of charge before it answers, so its return is +1 or -1.
+    The oracle's touches are free, so its return is +1 or -1.
 
     Args:
-        episodes: of one decider, by target, beginning with those on which the oracle was run.
+        episodes: searches of the decider, by target; the first ones are those on which the oracle was run.
         solved: whether the oracle succeeds in each of the first episodes, by target.
-        problem: the rules.
-        rng: source of the bootstrap.
+        problem: rules of the search.
+        rng: random generator of the bootstrap.
     """
     best = [1.0 if right else -1.0 for target in episodes for right in solved[target]]
     got = [

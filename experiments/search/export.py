@@ -1,4 +1,4 @@
-"""``activetouch export``: a search as a ``.pomdp`` file, or the policy of the default planner as a ``.npz`` file."""
+"""``activetouch export``: write a search as a ``.pomdp`` file or the default planner's policy as a ``.npz`` file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planners.solve import SearchTouchProblem, save_policy
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write the search of a scene for other solvers (.pomdp), or the policy that point_based follows (.npz).
+    """Write the search of a scene for other solvers (.pomdp), or the policy of point_based (.npz).
 
     For example:
 
@@ -35,16 +35,16 @@ class Export:
     out: Path
     """File to write."""
     format: Literal["pomdp", "npz"] = "pomdp"
-    """pomdp: the search in Cassandra's text format. npz: the solved policy, read by planners.solve.load_policy."""
+    """pomdp: the search in Cassandra's text format. npz: the solved policy, for planners.solve.load_policy."""
     setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
-    """The search."""
+    """Setting of the search."""
 
     def run(self) -> None:
         """Write the file.
 
         Raises:
-            UnknownName: the scene has no such shape.
-            InvalidArgument: the search is too large; fewer objects work.
+            UnknownName: The scene has no such shape.
+            InvalidArgument: The search is too large; use fewer objects.
         """
         check_arguments(self)
         problem = self.setting.problem

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.search.summary import ALL, Comparison
 
-_WIDTH = 5.2  # inches; narrow, so that letters stay readable on a phone
+_WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
 _MARKERS = "osD^vP*X"
 _SMALLEST_ERROR = 1e-4
 
@@ -24,12 +24,12 @@ def pictures(comparison: Comparison) -> list[Picture]:
     return [
         Picture(name, caption, [partial(panel, comparison=comparison)], size=(_WIDTH, height))
         for name, caption, height, panel in (
-            ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16), success),
-            ("frontier", _FRONTIER, 3.4, frontier),
-            ("positions", _POSITIONS, wide, positions),
-            ("touches", _TOUCHES, wide, touches),
-            ("stated_confidence", _STATED, flat + 0.3, stated_confidence),
-            ("times", _TIMES, flat + 0.2, times),
+            ("success", _SUCCESS, 1.0 + num_groups * (0.16 * num_deciders + 0.16), _draw_success),
+            ("frontier", _FRONTIER, 3.4, _draw_frontier),
+            ("positions", _POSITIONS, wide, _draw_positions),
+            ("touches", _TOUCHES, wide, _draw_touches),
+            ("stated_confidence", _STATED, flat + 0.3, _draw_stated_confidence),
+            ("times", _TIMES, flat + 0.2, _draw_times),
         )
     ]
 
@@ -39,7 +39,7 @@ _SUCCESS = (
     "oracle."
 )
 _FRONTIER = "Success against touches per search, over all targets. Points further up and to the left are better."
-_POSITIONS = "Success by the place of the target in the order of visit, with 95 % Wilson intervals."
+_POSITIONS = "Success by position of the target in the order of visit, with 95 % Wilson intervals."
 _TOUCHES = "Fraction of searches that took at most this number of touches."
 _STATED = (
     "Error of confirmations: stated (open markers) and observed with 95 % Clopper-Pearson intervals (filled markers). "
@@ -48,8 +48,7 @@ _STATED = (
 _TIMES = "Time per touch by component."
 
 
-def success(axes: Axes, comparison: Comparison) -> None:
-    """Success by target and decider, with intervals, no-touch baseline and full-information oracle."""
+def _draw_success(axes: Axes, comparison: Comparison) -> None:
     groups = [*comparison.targets, ALL]
     _reference_lines(axes.axvline, comparison)
     for index, decider in enumerate(comparison.deciders):
@@ -61,8 +60,7 @@ def success(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def frontier(axes: Axes, comparison: Comparison) -> None:
-    """Success against touches."""
+def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
     _reference_lines(axes.axhline, comparison)
     for index, decider in enumerate(comparison.deciders):
         cell = comparison.cells[decider, ALL]
@@ -75,8 +73,7 @@ def frontier(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def positions(axes: Axes, comparison: Comparison) -> None:
-    """Success by place of the target."""
+def _draw_positions(axes: Axes, comparison: Comparison) -> None:
     labels = list(dict.fromkeys(place.label for places in comparison.positions.values() for place in places))
     labels.sort(key=lambda label: (label == "absent", label.zfill(4)))
     for index, (decider, places) in enumerate(comparison.positions.items()):
@@ -84,13 +81,12 @@ def positions(axes: Axes, comparison: Comparison) -> None:
         bars = np.array([p.interval for p in places]).T
         values = np.array([p.success for p in places])
         axes.errorbar(x, values, [values - bars[0], bars[1] - values], **_style(index), label=decider)
-    axes.set(xlabel="place of the target", ylabel="success", ylim=(-0.02, 1.04))
+    axes.set(xlabel="position of the target", ylabel="success", ylim=(-0.02, 1.04))
     axes.set_xticks(range(len(labels)), labels)
     _legend(axes, comparison)
 
 
-def touches(axes: Axes, comparison: Comparison) -> None:
-    """Distribution of touches."""
+def _draw_touches(axes: Axes, comparison: Comparison) -> None:
     for index, decider in enumerate(comparison.deciders):
         numbers = np.sort([episode.num_touches for episode in comparison.of(decider)])
         shares = np.arange(1, len(numbers) + 1) / len(numbers)
@@ -100,9 +96,8 @@ def touches(axes: Axes, comparison: Comparison) -> None:
     _legend(axes, comparison)
 
 
-def stated_confidence(axes: Axes, comparison: Comparison) -> None:
-    """Stated and observed error of confirmations."""
-    found = {name: claims for name, claims in comparison.claims.items() if claims is not None}
+def _draw_stated_confidence(axes: Axes, comparison: Comparison) -> None:
+    found = {name: stops for name, stops in comparison.calibration.items() if stops is not None}
     names = list(found)
     for y, name in enumerate(names):
         score, index = found[name].overall, comparison.deciders.index(name)
@@ -115,8 +110,7 @@ def stated_confidence(axes: Axes, comparison: Comparison) -> None:
     axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
 
 
-def times(axes: Axes, comparison: Comparison) -> None:
-    """Milliseconds per touch, split into physics, network and decision."""
+def _draw_times(axes: Axes, comparison: Comparison) -> None:
     names = [name for name in comparison.deciders if comparison.cells[name, ALL].seconds.num_touches]
     left = np.zeros(len(names))
     for part, colour in zip(("physics", "network", "decision"), PALETTE, strict=False):

@@ -1,4 +1,4 @@
-"""Frames of a recorded search: its touches are pressed again from the episode's seed and give the same images."""
+"""Frames of a recorded search. The touch images are computed again from the episode's seed."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Frame:
     Attributes:
         step: decision and the belief before it.
         shape: true shape of the object.
-        image: reading of the tactile sensor, uint8; None where nothing was touched.
-        posterior: belief about the object after the step, ``(K,)``.
+        image: tactile image, uint8; None for a decision without a touch.
+        posterior: belief about the object after the step, shape ``(K,)``.
     """
 
     step: Step
@@ -33,19 +33,14 @@ class Frame:
 
 
 def action_words(action: Action, problem: SearchProblem) -> str:
-    """An action as a reader sees it: "touch corner", "confirm" or "reject"."""
+    """An action in words: "touch corner", "confirm" or "reject"."""
     if isinstance(action, Probe):
         return f"touch {problem.pose_labels[action.pose]}"
     return "confirm" if isinstance(action, Confirm) else "reject"
 
 
 def replay(setting: Setting, episode: Episode) -> list[Frame]:
-    """Press the touches of an episode again and return its frames.
-
-    Args:
-        setting: that of the run.
-        episode: a search of the run.
-    """
+    """Repeat the touches of an episode of a run with this setting; return its frames."""
     world = make_world(setting, load_sensor(setting), episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
     frames = []

@@ -1,4 +1,4 @@
-"""What a run's folder holds of those who play now, and which of it a report can compare."""
+"""Content of a run folder, and the largest comparison that it allows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import TypeAlias
 
 import numpy as np
 
@@ -25,22 +24,19 @@ from experiments.search.run_folder import (
 from experiments.search.summary import Comparison, compare_episodes
 
 ORACLE_EPISODES = 50
-"""Most of a target that full information is tried on; each costs one touch for every object and pose."""
-
-Cell: TypeAlias = tuple[str, str]
-"""A decider and a target."""
+"""Largest number of episodes per target on which the oracle is run; each takes one touch per object and pose."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Some deciders on the same searches: the first so many for each of some targets."""
+    """Searches to compare: deciders, targets, and the number of episodes of each, from the first."""
 
     deciders: tuple[str, ...]
     targets: tuple[str, ...]
     episodes: int
 
     def __contains__(self, other: object) -> bool:
-        """Whether all of another selection is in this one."""
+        """Whether this selection contains all of another."""
         return (
             isinstance(other, Selection)
             and {*other.deciders} <= {*self.deciders}
@@ -50,46 +46,47 @@ class Selection:
 
     @property
     def size(self) -> int:
-        """Searches in all."""
+        """Total number of searches."""
         return len(self.deciders) * len(self.targets) * self.episodes
 
     def __str__(self) -> str:
         each = f"{self.episodes} search{'es' * (self.episodes != 1)} each"
-        return f"{', '.join(self.deciders)} looking for {', '.join(self.targets)}, {each}"
+        return f"{', '.join(self.deciders)}; targets {', '.join(self.targets)}; {each}"
 
 
 @dataclass(frozen=True)
 class Holdings:
-    """All whole shards of those who play now, by decider (or oracle, or bound) and target, each from the first on."""
+    """Shards of the current deciders (or oracle, or bound), by decider and target, without gaps from the first."""
 
-    shards: Mapping[Cell, Sequence[Shard]]
+    shards: Mapping[tuple[str, str], Sequence[Shard]]
 
     @classmethod
     def of(cls, folder: RunFolder, made_by: MadeBy) -> Holdings:
-        """What a folder holds of these; in their order."""
-        cells = ((decider, target, digest) for decider, some in made_by.items() for target, digest in some.items())
+        """Read the shards of the deciders with these digests, in the order of ``made_by``."""
         found = {
-            (decider, target): list(_in_turn(folder, decider, target, digest)) for decider, target, digest in cells
+            (decider, target): list(_in_turn(folder, decider, target, digest))
+            for decider, by_target in made_by.items()
+            for target, digest in by_target.items()
         }
         return cls({cell: shards for cell, shards in found.items() if shards})
 
-    def lines(self, cell: Cell) -> list[str]:
-        """Its episodes, a line of JSON each."""
+    def lines(self, cell: tuple[str, str]) -> list[str]:
+        """Episodes of a decider and target, one JSON line each."""
         return list(chain.from_iterable(shard.lines for shard in self.shards.get(cell, ())))
 
     def episodes(self) -> Iterator[str]:
-        """All lines of deciders."""
+        """JSON lines of all episodes of deciders."""
         return chain.from_iterable(self.lines(cell) for cell in self.counts())
 
-    def counts(self) -> dict[Cell, int]:
-        """Searches by decider and target."""
+    def counts(self) -> dict[tuple[str, str], int]:
+        """Number of searches by decider and target."""
         return {cell: len(self.lines(cell)) for cell in self.shards if cell[0] not in (ORACLE, BOUND)}
 
     def largest(self, asked: Selection) -> Selection:
-        """The most searches that can be compared: all deciders of it have played the same ones.
+        """The selection with the most searches such that all of its deciders have played the same ones.
 
         Args:
-            asked: preferred where another has no more.
+            asked: requested selection, returned unless another is larger.
         """
         counts = {cell: num for cell, num in self.counts().items() if self._has_oracle(cell[1], num)}
         deciders, targets = (list(dict.fromkeys(cell[place] for cell in counts)) for place in (0, 1))
@@ -104,7 +101,7 @@ class Holdings:
         return asked if best in asked else best
 
     def beyond(self, selection: Selection) -> dict[str, int]:
-        """Searches by decider that are here and not in a selection."""
+        """Number of searches outside of a selection, by decider."""
         extra: dict[str, int] = {}
         for (decider, target), num in self.counts().items():
             inside = decider in selection.deciders and target in selection.targets
@@ -114,14 +111,14 @@ class Holdings:
     def compare(
         self, problem: SearchProblem, selection: Selection, reference: str, seed: int, bound: bool
     ) -> Comparison:
-        """All numbers of a selection that is here.
+        """Compute all numbers of a selection.
 
         Args:
-            problem: the search.
-            selection: what to compare.
-            reference: the decider the others are compared with.
-            seed: of the bootstraps.
-            bound: whether to tell the bound on the return.
+            problem: rules of the search.
+            selection: searches to compare; the folder must hold them.
+            reference: decider that the others are compared with.
+            seed: seed of the bootstraps.
+            bound: whether to include the upper bound on the return.
         """
         labels, num = tuple(problem.shape_labels), selection.episodes
         cells = [(decider, target) for decider in selection.deciders for target in selection.targets]
@@ -140,7 +137,7 @@ class Holdings:
 
 
 def _in_turn(folder: RunFolder, decider: str, target: str, digest: str) -> Iterator[Shard]:
-    """Shards from the first until one is missing, of something else, or not full."""
+    """Yield shards from the first up to one that is missing, of another digest, or not full."""
     number = 0
     while (shard := folder.read(key := ShardKey(decider, target, number))) and shard.made_by == digest:
         yield shard

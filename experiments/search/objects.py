@@ -1,11 +1,11 @@
-"""``activetouch.compare``: the command ``compare`` for deciders, scenes and sensors that a program made."""
+"""``activetouch.compare``: the command ``compare`` for decider, scene and sensor objects."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -24,16 +24,16 @@ from experiments.search.summary import Comparison
 from planners import Decider
 
 SCENE_OBJECT = "own scene"
-"""What reports call a scene that a program made."""
+"""Name of a scene object in reports."""
 
 
 @dataclass(frozen=True)
 class SceneObject(SceneChoice):
-    """A scene that a program made.
+    """A scene object in place of a named scene.
 
     Attributes:
         given: the scene and its search.
-        digest: of both, by which two are told apart.
+        digest: SHA-256 of both, which distinguishes scene objects.
     """
 
     scene: str = SCENE_OBJECT
@@ -42,9 +42,9 @@ class SceneObject(SceneChoice):
 
     @classmethod
     def of(cls, named: NamedScene) -> SceneObject:
-        """The choice of this scene."""
-        told = [scene_fields(named.scene), named.num_objects, repr(named.composition)]
-        return cls(given=named, digest=hashlib.sha256(json.dumps(told).encode()).hexdigest())
+        """Wrap a scene and its search."""
+        described = [scene_fields(named.scene), named.num_objects, repr(named.composition)]
+        return cls(given=named, digest=hashlib.sha256(json.dumps(described).encode()).hexdigest())
 
     @property
     def named(self) -> NamedScene:
@@ -52,16 +52,16 @@ class SceneObject(SceneChoice):
         return self.given
 
     def to_dict(self) -> dict[str, Any]:
-        """The choice as plain values, from which the scene cannot be made again."""
+        """The choice as plain values; they do not contain the scene."""
         return SceneChoice(self.scene).to_dict()
 
 
 @dataclass(frozen=True)
 class ObjectSetting(Setting):
-    """A setting whose deciders are objects of a program, or names.
+    """A setting with decider objects.
 
     Attributes:
-        players: decider, or its name as on the command line, by the name that it has in the report.
+        players: decider, or its name on the command line, by its name in the report.
     """
 
     players: Mapping[str, Decider | str] = field(default_factory=dict, compare=False)
@@ -86,42 +86,42 @@ def compare(
     anyway: bool = False,
     jobs: int | None = None,
 ) -> Comparison:
-    """Let deciders search live on the same episodes, as the command ``compare`` does, and write its report.
+    """Run live searches with several deciders on identical episodes and write a report, as the command ``compare``.
 
-    The numbers are those of the command for the same deciders, scene, sensor and seed. What is finished is kept in the
-    folder: the same call goes on after an interruption.
+    The same deciders, scene, sensor and seed give the same numbers as the command. Finished episodes are kept: after an
+    interruption, the same call continues.
 
     Args:
-        scene: its name, or a scene that you made.
-        deciders: names as on the command line; or by the names they are to have in the report, deciders that you made
-            or such names. Deciders are pickled and sent to worker processes.
-        episodes: searches for each decider and target.
-        seed: of the whole comparison.
+        scene: name of a scene, or a scene object.
+        deciders: names as on the command line, or a mapping from names in the report to deciders or such names.
+            Decider objects are pickled and sent to worker processes.
+        episodes: searches per decider and target.
+        seed: seed of the whole comparison.
         targets: shapes to search for; all by default.
-        sensor: a sensor, its folder, or the name of a scene that comes with one; the scene's own by default.
-        out: folder of the run; that of the command by default.
-        reference: the decider that the others are compared with; the first by default.
-        num_objects: on the table; as many as the scene has by default.
-        touch_cost: λ.
-        anyway: whether to use the sensor in a scene that it was not made for.
-        jobs: processes; all cores by default.
+        sensor: sensor object, folder of a sensor, or name of a scene with a shipped sensor; by default the shipped
+            sensor of ``scene``.
+        out: folder of the run; the same default as the command.
+        reference: decider that the others are compared with; the first by default.
+        num_objects: number of objects in a search; that of the scene by default.
+        touch_cost: cost λ of one touch, in units of a success.
+        anyway: whether to accept a sensor that was made for another scene.
+        jobs: number of processes; all cores by default.
 
     Returns:
         All numbers of the report.
 
     Raises:
-        BadArgument: there is nothing to play, or no such search.
-        UnknownName: a name that leads to nothing.
-        WrongScene: the sensor was made for another scene.
-        RunMismatch: the folder holds another run.
+        BadArgument: An argument is invalid.
+        UnknownName: A name does not exist.
+        WrongScene: The sensor was made for another scene.
+        RunMismatch: The folder holds another run.
     """
     players = dict(deciders) if isinstance(deciders, Mapping) else {name: name for name in deciders}
     for name, player in players.items():
         if name in (ORACLE, BOUND) or not name:
             raise BadArgument(f"a decider cannot be called {name!r}; give it another name")
         if not isinstance(player, str) and not callable(getattr(player, "decide", None)):
-            raise BadArgument(f"{name!r} is no decider: it has no method decide(info, rng), got {player!r:.80}")
-    choice = _choice(scene)
+            raise BadArgument(f"{name!r} is not a decider: it has no method decide(info, rng), got {player!r:.80}")
     request = Compare(
         tuple(players),
         reference=reference,
@@ -129,12 +129,17 @@ def compare(
         episodes=episodes,
         seed=seed,
         setting=ObjectSetting(
-            choice, num_objects=num_objects, touch_cost=touch_cost, anyway=anyway, players=MappingProxyType(players)
+            _choice(scene),
+            num_objects=num_objects,
+            touch_cost=touch_cost,
+            anyway=anyway,
+            players=MappingProxyType(players),
         ),
         out=None if out is None else Path(out),
         jobs=jobs if jobs is not None else default_jobs(),
     )
-    return request.of_sensor(_folder(sensor, request.folder)).report()[0]
+    setting = replace(request.setting, sensor=_sensor_folder(sensor, request.folder))
+    return replace(request, setting=setting).report()[0]
 
 
 def _choice(scene: str | Scene | NamedScene) -> SceneChoice:
@@ -148,8 +153,8 @@ def _choice(scene: str | Scene | NamedScene) -> SceneChoice:
     return SceneObject.of(scene if isinstance(scene, NamedScene) else as_named(scene))
 
 
-def _folder(sensor: str | Path | TactileSensor | None, run: Path) -> Path | None:
-    """Where a sensor is; one that a program made is written into the folder of the run."""
+def _sensor_folder(sensor: str | Path | TactileSensor | None, run: Path) -> Path | None:
+    """Folder of a sensor; a sensor object is written into the folder of the run."""
     if not isinstance(sensor, TactileSensor):
         return None if sensor is None else Path(sensor)
     folder, card = run / "sensor", sensor.classifier.card

@@ -1,8 +1,8 @@
 """Full-information oracle: an upper reference for the success of a comparison.
 
-The oracle touches every object once in every pose, fuses all touches, and confirms the object that is most probably the
-target, or rejects all if the absence of the target is more probable. No decider that touches each pose at most once can
-expect to succeed more often with the same sensor and observation model.
+The oracle touches every object once in every pose and fuses all touches. It confirms the object that is most probably
+the target, or rejects all objects if an absent target is more probable. No decider that touches each pose at most once
+can have a higher expected success with the same sensor and observation model.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from planners.search import TouchRequest
 
 
 def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
-    """Whether the full-information oracle succeeds in each of some episodes.
+    """Whether the full-information oracle succeeds, for each of the given episodes.
 
     Args:
-        setting: that of the run.
-        target: index of the shape searched for.
-        seed: that of the run.
-        numbers: of the episodes.
+        setting: setting of the run.
+        target: index of the target shape.
+        seed: seed of the run.
+        numbers: numbers of the episodes.
     """
     sensor, problem = load_sensor(setting), setting.problem
     solved = []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,33 +18,33 @@ from experiments.command_line.arguments import Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table, interval
 from experiments.search.run_folder import RunFolder, read_episode
-from planners import Episode, Step
+from experiments.search.setting import Setting
+from planners import Episode
 
-Share = tuple[float, float, float]
-"""A fraction and its 95 % Wilson interval."""
+_FractionAndInterval = tuple[float, float, float]  # 95 % Wilson interval
 
 
 @dataclass(frozen=True)
 class Overprobing:
-    """Behaviour of a decider after the posterior was certain that an object is the target or that it is not.
+    """Touches and errors of a decider after the posterior was certain whether an object is the target.
 
     Attributes:
         decider: name of the decider.
         objects: number of objects for which the posterior became certain.
         late_touches: mean number of touches after the first touch with a certain posterior.
         went_on: fraction of these objects that were touched again.
-        doubted: fraction in which a later touch made the posterior uncertain again.
-        first_wrong: fraction in which the decision that was certain first would have been wrong.
-        wrong: fraction in which the final decision was wrong; no decision counts as wrong.
+        doubted: fraction for which a later touch made the posterior uncertain again.
+        first_wrong: fraction for which the first certain decision would have been wrong.
+        wrong: fraction for which the final decision was wrong; no decision counts as wrong.
     """
 
     decider: str
     objects: int
     late_touches: float
-    went_on: Share
-    doubted: Share
-    first_wrong: Share
-    wrong: Share
+    went_on: _FractionAndInterval
+    doubted: _FractionAndInterval
+    first_wrong: _FractionAndInterval
+    wrong: _FractionAndInterval
 
 
 def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) -> Overprobing | None:
@@ -52,7 +52,7 @@ def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) ->
 
     Args:
         decider: name of the decider.
-        episodes: its searches.
+        episodes: searches of the decider.
         confidence: smallest posterior that counts as certain.
 
     Returns:
@@ -60,11 +60,14 @@ def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) ->
     """
     late, doubted, first_wrong, wrong = [], [], [], []
     for episode in episodes:
-        for shape, steps in _objects(episode):
+        for index, shape in enumerate(episode.arrangement):
+            steps = [step for step in episode.steps if step.object_index == index]
+            if not steps:
+                continue
             is_target = shape == episode.target
             probs = np.array([step.belief.probs[episode.target] for step in steps])
             sure = np.maximum(probs, 1.0 - probs) >= confidence
-            sure[0] = False  # the object was not touched yet
+            sure[0] = False  # before the first touch
             if not sure.any():
                 continue
             first, last = int(sure.argmax()), steps[-1].decision.action
@@ -75,21 +78,13 @@ def overprobing(decider: str, episodes: Iterable[Episode], confidence: float) ->
             wrong.append(not right)
     if not late:
         return None
-    shares = [_share(some) for some in ([n > 0 for n in late], doubted, first_wrong, wrong)]
-    return Overprobing(decider, len(late), float(np.mean(late)), *shares)
+    fractions = [_fraction(some) for some in ([n > 0 for n in late], doubted, first_wrong, wrong)]
+    return Overprobing(decider, len(late), float(np.mean(late)), *fractions)
 
 
-def _share(hits: Sequence[bool]) -> Share:
+def _fraction(hits: Sequence[bool]) -> _FractionAndInterval:
     low, high = wilson_interval(sum(hits), len(hits))
     return sum(hits) / len(hits), float(low), float(high)
-
-
-def _objects(episode: Episode) -> Iterator[tuple[int, list[Step]]]:
-    """True shape and steps of every object that was visited."""
-    for index, shape in enumerate(episode.arrangement):
-        steps = [step for step in episode.steps if step.object_index == index]
-        if steps:
-            yield shape, steps
 
 
 class NothingToCount(ActiveTouchError, ValueError):
@@ -98,7 +93,7 @@ class NothingToCount(ActiveTouchError, ValueError):
 
 @dataclass(frozen=True)
 class OverprobingCommand:
-    """Measure the touches after certainty in a finished comparison: how many, and how often they change the decision.
+    """Count the touches after certainty in a finished comparison, and how often they change the decision.
 
     For example:
 
@@ -109,17 +104,17 @@ class OverprobingCommand:
     folder: Path = Path("runs/compare")
     """Folder of a finished comparison; overprobing.json is written there."""
     confidence: Annotated[float, Within(0.5, 1.0, open_low=True)] = 0.95
-    """Smallest posterior with which an object counts as certainly the target, or certainly not."""
+    """Smallest posterior probability that counts as certain."""
 
     def run(self) -> None:
         """Read the episodes, count and print.
 
         Raises:
-            NothingToCount: the posterior never became certain of an object.
+            NothingToCount: The posterior never became certain of an object.
         """
         check_arguments(self)
         run = RunFolder(self.folder)
-        labels = tuple(_shape_labels(run))
+        labels = tuple(Setting.from_dict(run.read_run()["arguments"]["setting"]).problem.shape_labels)
         episodes: dict[str, list[Episode]] = {}
         for key in (key for key in run.complete_keys() if key.is_played):
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
@@ -128,7 +123,7 @@ class OverprobingCommand:
             num = sum(map(len, episodes.values()))
             raise NothingToCount(
                 f"no posterior in {self.folder} reached --confidence {self.confidence} in {num} episodes. Use a lower "
-                f"value, or play more with:\n{run.again(episodes=num + 1000)}"
+                f"value, or run more searches with:\n{run.again(episodes=num + 1000)}"
             )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         shares = ("probed again", "revised", "first wrong", "wrong")
@@ -142,9 +137,3 @@ class OverprobingCommand:
         ]
         note = f"Objects whose posterior reached {self.confidence} at some touch; 95 % Wilson intervals"
         plain_console(width=140).print(Table("", columns, rows, note).rich())
-
-
-def _shape_labels(run: RunFolder) -> Iterable[str]:
-    from experiments.search.setting import Setting
-
-    return Setting.from_dict(run.read_run()["arguments"]["setting"]).problem.shape_labels

@@ -1,4 +1,4 @@
-"""Comparisons in several scenes side by side: one table and one page."""
+"""Overview of comparisons in several scenes: one table and one page."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from experiments.reporting.page import Section, write_page
 from experiments.reporting.tables import Table
 from experiments.search.summary import ALL, Comparison
-from experiments.search.verdict import verdict
+from experiments.search.verdict import verdict_sentences
 
 
 def overview(comparisons: Mapping[str, Comparison]) -> Table:
-    """Every decider in every scene, with the no-touch baseline and the full-information oracle there."""
+    """Results of every decider in every scene, with the no-touch baseline and the full-information oracle."""
     rows = []
     for name, comparison in comparisons.items():
         solved, tried = comparison.oracle
@@ -41,18 +41,18 @@ def write_overview(folder: Path, comparisons: Mapping[str, Comparison]) -> Path:
     """Write ``overview.html`` and ``overview.csv``.
 
     Args:
-        folder: that of the runs, with a subfolder for each.
-        comparisons: by the name of the subfolder.
+        folder: parent folder of the runs.
+        comparisons: comparison by name of its subfolder.
 
     Returns:
         Path of the page, which links to the reports of the runs.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
     table, path = overview(comparisons), folder / "overview.html"
     table.write_csv(folder / "overview.csv")
-    verdicts = {name: verdict(comparison)[0] for name, comparison in comparisons.items()}
+    verdicts = {name: verdict_sentences(comparison)[0] for name, comparison in comparisons.items()}
     section = Section("All scenes", tables=[table])
     write_page(path, "Searching by touch in several scenes", [section], "overview.html", verdicts=verdicts)
     return path

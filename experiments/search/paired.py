@@ -1,4 +1,4 @@
-"""Deciders against a reference on the same episodes, and which of them is best."""
+"""Paired differences between deciders on the same episodes, and the probability that each is best."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from belief.statistics import McNemar, mcnemar_test, paired_bootstrap
 from belief.statistics.power import episodes_for_mean, episodes_for_success, holm
 from planners import Episode
 
-_RESAMPLES, _ROWS = 2000, 200  # of the episodes, and how many are drawn at once
+_RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
 
 
 @dataclass(frozen=True)
 class Difference:
-    """A decider less the reference, over the same episodes.
+    """Results of a decider minus those of the reference on the same episodes.
 
     Attributes:
-        success: mean difference and 95 % bootstrap interval.
-        touches: the same of touches.
-        reward: the same of returns.
-        mcnemar: test of the success rates; "first" is the decider, "second" the reference.
-        p_value: of that test (mid-p), corrected for the number of deciders compared (Holm).
-        episodes_for_success: pairs that would probably settle a difference in success as large; None if it is 0.
+        success: mean difference in success and its 95 % bootstrap interval.
+        touches: the same for touches per search.
+        reward: the same for returns.
+        mcnemar: McNemar's test of the success rates; "first" is the decider, "second" the reference.
+        p_value: mid-p value of this test, corrected for the number of deciders (Holm).
+        episodes_for_success: episodes at which the test would detect the observed difference in success with 80 %
+            power; None if there is no difference.
         episodes_for_reward: the same for returns.
     """
 
@@ -41,7 +42,14 @@ class Difference:
 def differences(
     by_decider: Mapping[str, Sequence[Episode]], reference: str, problem: SearchProblem, rng: np.random.Generator
 ) -> dict[str, Difference]:
-    """Each other decider against the reference, on the same episodes in the same order."""
+    """Paired differences of all other deciders to the reference.
+
+    Args:
+        by_decider: episodes by decider, the same in the same order.
+        reference: decider that the others are compared with.
+        problem: rules of the search.
+        rng: random generator of the bootstraps.
+    """
     base = by_decider[reference]
     found = {
         name: _difference(episodes, base, problem, rng) for name, episodes in by_decider.items() if name != reference
@@ -71,14 +79,14 @@ def _difference(
 
 
 def prob_best(rewards: Mapping[str, Sequence[float]], rng: np.random.Generator) -> dict[str, float]:
-    """How probably each decider has the highest mean return: its share of bootstrap resamples of the episodes.
+    """Fraction of bootstrap resamples of the episodes in which each decider has the highest mean return.
 
     Args:
-        rewards: returns of every decider on the same episodes in the same order.
-        rng: source of the resamples.
+        rewards: returns by decider, on the same episodes in the same order.
+        rng: random generator of the resamples.
 
     Returns:
-        By decider; they sum to one. Those that tie in a resample share it.
+        Fraction by decider; the fractions sum to 1. Deciders that tie in a resample count equally.
     """
     table = np.array(list(rewards.values())).T  # (episodes, deciders)
     num_episodes = len(table)

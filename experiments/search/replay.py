@@ -1,4 +1,4 @@
-"""``activetouch replay``: a recorded search as a picture or an animation."""
+"""``activetouch replay``: draw a recorded search as a picture or an animation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class NoSuchEpisode(ActiveTouchError, FileNotFoundError):
 
 @dataclass(frozen=True)
 class Replay:
-    """Draw one recorded search as a picture or an animation: touch images, beliefs and decisions.
+    """Draw the touch images, beliefs and decisions of a recorded search, as a picture or an animation.
 
     For example:
 
@@ -33,19 +33,19 @@ class Replay:
     folder: Path = Path("runs/compare")
     """Folder of a finished comparison."""
     decider: str = "information_gain"
-    """Decider whose search to draw."""
+    """Decider of the search."""
     target: str = "cone"
-    """Shape that was searched for."""
+    """Target of the search."""
     number: CountOrNone = 0
     """Number of the episode, from 0."""
     out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
     """File to write. The ending decides the format: .png, .svg or .pdf; .gif or .webp for an animation."""
 
     def run(self) -> None:
-        """Press the touches again and draw the search.
+        """Repeat the touches and draw the search.
 
         Raises:
-            NoSuchEpisode: the folder does not hold the requested search.
+            NoSuchEpisode: The folder does not hold the requested search.
         """
         check_arguments(self)
         from experiments.search.replay_figures import animate_search, draw_search
@@ -60,7 +60,7 @@ class Replay:
         print(f"wrote {self.out}")
 
     def _line(self, run: RunFolder) -> str:
-        """Line of the search in its shard."""
+        """JSON line of the requested search."""
         there: dict[tuple[str, str], list[int]] = {}
         for key in run.complete_keys():
             if key.is_played:
@@ -71,12 +71,12 @@ class Replay:
         held = sorted(there.get((self.decider, self.target), []))
         if held:
             raise NoSuchEpisode(
-                f"--number {self.number}: {self.folder} holds {len(held)} searches of {self.decider} for a "
-                f"{self.target}, numbers {held[0]} to {held[-1]}. To play more, repeat the command that played "
-                f"them with --episodes {max(self.number, 0) + 1}"
+                f"--number {self.number}: {self.folder} holds {len(held)} searches of {self.decider} for "
+                f"{self.target}, numbers {held[0]} to {held[-1]}. For more searches, run:\n"
+                f"{run.again(episodes=max(self.number, 0) + 1)}"
             )
         others = ", ".join(f"{decider} for {target}" for decider, target in there) or "none"
         raise NoSuchEpisode(
-            f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. It holds: {others}. Name one "
-            "with --decider and --target"
+            f"{self.folder} holds no searches of {self.decider!r} for {self.target!r}. Choose --decider and --target "
+            f"from what it holds: {others}"
         )

@@ -1,4 +1,4 @@
-"""Figures of one search: all touches side by side, or an animation with one step at a time."""
+"""Figures of one search: all touches side by side, or an animation with one picture per step."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _MILLISECONDS, _LAST_MILLISECONDS = 1200, 3500
 
 
 def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
-    """Write a picture of one search: every touch image and the belief after it.
+    """Write a picture with every touch image of a search and the belief after it.
 
     Args:
         episode: search to draw.
-        frames: its frames.
+        frames: frames of this search.
         problem: rules of the search.
         path: file to write; the ending decides the format.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
@@ -34,7 +34,7 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
         grid = drawn.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
         for column, number in enumerate(touched):
             frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
-            assert frame.step.touch is not None, "it was chosen so"
+            assert frame.step.touch is not None, "it has an image"
             pose = problem.pose_labels[frame.step.touch.pose]
             top, bottom = grid[0, column], grid[1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
@@ -48,14 +48,7 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
 
 
 def animate_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
-    """Write a search as an animated GIF or WebP, one picture per step.
-
-    Args:
-        episode: search to draw.
-        frames: its frames.
-        problem: rules of the search.
-        path: file to write; the ending decides the format.
-    """
+    """Write a search as an animated GIF or WebP, one picture per step; arguments as :func:`draw_search`."""
     pictures, touched = [], None
     for number, frame in enumerate(frames):
         if frame.image is not None:

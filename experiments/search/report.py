@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -19,15 +20,15 @@ from experiments.search.frames import Frame, action_words, replay
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 from experiments.search.summary import Comparison
-from experiments.search.tables import tables
-from experiments.search.verdict import verdict
+from experiments.search.tables import comparison_tables
+from experiments.search.verdict import verdict_sentences
 from experiments.sensor_choice import shift_sentences
 from planners import Episode, Outcome
 
-_MOST_BYTES = 3_500_000  # of all searches shown, so that the page stays below 5 MB
+_MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 MB
 _SECTIONS = {
     "Success": (("success", "frontier"), ("results", "differences", "returns")),
-    "Place of the target": (("positions",), ("positions",)),
+    "Position of the target": (("positions",), ("positions",)),
     "Touches": (("touches",), ("touches",)),
     "Calibration at stopping": (("stated_confidence",), ("stated_confidence", "calibration_at_stopping")),
     "Time": (("times",), ("times",)),
@@ -39,24 +40,24 @@ _FAILURES = {
 }
 
 
-def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int, told: Sequence[str] = ()) -> Path:
-    """Write ``report.html``, ``figures/`` and ``tables/`` into the run's folder.
+def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: int, notes: Sequence[str] = ()) -> Path:
+    """Write ``report.html``, ``figures/`` and ``tables/`` into a run folder.
 
     Args:
-        folder: that of the run.
-        comparison: what to report.
-        setting: that of the run.
-        seed: that of the run.
-        told: sentences about what else the folder holds.
+        folder: folder of the run.
+        comparison: results to report.
+        setting: setting of the run.
+        seed: seed of the run.
+        notes: sentences about further searches in the folder.
 
     Returns:
         Path of the page.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
     drawn = {picture.name: picture for picture in pictures(comparison)}
-    shown = {table.name: table for table in tables(comparison)}
+    shown = {table.name: table for table in comparison_tables(comparison)}
     for picture in drawn.values():
         picture.write(folder / "figures")
     for table in shown.values():
@@ -74,44 +75,33 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         "report.html",
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-        verdict=[*shift_sentences(setting.shift), *verdict(comparison)],
+        verdict=[*shift_sentences(setting.shift), *verdict_sentences(comparison)],
         stories=stories,
         left_out=left_out,
         run=RunFolder(folder).read_run(),
         seed=seed,
-        told=told,
+        notes=notes,
         longest_label=max(map(len, comparison.problem.shape_labels)),
     )
     return path
 
 
 @dataclass(frozen=True)
-class Panel:
-    """One decision on the page."""
-
-    heading: str
-    action: str
-    picture: str | None
-    bars: list[tuple[str, float, bool]]
-    scores: list[tuple[str, str]]
-
-
-@dataclass(frozen=True)
 class Story:
-    """One search on the page."""
+    """A search, as displayed on the page: title, whether it succeeded, and the values of a panel per decision."""
 
     title: str
     success: bool
-    panels: list[Panel]
+    panels: list[dict[str, Any]]
 
     @property
     def num_bytes(self) -> int:
         """Approximate size on the page."""
-        return sum(len(panel.picture or "") + 600 for panel in self.panels)
+        return sum(len(panel["picture"] or "") + 600 for panel in self.panels)
 
 
 def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], list[str]]:
-    """Searches to show, and titles of those that would make the page too large."""
+    """Searches to display, and titles of those omitted to limit the size of the page."""
     stories, left_out, total = [], [], 0
     for decider, episode in choose(comparison):
         story = _story(setting, decider, episode)
@@ -124,7 +114,7 @@ def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], lis
 
 
 def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
-    """For each decider that touches: its longest failure, a success of median length, and its longest search."""
+    """Select the longest failure, a success of median length and the longest search of each decider that touches."""
     chosen = []
     for decider in comparison.deciders:
         touched = sorted((e for e in comparison.of(decider) if e.num_touches), key=lambda e: e.num_touches)
@@ -137,24 +127,21 @@ def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
 
 def _story(setting: Setting, decider: str, episode: Episode) -> Story:
     problem = setting.problem
-    labels = problem.shape_labels
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
-    searches = f"{decider} searches for a {labels[episode.target]}"
+    searches = f"{decider} searches for a {problem.shape_labels[episode.target]}"
     title = f"{searches}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
-    panels = [_panel(problem, episode, frame) for frame in replay(setting, episode)]
-    return Story(title, episode.success, panels)
+    return Story(title, episode.success, [_panel(problem, episode, frame) for frame in replay(setting, episode)])
 
 
-def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> Panel:
+def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> dict[str, Any]:
     labels = problem.shape_labels
-    bars = [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)]
-    return Panel(
-        heading=f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
-        action=action_words(frame.step.decision.action, problem),
-        picture=None if frame.image is None else _picture(frame.image),
-        bars=bars,
-        scores=[(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],
-    )
+    return {
+        "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
+        "action": action_words(frame.step.decision.action, problem),
+        "picture": None if frame.image is None else _picture(frame.image),
+        "bars": [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)],
+        "scores": [(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],
+    }
 
 
 def _picture(image: NDArray[np.uint8]) -> str:

@@ -1,10 +1,11 @@
-"""Resume of a comparison: find the shards that a run folder lacks, and play only those."""
+"""Resume of a comparison: play only the shards that its run folder lacks."""
 
 from __future__ import annotations
 
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -16,12 +17,12 @@ from experiments.search.shards import ShardTask, identity, portrait
 
 
 def shard_sizes(players: Sequence[str], targets: Sequence[str], episodes: int) -> dict[ShardKey, int]:
-    """Every shard of a comparison, and how many lines it must have; the last shard of a cell may be partly filled.
+    """All shards of a comparison, with the number of lines of each.
 
     Args:
-        players: names of deciders, or of the full-information oracle or the bound.
-        targets: labels of the shapes sought.
-        episodes: searches for each decider and target.
+        players: names of deciders, or :data:`ORACLE` or :data:`BOUND`.
+        targets: labels of the target shapes.
+        episodes: searches per decider and target.
 
     >>> {key.stem: size for key, size in shard_sizes(["threshold"], ["cone"], 30).items()}
     {'threshold-cone-00000': 25, 'threshold-cone-00001': 5}
@@ -46,24 +47,24 @@ def play_missing(
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> None:
-    """Play the shards that a folder lacks, or that another version played; keep all others.
+    """Play the shards that a folder lacks or that another version of a decider played; keep all others.
 
-    ``run.json`` is written when the first shard is there, and at the end if no shard was missing.
+    ``run.json`` is written together with the first shard, or at the end if no shard is missing.
 
     Args:
-        folder: of the run.
-        setting: what the episodes have in common, resolved.
-        seed: of the run.
-        sizes: every shard of the comparison and its number of lines; see :func:`shard_sizes`.
-        arguments: of the command, for ``run.json``.
-        part: number of this part, from 0, and the number of parts.
-        jobs: processes of this machine.
-        scheduler: address of a Dask scheduler, to play on its workers instead.
+        folder: folder of the run.
+        setting: setting of all episodes, resolved.
+        seed: seed of the run.
+        sizes: number of lines of every shard; see :func:`shard_sizes`.
+        arguments: arguments of the command, for ``run.json``.
+        part: index of this part, from 0, and number of parts.
+        jobs: number of processes on this machine.
+        scheduler: address of a Dask scheduler whose workers play the shards instead.
 
     Raises:
         RunMismatch: The folder holds another run.
-        CannotWrite: The disk is full, or the folder cannot be written to.
-        NoCluster: There is no cluster at this address.
+        CannotWrite: The disk is full, or the folder is not writable.
+        NoCluster: The cluster cannot be reached.
         WorkerMismatch: A worker has other versions, another sensor or other code.
     """
     first, parts = part
@@ -80,32 +81,25 @@ def play_missing(
         return folder.has(key, players[key.decider][key.target], sizes[key])
 
     keys = [key for key in list(sizes)[first::parts] if not done(key)]
-    # In random order: of several processes that fill one folder, each then finds most shards of the others done.
-    np.random.default_rng().shuffle(keys)
+    np.random.default_rng().shuffle(keys)  # so that processes that fill the same folder rarely play the same shard
 
     def missing() -> Iterator[ShardTask]:
         return (
             ShardTask(key, sizes[key], setting, seed, wanted[key.decider, key.target]) for key in keys if not done(key)
         )
 
-    def begin() -> None:
-        warning = folder.open(run, arguments, players)
-        if warning:
-            print(warning, file=sys.stderr)
-
-    opened = False
-    for key, shard in run_lazily(missing(), len(keys), jobs, "searching", scheduler):
-        if not opened:  # run.json is written only when there is a result: a run that fails claims no folder
-            begin()
-            opened = True
-        if not done(key):
-            folder.write(key, shard)
-    if not opened:
-        begin()
+    is_open = False
+    for result in chain(run_lazily(missing(), len(keys), jobs, "searching", scheduler), [None]):
+        if not is_open:  # only now, because a run that fails without any result must not claim the folder
+            is_open = True
+            if warning := folder.open(run, arguments, players):
+                print(warning, file=sys.stderr)
+        if result is not None and not done(result[0]):
+            folder.write(*result)
 
 
 def _report_outdated(folder: RunFolder, sizes: Mapping[ShardKey, int], players: MadeBy) -> None:
-    """Print to stderr which shards are played again because the decider that played them has changed."""
+    """Print to stderr which shards will be replaced because their decider has changed."""
     outdated = [
         key.decider
         for key in sizes
@@ -114,7 +108,6 @@ def _report_outdated(folder: RunFolder, sizes: Mapping[ShardKey, int], players: 
     if outdated:
         counts = ", ".join(f"{outdated.count(name)} of {name}" for name in dict.fromkeys(outdated))
         print(
-            f"{folder.path} has shards that another version played, by code, settings or policies: {counts}; they are "
-            "played anew",
+            f"{folder.path} has shards of another version (code, settings or policies): {counts}; they are replaced",
             file=sys.stderr,
         )

@@ -1,17 +1,14 @@
-"""A run's folder: what was run (``run.json``), and its episodes in shards that survive a killed run.
+"""Run folder of a comparison: ``run.json``, and the episodes in shards that survive an interruption.
 
-run.json            what decides an episode (seed, setting, sensor, versions), the latest arguments, who plays now
-shards/*.jsonl      one line an episode, 25 of them or as many as were asked for, written whole or not at all
-shards/*.seal.json  what played the shard, a digest of its lines, and seconds by part (episodes are reproducible,
-                    seconds are not)
-shards/oracle-*    whether full information solves the episodes; shards like all others
-shards/bound-*      the upper bound on the return for the discretised sensor model, a single line
-episodes.jsonl      all episodes there are of those who play now, in a fixed order
+run.json            identity of the run (seed, setting, sensor, versions), latest arguments, digests of the deciders
+shards/*.jsonl      25 episodes or fewer, one JSON line each; written atomically
+shards/*.seal.json  digest of the decider, digest of the lines, and seconds by part
+shards/oracle-*     whether the full-information oracle solves the episodes
+shards/bound-*      upper bound on the return for the discretised sensor model, one line
+episodes.jsonl      all episodes of the current deciders, in a fixed order
 
-What a shard holds follows from the run's identity, its key, how many episodes it has, and what played it (decision
-0033). So it does not matter who writes one, how often, or in which order: several machines may fill one folder at once,
-or folders of their own that :mod:`experiments.search.merge` unites. A shard that is not whole, as a copy that broke off
-leaves it, or whose lines are not those that were written, counts as missing.
+Run identity, shard key, number of episodes and decider determine the content of a shard, so several machines can fill
+one folder at once (decisions 0028 and 0033). A shard that is damaged or incomplete counts as missing.
 """
 
 from __future__ import annotations
@@ -23,7 +20,7 @@ import platform
 import re
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -35,24 +32,24 @@ from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 from experiments.sensor_choice import command
 from planners import Episode
 
-_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # what a touch depends on
-_CODE = ("activetouch", "belief", "planners")  # what every episode runs
+_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # that a touch depends on
+_CODE = ("activetouch", "belief", "planners")  # packages whose code every episode runs
 
 
 class RunMismatch(ActiveTouchError, ValueError):
-    """A folder holds another run than the one that was asked for."""
+    """A folder holds another run than the requested one."""
 
 
 EPISODES_PER_SHARD = 25
-"""Fixed, because the network's last bits depend on what is read together."""
+"""Fixed, because the last bits of the network's output depend on which images are read in one batch."""
 
 ORACLE, BOUND = "oracle", "bound"
-"""Stand for deciders in the keys of shards that say what full information solves, and what planners can expect."""
+"""Names in place of a decider, for shards of the full-information oracle and of the upper bound on the return."""
 
 
 @dataclass(frozen=True)
 class ShardKey:
-    """Which episodes a shard holds: the ``number``-th lot of one decider (or the oracle, or the bound) and target."""
+    """Key of a shard: decider (or the oracle, or the bound), target, and number of the shard from 0."""
 
     decider: str
     target: str
@@ -60,7 +57,7 @@ class ShardKey:
 
     @property
     def stem(self) -> str:
-        """File name without its ending: another one for every key, of characters that every file system takes.
+        """File name without its ending: unique, and valid on every file system.
 
         >>> ShardKey("mine:TwoLooks(touches=4)", "cone", 0).stem
         'mine%3ATwoLooks%28touches%3D4%29-cone-00000'
@@ -69,30 +66,30 @@ class ShardKey:
 
     @classmethod
     def from_stem(cls, stem: str) -> ShardKey | None:
-        """The key from its file name; None if it is not the name of a shard."""
+        """The key from the file name; None for other files."""
         found = re.fullmatch(r"([^-]+)-(.+)-(\d{5,})", stem)
         key = None if found is None else cls(unquote(found[1]), unquote(found[2]), int(found[3]))
         return key if key is not None and key.stem == stem else None
 
     @property
     def is_played(self) -> bool:
-        """Whether it holds searches of a decider."""
+        """Whether the shard holds searches of a decider."""
         return self.decider not in (ORACLE, BOUND)
 
     @property
     def most(self) -> int:
-        """Lines of a full shard."""
+        """Number of lines of a full shard."""
         return 1 if self.decider == BOUND else EPISODES_PER_SHARD
 
     def episodes(self, size: int) -> range:
-        """Numbers of its episodes, if it holds so many."""
+        """Numbers of the first ``size`` episodes of the shard."""
         first = self.number * EPISODES_PER_SHARD
         return range(first, first + size)
 
 
 @dataclass(frozen=True)
 class Seconds:
-    """Time a set of episodes took, by part, the touches it bought, and presses made again as they did not settle."""
+    """Seconds that a set of episodes took, by part; its number of touches, and of presses repeated until settled."""
 
     physics: float = 0.0
     network: float = 0.0
@@ -101,29 +98,23 @@ class Seconds:
     pressed_again: int = 0
 
     def __add__(self, other: Seconds) -> Seconds:
-        """Time of both sets together."""
-        return Seconds(
-            self.physics + other.physics,
-            self.network + other.network,
-            self.decision + other.decision,
-            self.num_touches + other.num_touches,
-            self.pressed_again + other.pressed_again,
-        )
+        """Sum of two sets of episodes."""
+        return Seconds(*(mine + theirs for mine, theirs in zip(astuple(self), astuple(other), strict=True)))
 
     def ms_per_touch(self) -> dict[str, float]:
-        """Milliseconds by part; zero without touches."""
+        """Milliseconds per touch by part; zero without touches."""
         per = 1e3 / self.num_touches if self.num_touches else 0.0
         return {"physics": self.physics * per, "network": self.network * per, "decision": self.decision * per}
 
 
 @dataclass(frozen=True)
 class Shard:
-    """A shard as it is on disk, whole.
+    """Content of a shard.
 
     Attributes:
-        lines: the episodes, a line of JSON each.
-        seconds: they took.
-        made_by: digest of what played them (:mod:`experiments.search.fingerprint`).
+        lines: one JSON line per episode.
+        seconds: time that the episodes took.
+        made_by: digest of the decider that played them (:func:`experiments.search.shards.made_by`).
     """
 
     lines: Sequence[str]
@@ -132,28 +123,28 @@ class Shard:
 
 
 MadeBy: TypeAlias = Mapping[str, Mapping[str, str]]
-"""Digest of who plays now, by decider (or oracle, or bound) and target."""
+"""Digest of the current version of each decider (or oracle, or bound), by name and target."""
 
 
 class RunFolder:
-    """Reads and writes one run's folder.
+    """Reads and writes a run folder.
 
     Args:
-        path: the folder; made when first written to.
+        path: the folder; created by the first write.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def require(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
-        """What ``run.json`` says, once it is sure that a run may go on here; None if there is none. Writes nothing.
+        """Check that the folder holds this run or none; return the content of ``run.json``, None without one.
 
         Args:
-            identity: everything that all episodes follow from; versions of what computes them are added.
+            identity: what determines all episodes; versions of packages are added.
 
         Raises:
-            RunMismatch: the folder holds a run with another identity.
-            CorruptFile: its ``run.json`` is damaged or foreign.
+            RunMismatch: The folder holds a run with another identity.
+            CorruptFile: ``run.json`` is damaged or not that of a run.
         """
         if not (self.path / "run.json").exists():
             return None
@@ -162,51 +153,47 @@ class RunFolder:
         if found != wanted:
             differing = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
             raise RunMismatch(
-                f"{self.path} holds a run with other {', '.join(differing)}. Choose another --out, or delete it."
+                f"{self.path} holds a run with other {', '.join(differing)}. Choose another --out, or delete it"
             )
         return earlier
 
     def open(
         self, identity: Mapping[str, Any], arguments: Mapping[str, Any], made_by: MadeBy | None = None
     ) -> str | None:
-        """Start a run, or go on with the one that is there.
+        """Start or continue a run: write ``run.json``.
 
         Args:
-            identity: everything that all episodes follow from; versions of what computes them are added.
-            arguments: the rest of what was asked for, recorded only.
-            made_by: who plays now, of those that were asked for; what is known of others is kept.
+            identity: what determines all episodes; versions of packages are added.
+            arguments: arguments of the command, for the record.
+            made_by: digests of the requested deciders; those of others are kept.
 
         Returns:
-            A warning where earlier episodes were played by other code; None otherwise.
+            A warning if earlier episodes were played by other code; None otherwise.
 
         Raises:
-            RunMismatch: the folder holds a run with another identity.
-            CorruptFile: its ``run.json`` is damaged or foreign.
-            CannotWrite: it is a file, there is no room, or no permission.
+            RunMismatch: The folder holds a run with another identity.
+            CorruptFile: ``run.json`` is damaged or not that of a run.
+            CannotWrite: The disk is full, or the folder is a file or not writable.
         """
         earlier, commit, code, warning = self.require(identity), _commit(), code_digests(), None
         if earlier is not None:
             other = [name for name, digest in code.items() if earlier["code"].get(name) != digest]
-            if other:
+            if other or earlier["commit"] != commit:
+                changed = f", other code of {', '.join(other)}" if other else ""
                 warning = (
-                    f"{self.path} has episodes of other code of {', '.join(other)} (commit {earlier['commit'] or '?'}, "
-                    f"this is {commit or '?'}); they are kept"
+                    f"{self.path} keeps earlier episodes (commit {earlier['commit'] or '?'}{changed}; the current "
+                    f"commit is {commit or '?'})"
                 )
-            elif earlier["commit"] != commit:
-                warning = f"{self.path} has episodes of commit {earlier['commit']}, this is {commit}; they are kept"
-        told = united(made_by or {}, {} if earlier is None else earlier["made_by"])
-        run = {"identity": _with_versions(identity), "arguments": dict(arguments), "made_by": told}
+        players = united(made_by or {}, {} if earlier is None else earlier["made_by"])
+        run = {"identity": _with_versions(identity), "arguments": dict(arguments), "made_by": players}
         self.write_run({**run, "commit": commit, "code": code})
         return warning
 
     def again(self, **changes: object) -> str:
-        """The command that repeats this run, and plays what is missing.
-
-        Args:
-            changes: arguments that are to differ, such as ``episodes=1000``.
-        """
+        """The command that continues this run, with changed arguments such as ``episodes=1000``."""
         if not (self.path / "run.json").exists():
-            return _compare_into(self.path)
+            scene = self.path.name.removeprefix("compare-")  # as in the name of a default folder
+            return command("compare", scene=scene if scene in SCENES else None, out=self.path)
         return command("compare", config=self.path / "run.json", **changes)
 
     def write_run(self, run: Mapping[str, Any]) -> None:
@@ -214,29 +201,29 @@ class RunFolder:
         write_text(self.path / "run.json", sealed_json(run) + "\n")
 
     def read_run(self) -> dict[str, Any]:
-        """What ``run.json`` says.
+        """The content of ``run.json``.
 
         Raises:
-            FileNotFoundError: there is none.
-            CorruptFile: it is damaged or foreign.
+            FileNotFoundError: It does not exist.
+            CorruptFile: It is damaged or not that of a run.
         """
         file = self.path / "run.json"
         if not file.exists():
-            raise FileNotFoundError(f"{self.path} holds no run; make one with:\n{self.again()}")
+            raise FileNotFoundError(f"{self.path} holds no run; start one with:\n{self.again()}")
         try:
             run = unsealed_json(file.read_text(encoding="utf-8"))
             if run.keys() >= {"identity", "arguments", "made_by", "commit", "code"}:
                 return run
-            problem = f"it has {', '.join(run) or 'nothing'}"
+            problem = f"it has only {', '.join(run) or 'no fields'}"
         except ValueError as error:
             problem = str(error)
         raise CorruptFile(
-            f"{file} does not say what was run: {problem}. Choose another --out; or delete that file, if you are sure "
-            "that the episodes beside it are of the run that you ask for"
+            f"{file} does not describe a run: {problem}. Choose another --out; or delete this file, if you are sure "
+            "that the folder's episodes belong to the requested run"
         )
 
     def read(self, key: ShardKey) -> Shard | None:
-        """A shard; None if it is not there, torn, or not as it was written."""
+        """Read a shard; None if it is missing, incomplete or changed."""
         file = self._shard(key)
         try:
             seal = unsealed_json(self._seal(key).read_text(encoding="utf-8"))
@@ -249,14 +236,20 @@ class RunFolder:
             return None
 
     def has(self, key: ShardKey, made_by: str | None = None, size: int | None = None) -> bool:
-        """Whether a shard is there: played by this, if that is given, and with so many episodes; else a full one."""
+        """Whether the folder holds a shard.
+
+        Args:
+            key: key of the shard.
+            made_by: required digest of its decider; any if None.
+            size: required number of episodes; a full shard if None.
+        """
         shard = self.read(key)
         if shard is None or (made_by is not None and shard.made_by != made_by):
             return False
         return len(shard.lines) >= (key.most if size is None else size)
 
     def complete_keys(self) -> list[ShardKey]:
-        """All whole shards, full or partly filled, of those who play now; in the order of their names."""
+        """Keys of all intact shards of the current deciders, in the order of the file names."""
         try:
             made_by: MadeBy = self.read_run()["made_by"]
         except FileNotFoundError:
@@ -271,10 +264,10 @@ class RunFolder:
         ]
 
     def write(self, key: ShardKey, shard: Shard) -> None:
-        """Write a finished shard; the episodes last.
+        """Write a shard, first its seal, then its episodes.
 
         Raises:
-            CannotWrite: there is no room, or no permission; what was there before still is.
+            CannotWrite: The disk is full, or the folder is not writable; an earlier shard is kept.
         """
         content = "".join(shard.lines)
         seal = {
@@ -291,16 +284,14 @@ class RunFolder:
             file.writelines(lines)
 
     def lines(self, key: ShardKey) -> Sequence[str]:
-        """The episodes of a shard, a line of JSON each.
+        """The episodes of a shard, one JSON line each.
 
         Raises:
-            FileNotFoundError: it is not there, or not whole.
+            FileNotFoundError: The shard is missing or damaged.
         """
         shard = self.read(key)
         if shard is None:
-            raise FileNotFoundError(
-                f"{self._shard(key)} is not there, or not as it was written; play it with:\n{self.again()}"
-            )
+            raise FileNotFoundError(f"{self._shard(key)} is missing or damaged; make it with:\n{self.again()}")
         return shard.lines
 
     def _shard(self, key: ShardKey) -> Path:
@@ -310,21 +301,15 @@ class RunFolder:
         return self.path / "shards" / f"{key.stem}.seal.json"
 
 
-def _compare_into(folder: Path) -> str:
-    """The command that fills a folder; the name of the folder tells the scene where it is a default one."""
-    scene = folder.name.removeprefix("compare-")
-    return command("compare", scene=scene if scene in SCENES else None, out=folder)
-
-
 def _in_file_name(text: str, keep: str = "") -> str:
-    """A text in letters, digits, "_" and what is to be kept; all else by its number, as in an address."""
+    """Percent-encode all characters except letters, digits, "_" and those in ``keep``."""
     return re.sub(rf"[^%\w{keep}]", lambda found: f"%{ord(found[0]):02X}", quote(text, safe=""), flags=re.ASCII)
 
 
 def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:
-    """Who plays now, after two lists; what the first says of one counts.
+    """Union of two tables of digests; entries of the first take precedence.
 
-    The order is that of the first if it names all; else that of the second, and what is new comes last.
+    The order is that of the first if it has all keys; otherwise that of the second, followed by the new keys.
 
     >>> united({"b": {"x": "1"}}, {"a": {"x": "2"}, "b": {"x": "3", "y": "4"}})
     {'a': {'x': '2'}, 'b': {'x': '1', 'y': '4'}}
@@ -345,18 +330,18 @@ def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:
 
 
 def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:
-    """A line of JSON for every episode."""
+    """One JSON line per episode."""
     return [json.dumps({"decider": decider, **episode.to_dict()}) + "\n" for episode in episodes]
 
 
 def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
-    """An episode from its line of JSON."""
+    """Read an episode from its JSON line."""
     return Episode.from_dict(json.loads(line), shape_labels)
 
 
 @lru_cache(maxsize=1)
 def versions() -> dict[str, str]:
-    """Versions of all that a touch depends on."""
+    """Versions of Python and of all packages that a touch depends on."""
     return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _PACKAGES}
 
 
@@ -366,7 +351,7 @@ def _with_versions(identity: Mapping[str, Any]) -> Any:
 
 @lru_cache(maxsize=1)
 def code_digests() -> dict[str, str]:
-    """Digest of the text of each package that all episodes run, as this process first saw it."""
+    """SHA-256 of the source text of each package that all episodes run, computed once per process."""
     root = Path(__file__).parents[2]
     found = {}
     for name in _CODE:
@@ -378,7 +363,7 @@ def code_digests() -> dict[str, str]:
 
 
 def _commit() -> str:
-    """Commit of the checkout this code runs from, marked if it has changes; empty outside a checkout."""
+    """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()

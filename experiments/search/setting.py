@@ -1,4 +1,4 @@
-"""Play live episodes: which objects lie where follows from the seed alone, so every decider gets the same ones."""
+"""Setting of a comparison, and live episodes in it; the seed alone determines the objects of an episode."""
 
 from __future__ import annotations
 
@@ -32,32 +32,33 @@ from experiments.sensor_choice import check_sensor, load_quietly, sensor_folder
 from planners import Decider, Episode, make_decider, search_lockstep
 from planners.search import TouchRequest
 
-_TOUCHES_PER_OBJECT = 12  # until a search is cut off
+_TOUCHES_PER_OBJECT = 12  # touch limit of a search, per object
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What all episodes of a run have in common."""
+    """Setting of all episodes of a run."""
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
-    """The world."""
+    """The scene."""
     sensor: Path | None = None
-    """Folder of a classifier and an observation model, or the name of a scene that they come with; those that come with
+    """Folder of a classifier and an observation model, or name of a scene with a shipped sensor; the shipped sensor of
     the scene by default."""
     num_objects: Count | None = None
-    """Objects on the table; as many as the scene has by default."""
+    """Number of objects in a search; that of the scene by default."""
     composition: Literal["distinct", "independent"] | None = None
-    """Whether all objects differ in shape, or each may have any; as in the scene by default."""
+    """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
+    default."""
     touch_cost: NotNegative = 0.02
-    """Price of one touch, in units of a success (λ)."""
+    """Cost λ of one touch, in units of a success."""
     anyway: bool = False
-    """Use the sensor in a scene that it was not made for; the report says how the two differ."""
+    """Accept a sensor that was made for another scene; the report lists the differences."""
 
     def to_dict(self) -> dict[str, Any]:
         """The setting as plain values."""
         sensor = None if self.sensor is None else str(self.sensor)
-        told = {field.name: getattr(self, field.name) for field in fields(Setting)}
-        return {**told, "choice": self.choice.to_dict(), "sensor": sensor}
+        own = {field.name: getattr(self, field.name) for field in fields(Setting)}
+        return {**own, "choice": self.choice.to_dict(), "sensor": sensor}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
@@ -66,28 +67,28 @@ class Setting:
         return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
 
     def resolved(self) -> Setting:
-        """The same setting with absolute paths, for workers that were started elsewhere."""
+        """The same setting with absolute paths, for workers with another working folder."""
         meshes = tuple(path.resolve() for path in self.choice.meshes)
         sensor = None if self.sensor is None else self.sensor_folder.resolve()
         return replace(self, choice=replace(self.choice, meshes=meshes), sensor=sensor)
 
     def player(self, name: str) -> Decider | str:
-        """The decider that a report calls so, or its name as on the command line."""
+        """The decider with this name in the report, or its name on the command line."""
         return name
 
     @property
     def scene(self) -> Scene:
-        """The scene the episodes play in."""
+        """The scene of the episodes."""
         return self.choice.named.scene
 
     @property
     def sensor_folder(self) -> Path:
-        """Where the classifier and the observation model are."""
+        """Folder of the classifier and the observation model."""
         return sensor_folder(self.sensor, self.choice.scene)
 
     @property
     def shift(self) -> tuple[str, ...]:
-        """How the scene differs from that of the sensor (:func:`experiments.sensor_choice.check_sensor`)."""
+        """Differences between the scene and that of the sensor (:func:`experiments.sensor_choice.check_sensor`)."""
         return check_sensor(self.sensor_folder, self.choice, self.anyway)
 
     @property
@@ -106,24 +107,23 @@ class Setting:
 
 
 Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
-"""When files were last written, and how long they are: other stamps are other files."""
+"""Modification time and size of files, part of cache keys; None for a missing file."""
 
 
 def stamps(setting: Setting) -> Stamps:
-    """Of the files of the setting's sensor; what a process has read of others of that name does not count."""
-    return tuple(_stamp(setting.sensor_folder / name) for name in (CLASSIFIER_FILE, OBSERVATION_FILE))
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
+    """Stamps of the files of the setting's sensor."""
+    found: list[tuple[int, int] | None] = []
+    for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
+        try:
+            status = (setting.sensor_folder / name).stat()
+            found.append((status.st_mtime_ns, status.st_size))
+        except OSError:
+            found.append(None)
+    return tuple(found)
 
 
 def load_sensor(setting: Setting) -> TactileSensor:
-    """The setting's sensor, loaded once a process, and again when its files were written anew."""
+    """The setting's sensor, cached per process until its files change."""
     return _load_sensor(setting, stamps(setting))
 
 
@@ -131,12 +131,12 @@ def load_sensor(setting: Setting) -> TactileSensor:
 def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
     import torch
 
-    torch.set_num_threads(1)  # the processes share the cores, and sums keep their order
-    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)  # the report tells a known shift
+    torch.set_num_threads(1)  # the processes share the cores, and the order of summation stays fixed
+    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)
 
 
 def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
-    """The sensor's observation model and its outcome table, without the network."""
+    """The sensor's observation model and its outcome table; does not load the network."""
     return _known_model(setting.sensor_folder, stamps(setting))
 
 
@@ -147,16 +147,16 @@ def _known_model(folder: Path, when: Stamps) -> tuple[ObservationModel, OutcomeT
 
 
 def build_decider(setting: Setting, name: str) -> Decider:
-    """The named decider with the setting's observation model and policies."""
+    """Make the decider with this name, with the setting's observation model and policies."""
     player = setting.player(name)
     if not isinstance(player, str):
-        return deepcopy(player)  # what it keeps from one shard is not to reach another
+        return deepcopy(player)  # its state must not pass from one shard to another
     model, table = known_model(setting)
     return make_decider(player, table, model, setting.sensor_folder / POLICIES)
 
 
 def make_world(setting: Setting, sensor: TactileSensor, seed: tuple[int, ...]) -> TouchWorld:
-    """The objects of the episode with this seed."""
+    """The world of the episode with this seed."""
     rng = arrangement_rng(seed)
     return TouchWorld.sample(sensor, sample_arrangement(setting.problem, rng), rng)
 
@@ -166,10 +166,21 @@ def episode_seed(seed: int, target: int, number: int) -> tuple[int, ...]:
     return (seed, target, number)
 
 
-def play(
+def play_episodes(
     setting: Setting, decider: str, target: int, seed: int, numbers: Sequence[int]
 ) -> tuple[list[Episode], Seconds]:
-    """Play episodes in lockstep: the same numbers give the same episodes, bit for bit, in any process."""
+    """Play episodes in lockstep; the same arguments give the same episodes, bit for bit, in any process.
+
+    Args:
+        setting: setting of the run.
+        decider: name of the decider.
+        target: index of the target shape.
+        seed: seed of the run.
+        numbers: numbers of the episodes.
+
+    Returns:
+        The episodes, and the time that they took together.
+    """
     sensor, spent = load_sensor(setting), [TouchTime()]
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]

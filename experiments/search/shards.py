@@ -1,4 +1,4 @@
-"""What a comparison is made of, one shard a task, as any worker on any machine runs it: the same bits everywhere."""
+"""Tasks of a comparison: each plays one shard and gives the same bits on any worker and any machine."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from experiments.search.run_folder import (
     episode_lines,
     versions,
 )
-from experiments.search.setting import Setting, Stamps, build_decider, episode_seed, known_model, play, stamps
+from experiments.search.setting import Setting, Stamps, build_decider, episode_seed, known_model, play_episodes, stamps
 
-_PLAYING = threading.Lock()  # a cluster's worker may run several tasks as threads; physics and clocks are one a process
+_PLAYING = threading.Lock()  # Dask workers may run tasks in threads, but physics and clocks exist once per process
 
 
 class WorkerMismatch(ActiveTouchError, RuntimeError):
-    """A worker would play other episodes than were asked for."""
+    """A worker would play other episodes than requested."""
 
 
 def identity(setting: Setting, seed: int) -> Mapping[str, Any]:
-    """What all episodes of a run follow from, whoever plays them; the sensor by content, wherever it lies."""
+    """What determines all episodes of a run apart from the decider; files of the sensor by content."""
     return _identity(setting, seed, stamps(setting))
 
 
@@ -56,16 +56,16 @@ def _identity(setting: Setting, seed: int, when: Stamps) -> Mapping[str, Any]:
 
 
 def made_by(setting: Setting, decider: str, target: str) -> str:
-    """Digest of what plays the shards of a decider for a target, beyond what all episodes follow from (decision 0033).
+    """Digest of the settings and code of a decider (decision 0033).
 
     Args:
-        setting: of the run.
-        decider: its name; or that of the oracle, or the bound.
-        target: label of the shape sought.
+        setting: setting of the run.
+        decider: name of the decider, or :data:`ORACLE` or :data:`BOUND`.
+        target: label of the target shape.
 
     Raises:
-        UnknownName: there is no such decider.
-        MissingPolicy: it follows trained policies, and there are none for this target.
+        UnknownName: There is no such decider.
+        MissingPolicy: The decider needs a trained policy for this target, and there is none.
     """
     if decider in (ORACLE, BOUND):
         return fingerprint(solved_by_full_information if decider == ORACLE else best_expected_return)
@@ -76,15 +76,15 @@ def made_by(setting: Setting, decider: str, target: str) -> str:
 
 @dataclass(frozen=True)
 class ShardTask:
-    """Plays one shard; nothing but arguments and results passes between machines.
+    """A task that plays one shard.
 
     Attributes:
-        key: which.
-        size: how many episodes of it.
-        setting: of the run.
-        seed: of the run.
-        wanted: the run's identity and versions, and who is to play, as this task's maker sees them, as JSON.
-        folder: working folder of this task's maker, in which modules of the user's own are found.
+        key: key of the shard.
+        size: number of episodes.
+        setting: setting of the run.
+        seed: seed of the run.
+        wanted: :func:`portrait` in the process that made this task.
+        folder: working folder of that process, from which modules of the user are imported.
     """
 
     key: ShardKey
@@ -94,18 +94,11 @@ class ShardTask:
     wanted: str
     folder: str = field(default_factory=os.getcwd)
 
-    @classmethod
-    def of(cls, key: ShardKey, setting: Setting, seed: int, size: int | None = None) -> ShardTask:
-        """The task for a shard of a run; a full one, unless told otherwise."""
-        return cls(
-            key, key.most if size is None else size, setting, seed, portrait(setting, seed, key.decider, key.target)
-        )
-
     def __call__(self) -> tuple[ShardKey, Shard]:
-        """The shard.
+        """Play the shard.
 
         Raises:
-            WorkerMismatch: this machine has other versions, another sensor, or other code, than the one that asks.
+            WorkerMismatch: This machine has other versions, another sensor or other code than the requesting one.
         """
         with _PLAYING:
             look_in(self.folder)
@@ -118,7 +111,7 @@ class ShardTask:
             if self.key.decider == ORACLE:
                 return self.key, Shard(self._oracle_lines(target, numbers), Seconds(), player)
             try:
-                episodes, seconds = play(self.setting, self.key.decider, target, self.seed, numbers)
+                episodes, seconds = play_episodes(self.setting, self.key.decider, target, self.seed, numbers)
             except ActiveTouchError as error:
                 error.add_note(
                     f"in one of the episodes {numbers} of {self.key.decider}, target {self.key.target}, "
@@ -136,14 +129,14 @@ class ShardTask:
 
 
 def portrait(setting: Setting, seed: int, decider: str, target: str) -> str:
-    """Everything that searches of a decider for a target follow from, as this process has it, as JSON."""
+    """Everything that determines the searches of a decider for a target, as seen by this process, as JSON."""
     code = {f"code of {name}": digest for name, digest in code_digests().items()}
     player = {"decider": made_by(setting, decider, target)}
     return json.dumps({**identity(setting, seed), **versions(), **code, **player})
 
 
 def _require_same(setting: Setting, seed: int, decider: str, target: str, wanted: str) -> str:
-    """Digest of who plays here, once it is sure that it is who was wanted."""
+    """Raise WorkerMismatch unless this process would play the wanted episodes; return the digest of the decider."""
     return _checked(setting, seed, decider, target, wanted, stamps(setting))
 
 
@@ -152,12 +145,11 @@ def _checked(setting: Setting, seed: int, decider: str, target: str, wanted: str
     mine, asked = json.loads(portrait(setting, seed, decider, target)), json.loads(wanted)
     player = setting.player(decider)
     if not isinstance(player, str) and "__main__" in modules_of(player):
-        mine["decider"] = asked["decider"]  # it was sent here with its classes; the main module here is another
+        mine["decider"] = asked["decider"]  # its class was pickled; the main module of this process is another one
     if mine != asked:
         other = [f"{name} ({mine[name]} for {asked[name]})" for name in asked if mine[name] != asked[name]]
         raise WorkerMismatch(
-            f"{socket.gethostname()} would play other episodes, for it has another {'; '.join(other)}. Give every "
-            "worker the same environment: pip install -c constraints.txt ...; and start workers again that loaded "
-            "code before it was edited"
+            f"{socket.gethostname()} would play other episodes, because it has another {'; '.join(other)}. Give every "
+            "worker the same environment (pip install -c constraints.txt ...), and restart workers after editing code"
         )
     return str(mine["decider"])

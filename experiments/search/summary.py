@@ -11,7 +11,7 @@ import numpy as np
 from belief import SearchProblem
 from belief.metrics import CalibrationAtStop
 from belief.statistics import wilson_interval
-from experiments.search.episode_statistics import Place, by_position, claims, gap, regret
+from experiments.search.episode_statistics import Place, by_position, calibration_of_confirmations, gap, regret
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.run_folder import Seconds
 from planners import Episode, Outcome
@@ -26,7 +26,7 @@ class Cell:
 
     Attributes:
         num_episodes: number of searches.
-        successes: searches that succeeded.
+        successes: number of searches that succeeded.
         success_interval: 95 % Wilson interval of the success rate.
         wrong: failed searches that confirmed an object of another shape.
         none: failed searches that rejected every object.
@@ -90,12 +90,12 @@ class Comparison:
         episodes: searches by (decider, target label).
         cells: results by (decider, target label) and by (decider, :data:`ALL`).
         differences: each other decider minus ``reference``, over all targets.
-        positions: success by the place of the target, by decider.
-        claims: calibration at stopping, by decider; None for a decider that never confirmed.
+        positions: success by position of the target, by decider.
+        calibration: calibration at stopping, by decider; None for a decider that never confirmed.
         regret: return of the full-information oracle minus that of the decider: mean and 95 % interval.
         gap: upper bound on the expected return of the discretised sensor model minus the mean return: mean and 95 %
             interval; None where the bound is not known.
-        prob_best: probability that the decider has the highest mean return, by decider.
+        prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
         solved: whether the full-information oracle succeeds in each of the first episodes, by target
             (:mod:`experiments.search.oracle`).
         reference: decider that the others are compared with.
@@ -106,7 +106,7 @@ class Comparison:
     cells: Mapping[tuple[str, str], Cell]
     differences: Mapping[str, Difference]
     positions: Mapping[str, Sequence[Place]]
-    claims: Mapping[str, CalibrationAtStop | None]
+    calibration: Mapping[str, CalibrationAtStop | None]
     regret: Mapping[str, tuple[float, float, float]]
     gap: Mapping[str, tuple[float, float, float] | None]
     prob_best: Mapping[str, float]
@@ -179,7 +179,7 @@ def compare_episodes(
         cells=cells,
         differences=differences(together, reference, problem, rng),
         positions={name: by_position(some) for name, some in together.items()},
-        claims={name: claims(some) for name, some in together.items()},
+        calibration={name: calibration_of_confirmations(some) for name, some in together.items()},
         regret={name: regret(by_target, solved, problem, rng) for name, by_target in by_decider.items()},
         gap={name: gap(by_target, bounds, problem, rng) for name, by_target in by_decider.items()},
         prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),

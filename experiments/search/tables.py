@@ -12,22 +12,21 @@ _SEARCHES = ("searches", "d")
 _SUCCESS = (("success", ".3f"), ("95 %", ".3f"))
 
 
-def tables(comparison: Comparison) -> list[Table]:
+def comparison_tables(comparison: Comparison) -> list[Table]:
     """All tables of a comparison."""
     return [
-        results(comparison),
-        differences(comparison),
-        returns(comparison),
-        positions(comparison),
-        stated_confidence(comparison),
-        calibration_at_stopping(comparison),
-        touches(comparison),
-        times(comparison),
+        _results(comparison),
+        _differences(comparison),
+        _returns(comparison),
+        _positions(comparison),
+        _stated_confidence(comparison),
+        _calibration_at_stopping(comparison),
+        _touches(comparison),
+        _times(comparison),
     ]
 
 
-def results(comparison: Comparison) -> Table:
-    """Success and touches by decider and target."""
+def _results(comparison: Comparison) -> Table:
     rows = []
     for decider in comparison.deciders:
         for target in [*comparison.targets, ALL]:
@@ -49,8 +48,7 @@ def results(comparison: Comparison) -> Table:
     )
 
 
-def differences(comparison: Comparison) -> Table:
-    """Every decider against the reference."""
+def _differences(comparison: Comparison) -> Table:
     rows = [
         (
             *(name, d.success[0], d.success[1:], d.mcnemar.first_only, d.mcnemar.second_only, d.p_value),
@@ -73,8 +71,7 @@ def differences(comparison: Comparison) -> Table:
     )
 
 
-def returns(comparison: Comparison) -> Table:
-    """Return, regret and the probability of the highest return."""
+def _returns(comparison: Comparison) -> Table:
     rows = []
     for name, (mean, *interval) in comparison.regret.items():
         gap = comparison.gap[name]
@@ -100,26 +97,24 @@ def returns(comparison: Comparison) -> Table:
     )
 
 
-def positions(comparison: Comparison) -> Table:
-    """Success by the place of the target."""
+def _positions(comparison: Comparison) -> Table:
     rows = [
         (name, place.label, place.num_episodes, place.success, place.interval, place.wrong, place.touches)
         for name, places in comparison.positions.items()
         for place in places
     ]
     return Table(
-        "Success by the place of the target in the order of visit",
-        ["decider", ("place", ""), _SEARCHES, *_SUCCESS, ("wrong", "d"), ("touches", ".2f")],
+        "Success by position of the target in the order of visit",
+        ["decider", ("position", ""), _SEARCHES, *_SUCCESS, ("wrong", "d"), ("touches", ".2f")],
         rows,
         name="positions",
         is_long=len(rows) > 20,
     )
 
 
-def stated_confidence(comparison: Comparison) -> Table:
-    """Stated and observed error of confirmations."""
+def _stated_confidence(comparison: Comparison) -> Table:
     rows: list[Sequence[Value]] = []
-    for name, found in comparison.claims.items():
+    for name, found in comparison.calibration.items():
         if found is None:
             rows.append((name, 0, None, None, None, "never confirmed"))
             continue
@@ -139,11 +134,10 @@ def stated_confidence(comparison: Comparison) -> Table:
     )
 
 
-def calibration_at_stopping(comparison: Comparison) -> Table:
-    """Stated confidence and fraction correct at confirmation, by touches of the object."""
+def _calibration_at_stopping(comparison: Comparison) -> Table:
     rows = [
         (name, str(s.num_touches), s.count, s.mean_stated, s.share_right, (s.low, s.high))
-        for name, found in comparison.claims.items()
+        for name, found in comparison.calibration.items()
         if found is not None
         for s in found.by_num_touches
     ]
@@ -159,8 +153,7 @@ def calibration_at_stopping(comparison: Comparison) -> Table:
     )
 
 
-def touches(comparison: Comparison) -> Table:
-    """Number of searches by number of touches."""
+def _touches(comparison: Comparison) -> Table:
     rows = [
         (name, number, count)
         for name in comparison.deciders
@@ -169,8 +162,7 @@ def touches(comparison: Comparison) -> Table:
     return Table("Touches per search", ["decider", ("touches", "d"), _SEARCHES], rows, name="touches", is_long=True)
 
 
-def times(comparison: Comparison) -> Table:
-    """Time per touch by component."""
+def _times(comparison: Comparison) -> Table:
     rows = []
     for name in comparison.deciders:
         seconds = comparison.cells[name, ALL].seconds

@@ -8,39 +8,29 @@ from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
 from experiments.search.summary import ALL, Comparison
 
-_MOST_ROWS = 40  # with more, the targets are left to the report
-_DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # in this order, where the terminal is narrow
+_MOST_ROWS = 40  # a longer table has no rows of single targets
+_DROPPED = ("ms/touch", "none", "wrong", "95 %", "touches")  # columns to omit on a narrow terminal, in this order
 
 
 def terminal_table(comparison: Comparison, width: int = 80) -> Table:
-    """The comparison as a table that fits a terminal; columns without room are left to the report.
+    """The comparison as a table for a terminal; columns that do not fit are omitted.
 
     Args:
-        comparison: what to show.
-        width: of the terminal [characters].
+        comparison: results to show.
+        width: width of the terminal [characters].
     """
-    table, left_out = _table(comparison), 0
-    while left_out < len(_DROPPED) and _width(table) > width:
-        left_out += 1
-        table = _table(comparison).without(_DROPPED[:left_out])
-    note = f"{_note(comparison)} " + (
-        f"No room here for {', '.join(_DROPPED[:left_out])}: see the report"
-        if left_out
-        else "ms/touch = physics+network+decision"
-    )
-    return replace(table, note=note)
-
-
-def _width(table: Table) -> int:
-    return plain_console(width=10_000).measure(table.rich()).maximum
-
-
-def _note(comparison: Comparison) -> str:
-    return (
+    whole, omitted = _table(comparison), 0
+    table, console = whole, plain_console(width=10_000)
+    while omitted < len(_DROPPED) and console.measure(table.rich()).maximum > width:
+        omitted += 1
+        table = whole.without(_DROPPED[:omitted])
+    last = f"Omitted: {', '.join(_DROPPED[:omitted])}" if omitted else "ms/touch = physics+network+decision"
+    note = (
         f"{next(iter(comparison.cells.values())).num_episodes} live searches per decider and target, 95 % Wilson "
         f"intervals. No-touch baseline {comparison.no_touch_baseline:.2f}; full-information oracle "
-        f"{comparison.oracle[0]}/{comparison.oracle[1]}."
+        f"{comparison.oracle[0]}/{comparison.oracle[1]}. {last}"
     )
+    return replace(table, note=note)
 
 
 def _table(comparison: Comparison) -> Table:

@@ -9,14 +9,14 @@ from experiments.search.paired import Difference
 from experiments.search.summary import ALL, Comparison
 
 
-def verdict(comparison: Comparison) -> list[str]:
-    """Sentences on the best decider, on each other decider against the reference, and on stated confidence."""
-    told = [_best(comparison), _frame(comparison)]
-    told += [_against(name, difference, comparison) for name, difference in comparison.differences.items()]
-    told += _calibration(comparison)
+def verdict_sentences(comparison: Comparison) -> list[str]:
+    """Sentences on the best decider, on the differences from the reference, and on stated confidence."""
+    sentences = [_best(comparison), _frame(comparison)]
+    sentences += [_against(name, difference, comparison) for name, difference in comparison.differences.items()]
+    sentences += _calibration(comparison)
     if comparison.pressed_again:
-        told.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
-    return told
+        sentences.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
+    return sentences
 
 
 def _best(comparison: Comparison) -> str:
@@ -50,7 +50,7 @@ def _frame(comparison: Comparison) -> str:
 
 
 def _bound(comparison: Comparison) -> str:
-    """Difference of the best decider from the upper bound of the discretised sensor model."""
+    """Comparison of the best decider with the upper bound of the discretised sensor model; empty without a bound."""
     name = max(comparison.deciders, key=lambda name: comparison.cells[name, ALL].reward)
     gap = comparison.gap[name]
     if gap is None:
@@ -58,9 +58,9 @@ def _bound(comparison: Comparison) -> str:
     mean, low, high = gap
     bound = comparison.cells[name, ALL].reward + mean
     return (
-        f" An upper bound on the expected return is {bound:.3f} for the discretised sensor model, in which touches are "
-        f"independent given the shape. Live touches are neither, so live returns can exceed it. {name} is "
-        f"{abs(mean):.3f} {'below' if mean >= 0.0 else 'above'} [{low:+.3f}, {high:+.3f}]."
+        f" The upper bound on the expected return is {bound:.3f} for the discretised sensor model, in which touches "
+        f"are independent given the shape; live returns can exceed it. {name} is {abs(mean):.3f} "
+        f"{'below' if mean >= 0.0 else 'above'} [{low:+.3f}, {high:+.3f}]."
     )
 
 
@@ -82,7 +82,7 @@ def _against(name: str, difference: Difference, comparison: Comparison) -> str:
 
 
 def _needed(difference: Difference, comparison: Comparison) -> str:
-    """Number of further episodes at which the difference would probably be significant."""
+    """Number of further searches at which the difference would probably be significant, in words."""
     pairs, needed = difference.mcnemar, difference.episodes_for_success
     if needed is None:
         most = 1.0 - (1.0 - 0.95) ** (1.0 / pairs.num_episodes)
@@ -107,23 +107,23 @@ def _touches(difference: Difference) -> str:
 
 
 def _calibration(comparison: Comparison) -> list[str]:
-    """Deciders whose stated confidence agrees with how often they are right, and deciders for which it does not."""
-    scores = {name: found.overall for name, found in comparison.claims.items() if found is not None}
+    """Sentences on the agreement of stated confidence and fraction correct, for each decider."""
+    scores = {name: found.overall for name, found in comparison.calibration.items() if found is not None}
     kept = [name for name, score in scores.items() if score.is_consistent]
-    told = []
+    sentences = []
     if kept:
         verb = "is" if len(kept) == 1 else "are"
-        told.append(
-            f"{_and(kept)} {verb} calibrated when confirming: the stated error lies in the interval of the observed."
+        sentences.append(
+            f"{_and(kept)} {verb} calibrated when confirming: the stated error is within the interval of the observed."
         )
     for name, score in scores.items():
         if not score.is_consistent:
             word = "overconfident" if score.mean_stated > score.high else "underconfident"
-            told.append(
+            sentences.append(
                 f"{name} is {word} when confirming: its mean stated confidence is {_share(score.mean_stated)}, and it "
                 f"is right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
             )
-    return told
+    return sentences
 
 
 def _and(names: list[str]) -> str:

@@ -1,1 +1,1 @@
-"""``tradeoff``: success against time over many configurations."""
+"""The command ``tradeoff``: success against time of many configurations."""

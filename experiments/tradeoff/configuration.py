@@ -1,15 +1,14 @@
-"""What the trade between speed and accuracy is swept over: one frozen configuration for each point.
+"""Configurations of the trade-off between speed and accuracy.
 
-A configuration has a name for people and a key for files. The key follows from everything that decides the result, the
-checkpoint and a shipped observation model by content, so that a result is found again wherever it was measured, and
-never mistaken for another.
+A configuration has a readable name and a key for file names. The key is a digest of everything that determines the
+result, including the contents of the checkpoint and of a shipped observation model.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,16 +23,15 @@ from planners import DECIDERS
 from planners.registry import TRAINED
 
 SHIPPED = "shipped"
-"""Stands for the observation model that comes with a scene's sensor."""
+"""Name of the observation model that is shipped with a scene's sensor."""
 FITTED = "ratio"
-"""The kind of observation model of other networks, which is also the shipped sensors' kind."""
+"""Kind of observation model that is fitted for networks without a shipped one; the shipped models are of this kind."""
 SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 0.6, "paper": 0.3, "hard": 0.16, "many": 0.1})
-"""Searches for each target, relative to ``gel``: so many that all scenes take about as long."""
-_WHOLE = ("gel", "coarse")  # scenes in which everything is varied; elsewhere only what matters most
+"""Number of searches per target relative to ``gel``, chosen such that all scenes take about the same time."""
+_WHOLE = ("gel", "coarse")  # scenes in which everything is varied
 _MAIN = ("point_based", "information_gain", "threshold", "value_of_information")
-_FLOOR = "random_confirm"
-_TREES = ("pouct", "pomcp")  # deciders whose every decision takes simulations
-_TOUCH_COSTS = (0.005, 0.05, 0.1)  # beside the default
+_TREES = ("pouct", "pomcp")  # deciders that use simulations for each decision
+_TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,10 @@ class Network:
     """A trained classifier.
 
     Attributes:
-        scene: it was trained for.
+        scene: scene that it was trained for.
         checkpoint: its file; the shipped one if empty.
-        label: backbone and edge of the images that it sees, such as "cnn 64 px".
-        sha256: of the file.
+        label: backbone and edge length of its input images, such as "cnn 64 px".
+        sha256: digest of the file.
     """
 
     scene: str
@@ -57,38 +55,37 @@ class Network:
         """The classifier in a file; the shipped one of the scene by default.
 
         Raises:
-            CorruptFile: there is no classifier in the file.
-            LabelMismatch: it is for other shapes or poses than the scene has.
+            CorruptFile: The file does not contain a classifier.
+            LabelMismatch: The classifier has other shapes or poses than the scene.
         """
         from activetouch.perception.classifier import TouchClassifier  # loads torch
 
         path = checkpoint if checkpoint is not None else MODELS / scene / CLASSIFIER_FILE
-        classifier, felt = TouchClassifier.load(path), SCENES[scene].scene
-        classifier.card.require_labels(felt.shape_labels, felt.pose_labels)
+        classifier, world = TouchClassifier.load(path), SCENES[scene].scene
+        classifier.card.require_labels(world.shape_labels, world.pose_labels)
         label = f"{classifier.card.backbone} {classifier.card.input_size} px"
         return cls(scene, "" if checkpoint is None else str(checkpoint), label, _digest(path))
 
     @property
     def path(self) -> Path:
-        """Of its file."""
+        """Path of its file."""
         return Path(self.checkpoint) if self.checkpoint else MODELS / self.scene / CLASSIFIER_FILE
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """One way to search.
+    """A combination of sensor, decider and touch cost.
 
     Attributes:
-        network: reads the images; decides the scene.
-        precision: of its backbone's arithmetic.
-        observation_model: :data:`SHIPPED`, or a key of :data:`belief.observation_model.selection.OBSERVATION_MODELS`,
-        fitted anew.
-        decider: a key of :data:`planners.DECIDERS`.
-        touch_cost: λ.
-        fidelity: how presses are made; the scene's own way by default.
-        simulations: of each decision, for deciders that search a tree.
-        episodes: searches for each target.
-        seed: of the episodes.
+        network: classifier; determines the scene.
+        precision: arithmetic of its backbone.
+        observation_model: :data:`SHIPPED`, or a key of :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
+        decider: key of :data:`planners.DECIDERS`.
+        touch_cost: cost λ of one touch.
+        fidelity: press model; that of the scene by default.
+        simulations: simulations per decision of tree searches.
+        episodes: searches per target.
+        seed: seed of the episodes.
     """
 
     network: Network
@@ -108,7 +105,7 @@ class Configuration:
 
     @property
     def name(self) -> str:
-        """What it is, in a line."""
+        """Description in one line."""
         parts = [self.scene, self.network.label, self.observation_model, self.decider, f"λ {self.touch_cost:g}"]
         if self.precision != "fp32":
             parts.insert(2, self.precision)
@@ -118,7 +115,7 @@ class Configuration:
 
     @property
     def varied(self) -> str:
-        """What is other than in the scene's default, in a word; "nothing" for the default itself."""
+        """The property that differs from the scene's default; "nothing" for the default itself."""
         default = Configuration(self.network)
         differs = {
             "network": bool(self.network.checkpoint),
@@ -132,22 +129,22 @@ class Configuration:
 
     @property
     def key(self) -> str:
-        """Of its result; the same wherever the checkpoint lies."""
+        """Digest of everything that determines the result; independent of the checkpoint's path."""
         fields = asdict(self)
         del fields["network"]["checkpoint"]
         if self.decider not in _TREES:
-            del fields["simulations"]  # which are of no effect
+            del fields["simulations"]  # they have no effect
         if self.observation_model == SHIPPED:
             fields["observation_model"] = _digest(MODELS / self.scene / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     @property
     def setting(self) -> Setting:
-        """The search, as a comparison has it."""
+        """The setting of a comparison with this configuration."""
         return Setting(SceneChoice(self.scene, self.fidelity), touch_cost=self.touch_cost)
 
     def command(self, sensor: Path | None) -> str:
-        """The comparison that plays it; ``sensor`` is a folder with its classifier and its observation model."""
+        """The ``compare`` command for this configuration; ``sensor`` is the folder of its sensor, None if shipped."""
         words = [f"activetouch compare --scene {self.scene} --deciders {self.decider} --touch-cost {self.touch_cost:g}"]
         words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
         words += [f"--sensor {sensor}"] if sensor is not None else []
@@ -159,73 +156,48 @@ def _digest(path: Path) -> str:
 
 
 def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int, seed: int) -> list[Configuration]:
-    """All configurations, each once: one thing at a time is other than in a scene's default.
-
-    What matters most comes first, in all scenes, so that an interrupted sweep is worth most.
+    """Configurations that differ from a scene's default in one property, most important first, without duplicates.
 
     Args:
-        networks: classifiers; the first of a scene is its default.
-        calibrated: scenes with recorded touches to fit observation models to; the others keep what they come with.
-        episodes: for each target of ``gel``, and as :data:`SHARES` says of the others.
-        seed: of the episodes.
+        networks: classifiers; the first one of a scene is its default.
+        calibrated: scenes with recorded touches to fit observation models to.
+        episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
+        seed: seed of the episodes.
     """
     defaults = {network.scene: network for network in reversed(networks)}
     bases = [
         Configuration(network, episodes=max(1, round(episodes * SHARES[scene])), seed=seed)
         for scene, network in sorted(defaults.items(), key=lambda pair: list(SHARES).index(pair[0]))
     ]
-    found: dict[str, Configuration] = {}
-    for vary in (_main_deciders, _touch_costs, _networks, _fidelities, _models, _deciders, _half_precision, _trees):
-        for base in bases:
-            others = [network for network in networks if network.scene == base.scene and network != base.network]
-            found |= {option.key: option for option in vary(base, others)}
+    variants = [_variants(base, [n for n in networks if n.scene == base.scene and n != base.network]) for base in bases]
+    by_importance = (option for groups in zip(*variants, strict=True) for group in groups for option in group)
+    found = {option.key: option for option in by_importance}
     return [c for c in found.values() if c.observation_model == SHIPPED or c.scene in calibrated]
 
 
-def _main_deciders(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    for decider in _MAIN:
-        yield replace(base, decider=decider)
-
-
-def _touch_costs(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    for decider in (_MAIN[0], "value_of_information") if base.scene in _WHOLE else (_MAIN[0],):
-        for touch_cost in _TOUCH_COSTS:
-            yield replace(base, decider=decider, touch_cost=touch_cost)
-
-
-def _networks(base: Configuration, others: Sequence[Network]) -> Iterator[Configuration]:
-    for network in others:
-        yield replace(base, network=network, observation_model=FITTED)
-
-
-def _fidelities(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    own = SCENES[base.scene].scene.press_model
-    for fidelity, press in FIDELITIES.items():
-        # A force patch is drawn from the course of a guarded move, and deformable pads take seconds a press.
-        if fidelity != "deformable" and type(press) is not type(own) and base.scene != "paper":
-            yield replace(base, fidelity=fidelity)
-
-
-def _models(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    for model in OBSERVATION_MODELS if base.scene in _WHOLE else ():
-        if model != FITTED:
-            yield replace(base, observation_model=model)
-
-
-def _half_precision(base: Configuration, others: Sequence[Network]) -> Iterator[Configuration]:
-    for option in (base, *_networks(base, others)):
-        yield replace(option, precision="bf16")
-
-
-def _deciders(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    for decider in DECIDERS if base.scene in _WHOLE else ():
-        if decider != _FLOOR and decider not in TRAINED and decider not in _TREES:
-            yield replace(base, decider=decider)
-
-
-def _trees(base: Configuration, _: Sequence[Network]) -> Iterator[Configuration]:
-    """A twentieth of the searches, because their decisions take hundreds of times as long."""
-    for decider in _TREES if base.scene in _WHOLE else ():
-        for simulations in (100, 1000):
-            fewer = max(1, base.episodes // 20)
-            yield replace(base, decider=decider, simulations=simulations, episodes=fewer)
+def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Configuration]]:
+    """Variants of a scene's default in groups, most important first; ``others`` are further networks of the scene."""
+    own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
+    # Force patches need a guarded move, and deformable pads take seconds per press.
+    presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
+    refitted = [replace(base, network=network, observation_model=FITTED) for network in others]
+    not_varied = {"random_confirm", *TRAINED, *_TREES}
+    fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
+    return [
+        [replace(base, decider=decider) for decider in _MAIN],
+        [
+            replace(base, decider=decider, touch_cost=touch_cost)
+            for decider in ((_MAIN[0], "value_of_information") if is_whole else _MAIN[:1])
+            for touch_cost in _TOUCH_COSTS
+        ],
+        refitted,
+        [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
+        [replace(base, observation_model=model) for model in OBSERVATION_MODELS if is_whole and model != FITTED],
+        [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],
+        [replace(option, precision="bf16") for option in (base, *refitted)],
+        [
+            replace(base, decider=decider, simulations=simulations, episodes=fewer)
+            for decider in (_TREES if is_whole else ())
+            for simulations in (100, 1000)
+        ],
+    ]

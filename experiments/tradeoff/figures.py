@@ -24,7 +24,7 @@ _MARKERS = {
     "fidelity": "D",
 }
 _LABELS = {"nothing": "the scene's default", "decider": "another decider", "network": "network or resolution"}
-_LEAST_ERROR = 3e-4  # of the axis; no error at all is drawn there
+_LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
 _CAPTION = (
     "Failed searches against time. Each point is a configuration with its 95 % Wilson interval. Colours are scenes; "
     "markers say what differs from the scene's default. The larger a point, the more probable it is on the front "

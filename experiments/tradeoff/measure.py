@@ -1,7 +1,6 @@
-"""Measure one configuration: its searches, and what a touch costs by part.
+"""Measurement of one configuration: results of its searches, and processor time of a touch.
 
-Times are of the processor, not of the clock: on an idle core they are the same, and other programs on the machine do
-not lengthen them.
+Processor time does not depend on other programs; on an idle core it equals the elapsed time.
 """
 
 from __future__ import annotations
@@ -34,18 +33,18 @@ _TOGETHER = 25  # episodes in lockstep
 
 
 @dataclass(frozen=True)
-class Result:
-    """What came of a configuration's searches; one entry an episode, target after target.
+class SearchResult:
+    """Results of the searches of a configuration; lists have one entry per episode, target after target.
 
     Attributes:
-        configuration: which.
-        successes: 1 or 0.
-        touches: of each search.
-        decisions: of each search, touches included.
-        rewards: return of each.
-        decision_seconds: belief and decider, of all together.
-        planning_seconds: belief and decider in a first search for each target, which is when plans are made, unless
-            the process made the same ones before.
+        configuration: the configuration.
+        successes: 1 for a success, 0 otherwise.
+        touches: number of touches.
+        decisions: number of decisions, including those to touch.
+        rewards: return.
+        decision_seconds: time of belief updates and decisions, sum over all episodes.
+        planning_seconds: the same for one first search per target, which includes planning unless this process made
+            the same plan before.
     """
 
     configuration: Configuration
@@ -58,19 +57,19 @@ class Result:
 
     @property
     def ms_per_decision(self) -> float:
-        """Belief and decider, on average."""
+        """Mean time of a belief update and decision [ms]."""
         return 1e3 * self.decision_seconds / sum(self.decisions)
 
 
 @dataclass(frozen=True)
 class TouchCost:
-    """What a touch costs beside the decision, and what the sensor needs.
+    """Time of a touch without the decision, and memory of the sensor.
 
     Attributes:
-        physics: of a press and its image [ms].
-        network: to read one image [ms].
-        weights: of the network in memory [MB].
-        memory: peak of a process that loads the sensor and searches once [MB].
+        physics: time of a press and its image [ms].
+        network: time to read one image [ms].
+        weights: size of the network in memory [MB].
+        memory: peak memory of a process that loads the sensor and touches [MB].
     """
 
     physics: float
@@ -79,33 +78,33 @@ class TouchCost:
     memory: float
 
 
-def measured(configuration: Configuration, folder: Path) -> tuple[Result, TouchCost]:
-    """The result of a configuration and its costs: from their files if they are there; measured, and kept, if not."""
+def measured(configuration: Configuration, folder: Path) -> tuple[SearchResult, TouchCost]:
+    """Result and costs of a configuration, read from their files, or measured and written if there are none."""
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
         result = _search(configuration, folder / "models")
         write_text(path, json.dumps(asdict(result)) + "\n")
     fields = json.loads(path.read_text())
-    return Result(**{**fields, "configuration": configuration}), touch_cost(configuration, folder)
+    return SearchResult(**{**fields, "configuration": configuration}), touch_cost(configuration, folder)
 
 
-def finished(folder: Path) -> list[tuple[Result, TouchCost]]:
-    """All results that a folder holds, with their costs; of those that differ in their number only the largest."""
-    found: dict[Configuration, Result] = {}
+def finished(folder: Path) -> list[tuple[SearchResult, TouchCost]]:
+    """All results in a folder, with their costs; if some differ only in the number of searches, the largest."""
+    found: dict[Configuration, SearchResult] = {}
     for path in sorted((folder / "results").glob("[!.]*.json")):
         fields = json.loads(path.read_text())
         network = Network(**fields["configuration"].pop("network"))
         configuration = Configuration(network=network, **fields["configuration"])
         if configuration.key != path.stem:
-            continue  # of a shipped sensor that is no longer shipped
-        result = Result(**{**fields, "configuration": configuration})
+            continue  # measured with an earlier version of a shipped sensor
+        result = SearchResult(**{**fields, "configuration": configuration})
         same = replace(configuration, episodes=0)
         if same not in found or len(found[same].successes) < len(result.successes):
             found[same] = result
     return [(result, touch_cost(result.configuration, folder)) for result in found.values()]
 
 
-def _search(configuration: Configuration, cache: Path) -> Result:
+def _search(configuration: Configuration, cache: Path) -> SearchResult:
     import torch
 
     torch.set_num_threads(1)
@@ -129,7 +128,7 @@ def _search(configuration: Configuration, cache: Path) -> Result:
         return touches
 
     def play(seeds: Sequence[tuple[int, ...]]) -> tuple[list[Episode], float]:
-        """Searches, and the seconds of belief and decider."""
+        """Play episodes; return them and the seconds of belief updates and decisions."""
         episodes: list[Episode] = []
         thinking = 0.0
         for first in range(0, len(seeds), _TOGETHER):
@@ -140,10 +139,11 @@ def _search(configuration: Configuration, cache: Path) -> Result:
             thinking += time.thread_time() - touching - started
         return episodes, thinking
 
-    seeds = _seeds(configuration)
-    _, planning = play(seeds[:: configuration.episodes])  # one for each target, which is when plans are made
+    targets = range(problem.num_shapes)
+    seeds = [episode_seed(configuration.seed, t, number) for t in targets for number in range(configuration.episodes)]
+    _, planning = play(seeds[:: configuration.episodes])  # one episode per target, in which plans are made
     episodes, thinking = play(seeds)
-    return Result(
+    return SearchResult(
         configuration,
         [int(episode.success) for episode in episodes],
         [episode.num_touches for episode in episodes],
@@ -154,18 +154,8 @@ def _search(configuration: Configuration, cache: Path) -> Result:
     )
 
 
-def _seeds(configuration: Configuration) -> list[tuple[int, ...]]:
-    """Of all episodes, target after target."""
-    num_shapes = configuration.setting.problem.num_shapes
-    return [
-        episode_seed(configuration.seed, target, n)
-        for target in range(num_shapes)
-        for n in range(configuration.episodes)
-    ]
-
-
 def _sensor(configuration: Configuration) -> TactileSensor:
-    """The scene with the configuration's network, and the shipped observation model."""
+    """The sensor with the configuration's network and the shipped observation model."""
     from activetouch.perception.classifier import TouchClassifier  # loads torch
 
     sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene, anyway=True)
@@ -174,10 +164,7 @@ def _sensor(configuration: Configuration) -> TactileSensor:
 
 
 def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
-    """What a touch costs in a configuration: from its files if they are there; measured in fresh processes if not.
-
-    All networks share the measurement of the press.
-    """
+    """Costs of a touch, read from their files, or measured in new processes; all networks share those of a press."""
     scene, network = configuration.scene, configuration.network
     press = f"press-{scene}-{configuration.fidelity or 'own'}"
     read = f"read-{scene}-{network.sha256[:12]}-{configuration.precision}"
@@ -185,7 +172,7 @@ def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
     for stem, measure in ((press, _press_here), (read, _read_here)):
         path = folder / "costs" / f"{stem}.json"
         if not path.exists():
-            context = multiprocessing.get_context("forkserver")  # which is lean, and loads these once
+            context = multiprocessing.get_context("forkserver")  # small processes, and one import of these modules
             context.set_forkserver_preload(["activetouch.perception.classifier", "activetouch.pressing.rig", __name__])
             write_text(path, json.dumps(in_own_process(context, measure, configuration)) + "\n")
         found |= json.loads(path.read_text())
@@ -201,7 +188,7 @@ def _press_here(configuration: Configuration) -> dict[str, float]:
         started = time.thread_time()
         scene.press(thing, number % len(scene.poses), rng)
         seconds.append(time.thread_time() - started)
-    return {"physics": 1e3 * float(np.mean(seconds[num_shapes:]))}  # the first of each shape compiles its model
+    return {"physics": 1e3 * float(np.mean(seconds[num_shapes:]))}  # the first press of each shape compiles its model
 
 
 def _read_here(configuration: Configuration) -> dict[str, float]:
@@ -221,7 +208,7 @@ def _read_here(configuration: Configuration) -> dict[str, float]:
 
 
 def _peak_memory() -> float:
-    """Of this process [MB]; what the kernel's accounting of resources says includes the process that started it."""
+    """Peak memory of this process [MB]; ``getrusage`` may include the parent process, so it is the second choice."""
     status = Path("/proc/self/status")
     if status.exists():
         [peak] = (line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
@@ -230,7 +217,7 @@ def _peak_memory() -> float:
 
 
 def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
-    """A folder from which a comparison can load the configuration's sensor; None where it is the shipped one."""
+    """Write a folder from which ``compare`` can load the configuration's sensor; None for the shipped sensor."""
     from activetouch.world import CLASSIFIER_FILE, write_observation_model
 
     if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):

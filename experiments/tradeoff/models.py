@@ -1,4 +1,4 @@
-"""Observation models for networks and precisions that no shipped sensor has, fitted to recorded calibration touches."""
+"""Observation models for networks and precisions without a shipped one, fitted to recorded calibration touches."""
 
 from __future__ import annotations
 
@@ -22,12 +22,16 @@ from experiments.sensor_choice import open_collection, require_collection
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 
 _SPLIT = "calibration"
-_OBJECTS = 75  # of every shape, the first of the split
-_ROUNDS = 3  # of every object, the first: what repeated touches are worth shows from two on
+_OBJECTS = 75  # objects per shape, from the first of the split
+_ROUNDS = 3  # rounds per object, from the first; at least two are needed to estimate the correlation of repeats
 
 
 def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
-    """The observation model of a configuration: the shipped one, or one that is fitted once and kept in the folder."""
+    """The observation model of a configuration: the shipped one, or one that is fitted once and cached in ``folder``.
+
+    Raises:
+        CorruptFile: The cached file is damaged.
+    """
     network, name = configuration.network, configuration.observation_model
     if name == SHIPPED:
         return load_observation_model(MODELS / network.scene)
@@ -46,12 +50,12 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     try:
         return read_observation_model(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise CorruptFile(f"{path} is no observation model: {error}. Delete it, and it is fitted again") from error
+        raise CorruptFile(f"{path} is not an observation model: {error}. Delete it, then it is fitted again") from error
 
 
 @lru_cache(maxsize=1)
 def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
-    """What a network reads of calibration touches, and what they are of."""
+    """A network's readings of the calibration touches, and these touches."""
     from activetouch.perception.classifier import TouchClassifier  # loads torch
 
     classifier = TouchClassifier.load(network.path)
@@ -62,7 +66,7 @@ def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
 
 
 def _first_objects(scene: str, card: ClassifierCard) -> TouchSet:
-    """The first objects of the calibration split and their first rounds, without reading the other shards."""
+    """First rounds of the first objects of the calibration split; other shards are not read."""
     folder = repeats_folder(scene)
     manifest = open_collection(folder, scene, repeats=True)
     require_collection(folder, manifest, card, scene, repeats=True)

@@ -1,4 +1,4 @@
-"""From results to answers: what a configuration costs, which are on the front, and which to take."""
+"""Pareto fronts of time and success, and recommended configurations."""
 
 from __future__ import annotations
 
@@ -11,98 +11,102 @@ from numpy.typing import NDArray
 
 from belief.statistics import pareto_front, pareto_probabilities, wilson_interval
 from experiments.tradeoff.configuration import Configuration
-from experiments.tradeoff.measure import Result, TouchCost
-
-Floats = NDArray[np.float64]
+from experiments.tradeoff.measure import SearchResult, TouchCost
 
 TASKS: Mapping[str, tuple[str, ...]] = {
     "four objects of four shapes": ("paper", "coarse", "gel"),
     "eight objects of twelve shapes, any mixture": ("hard",),
     "twelve objects of twelve shapes": ("many",),
 }
-"""Scenes in which the same is sought, with different sensors: among these one may choose."""
+"""Scenes with the same search task and different sensors, by task; each task has a Pareto front."""
 
 
 @dataclass(frozen=True)
-class Point:
-    """A configuration with its result and its costs."""
+class Candidate:
+    """A configuration with its measured result and costs."""
 
-    result: Result
+    result: SearchResult
     cost: TouchCost
 
     @property
     def configuration(self) -> Configuration:
-        """Which."""
+        """The configuration."""
         return self.result.configuration
 
     @property
     def num_searches(self) -> int:
-        """Behind every mean."""
+        """Number of searches."""
         return len(self.result.successes)
 
     @property
     def success(self) -> float:
-        """Share of the searches."""
+        """Fraction of searches that succeeded."""
         return sum(self.result.successes) / self.num_searches
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the success, Wilson, 95 %."""
+        """95 % Wilson interval of the success rate."""
         return wilson_interval(sum(self.result.successes), self.num_searches)
 
     @property
     def touches(self) -> float:
-        """Mean of a search."""
+        """Mean number of touches per search."""
         return float(np.mean(self.result.touches))
 
     @property
     def reward(self) -> float:
-        """Mean return of a search."""
+        """Mean return."""
         return float(np.mean(self.result.rewards))
 
     @cached_property
-    def ms_of_searches(self) -> Floats:
-        """Of every search: its touches at what one costs, and its decisions."""
+    def ms_of_searches(self) -> NDArray[np.float64]:
+        """Time of every search [ms]: touches at their mean cost, and decisions."""
         per_touch = self.cost.physics + self.cost.network
         decisions = np.array(self.result.decisions) * self.result.ms_per_decision
         return np.asarray(np.array(self.result.touches) * per_touch + decisions)
 
     @property
     def ms_per_search(self) -> float:
-        """Physics, network and decisions."""
+        """Mean time of a search [ms]: physics, network and decisions."""
         return float(self.ms_of_searches.mean())
 
     @property
     def ms_per_touch(self) -> float:
-        """From one touch to the next: physics, network and the decision."""
+        """Time from one touch to the next [ms]: physics, network and one decision."""
         return self.cost.physics + self.cost.network + self.result.ms_per_decision
 
     @property
     def is_playable(self) -> bool:
-        """Whether ``activetouch compare`` can play it: it reads in single precision, with as many simulations."""
+        """Whether ``activetouch compare`` supports it: fp32 and the default number of simulations."""
         c = self.configuration
         return c.precision == "fp32" and c.simulations == Configuration.simulations
 
 
 @dataclass(frozen=True)
 class Front:
-    """The points of a task, and which of them are worth having.
+    """Pareto front of a task.
 
     Attributes:
-        task: a key of :data:`TASKS`.
-        points: cheapest first.
-        on_front: whether no other is both cheaper and at least as successful.
-        probs: that each is, given the searches.
+        task: key of :data:`TASKS`.
+        points: all candidates, fastest first.
+        on_front: whether each candidate is on the front: no other is both faster and at least as successful.
+        probs: probability that it is on the front, given the searches.
     """
 
     task: str
-    points: Sequence[Point]
+    points: Sequence[Candidate]
     on_front: NDArray[np.bool_]
-    probs: Floats
+    probs: NDArray[np.float64]
 
 
-def fronts(points: Sequence[Point], rng: np.random.Generator, num_resamples: int = 1000) -> list[Front]:
-    """The front of every task that has points, on time per search and success."""
+def fronts(points: Sequence[Candidate], rng: np.random.Generator, num_resamples: int = 1000) -> list[Front]:
+    """Pareto front of time per search and success for every task that has candidates.
+
+    Args:
+        points: candidates of all tasks.
+        rng: random generator of the bootstrap.
+        num_resamples: number of bootstrap resamples.
+    """
     found = []
     for task, scenes in TASKS.items():
         some = sorted((p for p in points if p.configuration.scene in scenes), key=lambda p: p.ms_per_search)
@@ -112,14 +116,16 @@ def fronts(points: Sequence[Point], rng: np.random.Generator, num_resamples: int
     return found
 
 
-def _resampled(points: Sequence[Point], rng: np.random.Generator, num_resamples: int) -> tuple[Floats, Floats]:
-    """Time and success as they may truly be, given the searches, each ``(S, C)``: a Bayesian bootstrap.
+def _resampled(
+    points: Sequence[Candidate], rng: np.random.Generator, num_resamples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bayesian bootstrap of time and success, each of shape ``(num_resamples, len(points))``.
 
-    Configurations that played the same episodes share the weights of a resample, so that what all found hard is no
-    noise between them. Half a success and half a failure of its own is added to each, which makes the success of each
-    by itself Beta(s + ½, f + ½): where nothing failed, something still may.
+    Candidates that played the same episodes share the weights of a resample, so that the difficulty of an episode
+    cancels in comparisons. Half a success and half a failure are added to each candidate; the marginal distribution of
+    its success is then Beta(s + ½, f + ½), which has a positive variance even without failures.
     """
-    shared: dict[tuple[str, int], Floats] = {}
+    shared: dict[tuple[str, int], NDArray[np.float64]] = {}
     columns = []
     for point in points:
         key = (point.configuration.scene, point.num_searches)
@@ -135,17 +141,22 @@ def _resampled(points: Sequence[Point], rng: np.random.Generator, num_resamples:
 
 @dataclass(frozen=True)
 class Pick:
-    """An answer to a question: the point, or None where none will do."""
+    """Recommended candidate for a question; None if no candidate satisfies it."""
 
     question: str
-    point: Point | None
+    point: Candidate | None
 
 
 def picks(front: Front, least_success: float, most_ms: float) -> list[Pick]:
-    """The fastest that is good enough, and the best that is fast enough.
+    """Recommend the fastest candidate that is accurate enough, and the most accurate one that is fast enough.
 
-    Good is what the lower end of the interval of the success says. Of equally good ones the best touches least, since
-    a touch takes a robot longer than any of this.
+    Accuracy is the lower end of the interval of the success rate. Equally accurate candidates are ranked by touches per
+    search, because a touch of a real robot takes longer than the computation.
+
+    Args:
+        front: candidates of a task.
+        least_success: lowest acceptable accuracy.
+        most_ms: longest acceptable time per touch [ms].
     """
     playable = [point for point in front.points if point.is_playable]
     good = [point for point in playable if point.interval[0] >= least_success]
@@ -153,7 +164,7 @@ def picks(front: Front, least_success: float, most_ms: float) -> list[Pick]:
     return [
         Pick(f"the fastest with success ≥ {least_success:g} (lower end of its interval)", good[0] if good else None),
         Pick(
-            f"the most accurate under {most_ms:g} ms a touch, of equals the one that touches least",
+            f"the most accurate under {most_ms:g} ms per touch, with the fewest touches among equals",
             max(fast, key=lambda point: (point.interval[0], -point.touches, -point.ms_per_search)) if fast else None,
         ),
     ]

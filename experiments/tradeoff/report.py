@@ -1,4 +1,4 @@
-"""Report of a sweep: sentences, tables, a figure and a page."""
+"""Report of the trade-off: sentences, tables, a figure and a page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from experiments.reporting.tables import Table, Value, interval
 from experiments.tradeoff.configuration import SHARES
 from experiments.tradeoff.figures import front_picture
 from experiments.tradeoff.measure import export_sensor
-from experiments.tradeoff.picks import Front, Pick, Point
+from experiments.tradeoff.picks import Candidate, Front, Pick
 
 _NOTE = (
     "Success: fraction of live searches, with its 95 % Wilson interval. Minus default: difference from the scene's "
@@ -31,20 +31,22 @@ _COLUMNS = (
     *(("ms per search", ".1f"), ("ms per decision", ".2f"), ("ms per press", ".2f"), ("ms per reading", ".2f")),
     *(("weights MB", ".1f"), ("peak MB", ".0f"), ("P(front)", ".2f")),
 )
-_MAYBE = 0.1  # least P(front) of a point that is shown with the front
+_MAYBE = 0.1  # lowest P(front) of a candidate that is listed with the front
 
 
-def write_report(folder: Path, found: Sequence[Front], answers: Mapping[str, Sequence[Pick]], arguments: Any) -> None:
+def write_tradeoff_report(
+    folder: Path, found: Sequence[Front], answers: Mapping[str, Sequence[Pick]], arguments: Any
+) -> None:
     """Write report.html and tradeoff.md, .csv, .json, .svg and .png.
 
     Args:
-        folder: where to write.
-        found: fronts of all tasks.
-        answers: configurations to take, by task.
-        arguments: those of the command, for the record.
+        folder: folder to write to.
+        found: Pareto fronts of all tasks.
+        answers: recommended configurations, by task.
+        arguments: arguments of the command, for the record.
 
     Raises:
-        CannotWrite: there is no room, or no permission.
+        CannotWrite: The disk is full, or the folder is not writable.
     """
     picture, said = front_picture(found), sentences(answers, folder)
     short, whole = [_front_table(front) for front in found], list(_scene_tables(found))
@@ -74,7 +76,7 @@ def _extent(found: Sequence[Front]) -> str:
 
 
 def sentences(answers: Mapping[str, Sequence[Pick]], folder: Path) -> list[str]:
-    """Recommended configurations and the commands that run them; sensors that are not shipped are written there."""
+    """Recommended configurations and their commands; writes their sensors to ``folder`` if they are not shipped."""
     lines = []
     for task, some in answers.items():
         for pick in some:
@@ -93,19 +95,18 @@ def sentences(answers: Mapping[str, Sequence[Pick]], folder: Path) -> list[str]:
 
 
 def _front_table(front: Front) -> Table:
-    """Configurations of a task that are on the front or may be, fastest first."""
     defaults = _defaults([front])
     return Table(front.task, _COLUMNS, [_row(point, prob, defaults) for point, prob in worthwhile(front)])
 
 
-def worthwhile(front: Front) -> list[tuple[Point, float]]:
-    """Points that are on the front or may be, each with the probability that it is, fastest first."""
+def worthwhile(front: Front) -> list[tuple[Candidate, float]]:
+    """Candidates that are on the front or may be, each with its probability, fastest first."""
     chosen = zip(front.points, front.on_front, front.probs, strict=True)
     return [(point, float(prob)) for point, on, prob in chosen if on or prob >= _MAYBE]
 
 
-def terminal_table(front: Front) -> Table:
-    """Configurations of a task that are on the front or may be, in few columns."""
+def short_front_table(front: Front) -> Table:
+    """Candidates that are on the front or may be, in few columns, for a terminal."""
     columns = ("configuration", "success", ("touches", ".1f"), ("ms", ".1f"), ("P(front)", ".2f"))
     rows = [
         (p.configuration.name, interval(p.success, *p.interval), p.touches, p.ms_per_search, prob)
@@ -128,13 +129,13 @@ def _scene_tables(found: Sequence[Front]) -> Iterator[Table]:
             yield Table(scene, _COLUMNS, rows)
 
 
-def _defaults(found: Sequence[Front]) -> dict[str, Point]:
-    """Default configurations by scene, as far as they were measured."""
+def _defaults(found: Sequence[Front]) -> dict[str, Candidate]:
+    """Measured default configurations by scene."""
     points = (point for front in found for point in front.points)
     return {point.configuration.scene: point for point in points if point.configuration.varied == "nothing"}
 
 
-def _row(p: Point, prob: float, defaults: Mapping[str, Point]) -> tuple[Value, ...]:
+def _row(p: Candidate, prob: float, defaults: Mapping[str, Candidate]) -> tuple[Value, ...]:
     difference = _difference(p, defaults.get(p.configuration.scene))
     return (
         *(p.configuration.name, p.num_searches, interval(p.success, *p.interval), difference, p.touches, p.reward),
@@ -143,7 +144,7 @@ def _row(p: Point, prob: float, defaults: Mapping[str, Point]) -> tuple[Value, .
     )
 
 
-def _difference(point: Point, default: Point | None) -> str:
+def _difference(point: Candidate, default: Candidate | None) -> str:
     """Difference in success from the default over the same searches, with its 95 % interval."""
     if point is default:
         return "default"
@@ -153,7 +154,7 @@ def _difference(point: Point, default: Point | None) -> str:
     return interval(*paired_bootstrap(mine, other, np.random.default_rng(0)), spec="+.3f")
 
 
-def _entry(point: Point, prob: float) -> dict[str, object]:
+def _entry(point: Candidate, prob: float) -> dict[str, object]:
     c = point.configuration
     return {
         "name": c.name,

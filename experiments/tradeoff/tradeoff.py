@@ -1,4 +1,4 @@
-"""``activetouch tradeoff``: speed against accuracy of sensors, networks, observation models and deciders."""
+"""``activetouch tradeoff``: speed against accuracy of networks, observation models, presses and deciders."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from experiments.scene_choice import named_scene, repeats_folder
 from experiments.tradeoff.configuration import SHARES
 
 if TYPE_CHECKING:
-    from experiments.tradeoff.measure import Result, TouchCost
+    from experiments.tradeoff.measure import SearchResult, TouchCost
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class Tradeoff:
         """Measure what is missing, then write and print the report.
 
         Raises:
-            BadArgument: there is nothing to do, or a checkpoint is not named as SCENE=FILE.
-            UnknownName: there is no such scene.
+            BadArgument: There are no results, or a checkpoint is not given as SCENE=FILE.
+            UnknownName: There is no such scene.
         """
         from experiments.tradeoff.measure import finished
-        from experiments.tradeoff.picks import Point, fronts, picks
-        from experiments.tradeoff.report import sentences, terminal_table, write_report
+        from experiments.tradeoff.picks import Candidate, fronts, picks
+        from experiments.tradeoff.report import sentences, short_front_table, write_tradeoff_report
 
         check_arguments(self)
         for scene in self.scenes:
@@ -83,18 +83,18 @@ class Tradeoff:
         results = finished(self.out) if self.finished else self.measure()
         if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
-        found = fronts([Point(*result) for result in results], np.random.default_rng(self.seed))
+        found = fronts([Candidate(*result) for result in results], np.random.default_rng(self.seed))
         answers = {front.task: picks(front, self.success, self.milliseconds) for front in found}
-        write_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
+        write_tradeoff_report(self.out, found, answers, {**asdict(self), "out": str(self.out)})
         console = plain_console()
         for front in found:
-            console.print(terminal_table(front).rich())
+            console.print(short_front_table(front).rich())
         for line in sentences(answers, self.out):
             console.print(line, soft_wrap=True)
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv, .svg and .png")
 
-    def measure(self) -> list[tuple[Result, TouchCost]]:
-        """All configurations with their results and costs."""
+    def measure(self) -> list[tuple[SearchResult, TouchCost]]:
+        """Measure all configurations; return their results and costs."""
         from experiments.tradeoff.configuration import Network, sweep
         from experiments.tradeoff.measure import measured
 
@@ -103,7 +103,7 @@ class Tradeoff:
             scene, _, file = checkpoint.partition("=")
             if scene not in self.scenes or not file:
                 raise BadArgument(
-                    f"--checkpoints are SCENE=FILE with a scene of {', '.join(self.scenes)}; got {checkpoint!r}"
+                    f"--checkpoints must be SCENE=FILE with a scene of {', '.join(self.scenes)}; got {checkpoint!r}"
                 )
             networks.append(Network.of(scene, Path(file)))
         calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]

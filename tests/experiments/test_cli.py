@@ -23,17 +23,17 @@ def test_the_help_fits_a_screen_and_has_a_line_for_every_command():
     assert len(lines) <= 40
     assert max(map(len, lines)) <= 80
     shown = [line.split()[0] for line in lines if line.startswith("  ")]
-    assert shown == list(cli.TABLE)
-    assert len(shown) == sum(map(len, cli.GROUPS.values()))  # each in one group
+    assert shown == list(cli.REGISTRY)
+    assert len(shown) == sum(map(len, cli.COMMAND_GROUPS.values()))  # each in one group
     assert run().stdout.splitlines() == lines
 
 
-@pytest.mark.parametrize("name", cli.TABLE)
+@pytest.mark.parametrize("name", cli.REGISTRY)
 def test_every_command_can_be_imported_has_examples_and_a_summary(name):
-    kind = cli.TABLE[name].load()
+    kind = cli.REGISTRY[name].load()
     assert callable(kind.run)
     assert f"activetouch {name}" in kind.__doc__, "its help has an example"
-    summary = cli.TABLE[name].summary
+    summary = cli.REGISTRY[name].summary
     assert summary
     assert not summary.endswith(".")
 
@@ -56,7 +56,7 @@ def test_only_the_chosen_command_is_imported():
     code += "try: cli.main()\nexcept SystemExit: print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     loaded = set(found.stdout.split())
-    others = {f"experiments.{entry.place.partition(':')[0]}" for entry in cli.TABLE.values()} & loaded
+    others = {f"experiments.{entry.place.partition(':')[0]}" for entry in cli.REGISTRY.values()} & loaded
     assert others == {"experiments.search.merge"}
 
 
@@ -70,4 +70,4 @@ def test_a_reader_that_ends_early_ends_the_command_quietly(arguments):
 
 def test_the_shell_is_given_a_completion_of_all_commands():
     text = run("--tyro-print-completion", "bash").stdout
-    assert all(name in text for name in cli.TABLE)
+    assert all(name in text for name in cli.REGISTRY)

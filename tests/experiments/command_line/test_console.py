@@ -11,8 +11,7 @@ import pytest
 from experiments import parallel
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.console import plain_console
-from experiments.reporting.csv_text import csv_text
-from experiments.reporting.tables import Table
+from experiments.reporting.tables import Table, csv_text
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting

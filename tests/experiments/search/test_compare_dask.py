@@ -17,7 +17,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.run_folder import ORACLE, RunFolder, ShardKey
 from experiments.search.setting import Setting
-from experiments.search.shards import ShardTask, WorkerMismatch
+from experiments.search.shards import ShardTask, WorkerMismatch, portrait
 
 COARSE = Setting(SceneChoice(scene="coarse"))
 SMALL = {
@@ -88,8 +88,12 @@ def test_without_the_extra_the_error_names_it(monkeypatch):
         list(run_tasks([int], 1, "counting", "tcp://127.0.0.1:1"))
 
 
+def task_of(decider):
+    return ShardTask(ShardKey(decider, "sphere", 0), 25, COARSE, 0, portrait(COARSE, 0, decider, "sphere"))
+
+
 def test_a_worker_of_another_version_plays_nothing():
-    task = ShardTask.of(ShardKey("random_confirm", "sphere", 0), COARSE, seed=0)
+    task = task_of("random_confirm")
     wanted = {**json.loads(task.wanted), "numpy": "1.0", "sensor_sha256": "f00d"}
     other = replace(task, wanted=json.dumps(wanted))
     with pytest.raises(WorkerMismatch, match=r"sensor_sha256 \(.* for f00d\); numpy \(.* for 1\.0\)"):
@@ -98,5 +102,5 @@ def test_a_worker_of_another_version_plays_nothing():
 
 @pytest.mark.parametrize("decider", ["random_confirm", ORACLE])
 def test_a_task_survives_the_journey_to_a_worker(decider):
-    task = ShardTask.of(ShardKey(decider, "sphere", 0), COARSE, seed=0)
+    task = task_of(decider)
     assert pickle.loads(pickle.dumps(task)) == task

@@ -7,7 +7,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.frames import replay
 from experiments.search.replay import NoSuchEpisode, Replay
 from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
-from experiments.search.setting import Setting, play
+from experiments.search.setting import Setting, play_episodes
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 COARSE = Setting(SceneChoice(scene="coarse"))
@@ -18,7 +18,7 @@ def run(tmp_path_factory):
     """A folder with one shard, and the episodes in it."""
     folder = RunFolder(tmp_path_factory.mktemp("run"))
     folder.open({}, {"setting": COARSE.to_dict()})
-    episodes, seconds = play(COARSE, "threshold", 0, 0, range(25))
+    episodes, seconds = play_episodes(COARSE, "threshold", 0, 0, range(25))
     folder.write(ShardKey("threshold", "sphere", 0), Shard(episode_lines("threshold", episodes), seconds, "v1"))
     return folder.path, episodes
 
@@ -56,9 +56,9 @@ def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"number": 99}, "--number 99.*25 searches of threshold for a sphere, numbers 0 to 24"),
+        ({"number": 99}, "--number 99.*25 searches of threshold for sphere, numbers 0 to 24"),
         ({"number": 1000}, "--number 1000.*numbers 0 to 24"),
-        ({"target": "cone"}, "no searches of 'threshold' for 'cone'. It holds: threshold for sphere"),
+        ({"target": "cone"}, "no searches of 'threshold' for 'cone'.*: threshold for sphere"),
         ({"decider": "ppo"}, "no searches of 'ppo' for 'sphere'"),
     ],
 )

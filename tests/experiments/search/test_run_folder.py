@@ -68,7 +68,7 @@ def test_a_torn_or_foreign_run_json_is_a_clear_error_and_stays(tmp_path, text):
     a_run(tmp_path)
     (tmp_path / "run.json").write_text(text, encoding="latin-1")
     for read in (lambda: RunFolder(tmp_path).open({"seed": 1}, {}), RunFolder(tmp_path).read_run):
-        with pytest.raises(CorruptFile, match=r"run\.json does not say what was run: .*\. Choose another --out; or"):
+        with pytest.raises(CorruptFile, match=r"run\.json does not describe a run: .*\. Choose another --out; or"):
             read()
     assert (tmp_path / "run.json").read_text(encoding="latin-1") == text
     assert RunFolder(tmp_path).has(KEY)

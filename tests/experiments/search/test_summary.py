@@ -10,12 +10,12 @@ from scipy import stats
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.reporting.tables import Table
-from experiments.search.episode_statistics import by_position, claims, gap, regret
+from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
 from experiments.search.paired import prob_best
 from experiments.search.run_folder import Seconds
 from experiments.search.summary import compare_episodes, summarise
-from experiments.search.tables import tables
-from experiments.search.verdict import verdict
+from experiments.search.tables import comparison_tables
+from experiments.search.verdict import verdict_sentences
 from planners import Decision, Episode, Outcome, Step
 
 PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)
@@ -132,15 +132,15 @@ def test_claims_are_the_posterior_of_the_confirmed_object_by_its_own_touches():
         search("ttrtc", target=1, claim=0.9),  # three touches, one of them on the confirmed object
         search("tc", claim=0.8),
         search("rtc", claim=0.7),  # wrong
-        search("rr", outcome=Outcome.EXHAUSTED),  # confirms nothing, claims nothing
+        search("rr", outcome=Outcome.EXHAUSTED),  # confirms nothing, calibration_of_confirmations nothing
         search("ttt", outcome=Outcome.TRUNCATED),
     ]
-    found = claims(episodes)
+    found = calibration_of_confirmations(episodes)
     assert [(s.num_touches, s.count) for s in found.by_num_touches] == [(1, 3)]
     assert found.overall.mean_stated == pytest.approx(0.8)
     assert found.overall.share_right == pytest.approx(2 / 3)
     assert (found.overall.low, found.overall.high) == clopper_pearson_interval(2, 3)
-    assert claims(episodes[3:]) is None
+    assert calibration_of_confirmations(episodes[3:]) is None
 
 
 def test_regret_is_to_the_best_reader_on_the_episodes_it_was_tried_on(rng):
@@ -165,15 +165,17 @@ def test_the_verdict_names_the_bound_where_there_is_one(rng):
     comparison = compare_episodes(
         PROBLEM, {("x", "a"): some}, {("x", "a"): Seconds()}, {"a": [True]}, "x", rng, {"a": 0.95}
     )
-    frame = verdict(comparison)[1]
+    frame = verdict_sentences(comparison)[1]
     for words in ("upper bound", "0.950", "discretised", "independent given the shape", "can exceed"):
         assert words in frame
-    assert "x is 0.050 below [+0.050, +0.050]" in verdict(comparison)[1]
-    assert "planner" not in verdict(compared({"x": some}, rng))[1]
+    assert "x is 0.050 below [+0.050, +0.050]" in verdict_sentences(comparison)[1]
+    assert "planner" not in verdict_sentences(compared({"x": some}, rng))[1]
 
 
 def test_a_clear_result_is_called_settled(rng):
-    told = " ".join(verdict(compared({"good": [search("tc", claim=0.99)] * 60, "bad": [search("rc")] * 60}, rng)))
+    told = " ".join(
+        verdict_sentences(compared({"good": [search("tc", claim=0.99)] * 60, "bad": [search("rc")] * 60}, rng))
+    )
     assert "it succeeds in 1.000 [0.940, 1.000] of 60" in told
     assert "almost certainly" in told
     assert "of 60 episodes, 0 succeed only with bad and 60 only with good (p < 0.001)" in told
@@ -185,7 +187,7 @@ def test_a_clear_result_is_called_settled(rng):
 def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     x = [search("tc")] * 97 + [search("rc")] * 3
     y = [search("rc")] + [search("tc")] * 99
-    told = " ".join(verdict(compared({"x": x, "y": y}, rng)))
+    told = " ".join(verdict_sentences(compared({"x": x, "y": y}, rng)))
     assert "of 100 episodes, 3 succeed only with y and 1 only with x (p = 0.38)" in told
     # ψ = .04 and δ = .02 need (1.96 · .2 + .8416 · √(.04 - .0004))² / .0004 = 783 in all, so 683 more.
     assert "about 690 more searches would make it significant (--episodes 790)" in told
@@ -194,18 +196,18 @@ def test_an_open_result_says_how_many_searches_would_settle_it(rng):
 
 def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
-    told = " ".join(verdict(compared({"x": same, "y": same}, rng)))
+    told = " ".join(verdict_sentences(compared({"x": same, "y": same}, rng)))
     assert "they differ in fewer than 3 % of all searches (95 %" in told  # 1 - .05^(1/100)
 
 
 def test_presses_that_were_made_again_are_counted_and_told(rng):
     comparison = compared({"x": [search("tc")], "y": [search("tc")]}, rng, pressed_again=3)
     assert comparison.pressed_again == 6
-    assert verdict(comparison)[-1].startswith("6 presses did not settle")
+    assert verdict_sentences(comparison)[-1].startswith("6 presses did not settle")
 
 
 def test_one_decider_alone_is_told_without_a_contest(rng):
-    told = verdict(compared({"only": [search("tc")] * 10}, rng))
+    told = verdict_sentences(compared({"only": [search("tc")] * 10}, rng))
     assert told[0].startswith("only succeeds in 1.000")
     assert "best" not in " ".join(told)
 
@@ -214,13 +216,13 @@ def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
     comparison = compared(
         {"x": [search("tc")] * 7 + [search("rc")], "y": [search("rr", outcome=Outcome.EXHAUSTED)] * 8}, rng
     )
-    for table in tables(comparison):
+    for table in comparison_tables(comparison):
         assert {len(row) for row in table.cells()} <= {len(table.columns)}, table.name
         assert len(set(table.headings)) == len(table.headings), table.name
         rows = list(csv.DictReader(io.StringIO(table.csv())))
         assert len(rows) == len(table.rows)
         assert all(None not in row and None not in row.values() for row in rows), table.name
-    [row, *_] = csv.DictReader(io.StringIO(tables(comparison)[0].csv()))
+    [row, *_] = csv.DictReader(io.StringIO(comparison_tables(comparison)[0].csv()))
     assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
 
 

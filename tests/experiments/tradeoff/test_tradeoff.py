@@ -16,8 +16,8 @@ from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network, sweep
 from experiments.tradeoff.figures import _MARKERS as MARKERS
-from experiments.tradeoff.measure import Result, TouchCost, measured
-from experiments.tradeoff.picks import Point, _resampled, fronts, picks
+from experiments.tradeoff.measure import SearchResult, TouchCost, measured
+from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
 from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
 from planners.registry import TRAINED
@@ -28,12 +28,12 @@ HARD = Network("hard", "", "cnn 64 px", "12" * 32)
 SMALL = Network("gel", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
 
 
-def point(name: str, successes: int, touches: float, physics: float = 1.0, **changes) -> Point:
+def point(name: str, successes: int, touches: float, physics: float = 1.0, **changes) -> Candidate:
     """Of 400 searches."""
     configuration = replace(Configuration(GEL, decider=name), **changes)
     right = [1] * successes + [0] * (400 - successes)
-    result = Result(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0, 0.0)
-    return Point(result, TouchCost(physics, 0.0, 1.0, 1.0))
+    result = SearchResult(configuration, right, [int(touches)] * 400, [int(touches) + 1] * 400, [0.0] * 400, 0.0, 0.0)
+    return Candidate(result, TouchCost(physics, 0.0, 1.0, 1.0))
 
 
 def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
@@ -85,10 +85,10 @@ def test_what_is_varied_has_a_word():
 
 
 def test_a_point_costs_its_touches_and_its_decisions():
-    result = Result(
+    result = SearchResult(
         Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], decision_seconds=0.016, planning_seconds=0.0
     )
-    here = Point(result, TouchCost(physics=1.5, network=0.5, weights=1.0, memory=1.0))
+    here = Candidate(result, TouchCost(physics=1.5, network=0.5, weights=1.0, memory=1.0))
     assert here.result.ms_per_decision == pytest.approx(2.0)  # 16 ms for 8 decisions
     assert here.ms_of_searches.tolist() == pytest.approx([2 * 2.0 + 3 * 2.0, 4 * 2.0 + 5 * 2.0])
     assert here.ms_per_search == pytest.approx(14.0)
