@@ -34,10 +34,18 @@ class PressureRenderer:
         Raises:
             ValueError: ``binning`` does not divide the pad's number of points.
         """
-        pad, edge = contact.pad, self.binning
-        if pad.num_taxels % edge:
-            raise ValueError(f"binning must divide the pad's {pad.num_taxels} points per edge, got {edge}")
+        return self.mean_pressure(contact.pressure) / (contact.pad.stiffness * contact.pad.max_depth)
+
+    def mean_pressure(self, pressure: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pressure at every point of the pad ``(..., N, N)``, averaged over each taxel ``(..., n, n)``.
+
+        Raises:
+            ValueError: ``binning`` does not divide N.
+        """
+        num_points, edge = pressure.shape[-1], self.binning
+        if num_points % edge:
+            raise ValueError(f"binning must divide the pad's {num_points} points per edge, got {edge}")
         if edge == 1:
-            return contact.pressure / (pad.stiffness * pad.max_depth)
-        blocks = contact.pressure.reshape(pad.num_taxels // edge, edge, pad.num_taxels // edge, edge)
-        return blocks.mean(axis=(1, 3)) / (pad.stiffness * pad.max_depth)
+            return pressure
+        blocks = pressure.reshape(*pressure.shape[:-2], num_points // edge, edge, num_points // edge, edge)
+        return blocks.mean(axis=(-3, -1))

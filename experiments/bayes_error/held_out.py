@@ -34,6 +34,9 @@ class Stream(IntEnum):
     KNOWN = 4
     CHOICE = 5
     BANK = 6
+    BODY = 7
+    TOUCHED = 8
+    ORDER = 9
 
 
 @dataclass(frozen=True, eq=False)

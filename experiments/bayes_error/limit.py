@@ -1,5 +1,7 @@
 """``activetouch limit``: estimate the Bayes-optimal accuracy of one touch and compare the classifier with it.
 
+With ``--touches-per-object``, that of several touches of one object (:mod:`experiments.bayes_error.joint_bayes`).
+
 The estimator depends on the images. Few taxels: Bayes' rule with simulated likelihoods. Fine images: a search for
 presses of another shape with the same image up to noise, or, given a collection, bounds from the network's outputs.
 """
@@ -15,7 +17,8 @@ import tyro
 from activetouch.scene import Scene
 from belief.files import require_writable
 from experiments.bayes_error.ambiguity import AmbiguitySearch
-from experiments.bayes_error.estimator import Estimator, LimitStudy
+from experiments.bayes_error.estimator import Estimator, Findings, LimitStudy
+from experiments.bayes_error.joint_bayes import JointBayes, JointStudy
 from experiments.bayes_error.learned import LearnedBounds
 from experiments.bayes_error.simulation import SimulatedBayes
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
@@ -37,6 +40,7 @@ class Limit:
     For example:
 
         activetouch limit --scene coarse
+        activetouch limit --scene coarse --touches-per-object 1 2 3 4 6
         activetouch limit --scene hard --ambiguity.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
     """
@@ -53,10 +57,15 @@ class Limit:
     """Settings for fine images."""
     learned_from: Path | None = None
     """Collection that the classifier was trained on: compute bounds from the network's outputs instead."""
+    touches_per_object: tuple[Count, ...] = ()
+    """Numbers of touches of one object: estimate the best possible accuracy of several touches instead."""
+    joint: Annotated[JointBayes, tyro.conf.arg(name="")] = field(default_factory=JointBayes)
+    """Settings for several touches."""
     seed: Seed = 0
     """Seed of touches, banks and intervals."""
     out: Path | None = None
-    """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default."""
+    """Folder for limit.json, limit.md and figures; runs/limit-SCENE by default, runs/limit-SCENE-joint for several
+    touches."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     anyway: bool = False
@@ -68,17 +77,29 @@ class Limit:
         scene = self.choice.named.scene
         if self.touches < len(scene.shapes):
             raise BadArgument(f"--touches must be at least {len(scene.shapes)}, one for each shape, got {self.touches}")
-        folder = self.out if self.out is not None else Path(f"runs/limit-{in_file_names(self.choice.scene)}")
+        most = max(self.touches_per_object, default=0)
+        if most > len(scene.poses):
+            raise BadArgument(f"--touches-per-object must be at most {len(scene.poses)}, one in each pose, got {most}")
+        name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
+        folder = self.out if self.out is not None else Path(name)
         require_writable(folder)
-        sensor = open_sensor(self.sensor, self.choice, self.anyway)
-        findings = self.estimator(scene).measure(LimitStudy(sensor, self.touches, self.seed, self.jobs, folder))
+        findings = self._several(scene, folder) if most else self._single(scene, folder)
         console = plain_console()
         for sentence in findings.sentences:
             console.print(sentence)
         for table in findings.tables:
             console.print(table.rich())
-        findings.write(folder, {"scene": self.choice.scene, "seed": self.seed, "num_touches": self.touches})
+        identity = {"scene": self.choice.scene, "seed": self.seed}
+        findings.write(folder, identity if most else {**identity, "num_touches": self.touches})
         print(f"wrote {folder}")
+
+    def _single(self, scene: Scene, folder: Path) -> Findings:
+        sensor = open_sensor(self.sensor, self.choice, self.anyway)
+        return self.estimator(scene).measure(LimitStudy(sensor, self.touches, self.seed, self.jobs, folder))
+
+    def _several(self, scene: Scene, folder: Path) -> Findings:
+        touches = tuple(sorted(set(self.touches_per_object)))
+        return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence", {}))
 
     def estimator(self, scene: Scene) -> Estimator:
         """The estimator for the images of a scene."""
