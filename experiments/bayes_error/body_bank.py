@@ -22,8 +22,8 @@ from experiments.bayes_error.touched_objects import TouchedObjects
 
 Floats = NDArray[np.float64]
 
-BODIES_PER_SLICE = 128
-_FORCES_PER_OFFSET = 4
+BODIES_PER_SLICE = 256
+FORCES_PER_OFFSET = 4
 _TRIAL_PRESSES = 50
 
 
@@ -36,15 +36,17 @@ class BodyBank:
         draws: offsets of each body in each pose; at every one of them four forces, and a gain for each image.
         force_ratios: force in the pause over target force, of each shape.
         seed: of the bank.
+        slice_size: bodies in one slice.
     """
 
     scene: Scene
     draws: int
     force_ratios: tuple[float, ...]
     seed: int
+    slice_size: int = BODIES_PER_SLICE
 
     @classmethod
-    def of(cls, scene: Scene, draws: int, seed: int) -> BodyBank:
+    def of(cls, scene: Scene, draws: int, seed: int, slice_size: int = BODIES_PER_SLICE) -> BodyBank:
         """A bank with the force ratios of the scene's presses.
 
         Raises:
@@ -62,7 +64,7 @@ class BodyBank:
                 "independent evidence are the same. Use limit without --touches-per-object"
             )
         ratios = (force_ratio(scene, shape, rng) for shape in range(len(scene.shapes)))
-        return cls(scene, draws, tuple(ratios), seed)
+        return cls(scene, draws, tuple(ratios), seed, slice_size)
 
     def evidence(self, touched: TouchedObjects, shape: int, number: int) -> tuple[int, int, Evidence]:
         """Evidence for a shape from one slice of the bank.
@@ -77,8 +79,8 @@ class BodyBank:
         """
         scene, noise = self.scene, SensorNoise.of(self.scene.faults, self.scene.image_shape[0])
         rng = keyed_rng([self.seed, Stream.BODY, shape, number], is_fixed_length=True)
-        sampler = PressSampler(scene.variation, self.draws, _FORCES_PER_OFFSET)
-        bodies = [scene.sample_object(shape, rng) for _ in range(BODIES_PER_SLICE)]
+        sampler = PressSampler(scene.variation, self.draws, FORCES_PER_OFFSET)
+        bodies = [scene.sample_object(shape, rng) for _ in range(self.slice_size)]
         found = np.empty((*touched.readings.shape[:2], 1, len(bodies)))
         for pose in range(len(scene.poses)):
             images = []

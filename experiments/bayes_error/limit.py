@@ -99,7 +99,7 @@ class Limit:
 
     def _several(self, scene: Scene, folder: Path) -> Findings:
         touches = tuple(sorted(set(self.touches_per_object)))
-        return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence", {}))
+        return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence"))
 
     def estimator(self, scene: Scene) -> Estimator:
         """The estimator for the images of a scene."""

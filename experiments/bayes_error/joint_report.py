@@ -1,0 +1,93 @@
+"""Quality of readers of several touches, in numbers, words and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.statistics import cluster_bootstrap
+from experiments.bayes_error.estimator import paired_difference, share, words
+from experiments.bayes_error.simulation import log_loss
+from experiments.reporting.tables import Table
+
+Floats = NDArray[np.float64]
+
+
+def quality(log_probs: Floats, shapes: NDArray[np.int64], touches: int, seed: int) -> dict[str, Any]:
+    """Accuracy, NLL and calibration of a reader, with 95 % intervals over objects.
+
+    Args:
+        log_probs: log posteriors of objects, ``(M, K)``.
+        shapes: true shapes, ``(M,)``.
+        touches: of each object; only noted.
+        seed: of the bootstrap.
+    """
+    right, stated = log_probs.argmax(axis=1) == shapes, np.exp(log_probs.max(axis=1))
+    loss, *interval = cluster_bootstrap(
+        log_loss(log_probs, shapes), np.arange(len(shapes)), np.random.default_rng(seed)
+    )
+    return {
+        "touches": touches,
+        "accuracy": share(right),
+        "nll": {"value": loss, "interval": interval},
+        "stated": float(stated.mean()),
+        "stated_minus_accuracy": paired_difference(stated, right, seed),
+    }
+
+
+def brief(log_probs: Floats, shapes: NDArray[np.int64]) -> dict[str, list[float]]:
+    """Accuracy and NLL by number of touches, from log posteriors ``(M, T, K)``."""
+    by_touches = np.moveaxis(log_probs, 1, 0)
+    return {
+        "accuracy": [float(np.mean(logs.argmax(axis=1) == shapes)) for logs in by_touches],
+        "nll": [float(log_loss(logs, shapes).mean()) for logs in by_touches],
+    }
+
+
+def sentences(numbers: dict[str, Any]) -> list[str]:
+    """Method and main results."""
+    joint, independent = (numbers["readers"][name][-1] for name in ("joint", "independent"))
+    return [
+        "Given shape, orientation and size, touches of an object are independent. The joint reader applies Bayes' rule "
+        f"over {numbers['bodies']} simulated bodies of every shape, with {numbers['images_per_body_and_pose']} images "
+        "of each in every pose; the independent reader multiplies the evidence of single touches of the same bank.",
+        f"{numbers['objects']} unseen objects, each touched once in every pose, in random order. After "
+        f"{joint['touches']} touches the joint reader has accuracy {words(joint['accuracy'])} and NLL "
+        f"{words(joint['nll'])}, the independent reader {words(independent['accuracy'])} and "
+        f"{words(independent['nll'])}.",
+        "A finite bank makes the joint reader worse and too confident; the table by size of the bank shows whether it "
+        "is large enough, stated minus accuracy whether the joint reader is calibrated.",
+    ]
+
+
+def tables(touches: tuple[int, ...], numbers: dict[str, Any]) -> list[Table]:
+    """One table for each measure, with a row for each number of touches and a column for each reader."""
+    measures = {
+        "accuracy": ("Accuracy", ""),
+        "nll": ("NLL [nats]", ""),
+        "stated_minus_accuracy": ("Stated confidence minus accuracy", "+"),
+    }
+    found = [
+        _table(
+            title,
+            touches,
+            {name: [words(row[measure], sign) for row in rows] for name, rows in numbers["readers"].items()},
+        )
+        for measure, (title, sign) in measures.items()
+    ]
+    gaps = {name: [words(entry, "+") for entry in rows] for name, rows in numbers["differences"].items()}
+    curve = [
+        (str(row["bodies"]), *(f"{a:.4f}, {n:.4f}" for a, n in zip(row["accuracy"], row["nll"], strict=True)))
+        for row in numbers["curve"]
+    ]
+    headings = ("bodies", *(f"{n} touches" if n > 1 else "1 touch" for n in touches))
+    found.append(_table("NLL minus that of the joint reader, same objects", touches, gaps))
+    return [*found, Table("Accuracy and NLL of the joint reader, by bodies per shape", headings, curve)]
+
+
+def _table(title: str, touches: tuple[int, ...], columns: Mapping[str, list[str]]) -> Table:
+    rows = [(str(n), *cells) for n, cells in zip(touches, zip(*columns.values(), strict=True), strict=True)]
+    return Table(title, ("touches", *columns), rows)

@@ -1,0 +1,145 @@
+"""Bayes' rule over simulated bodies: its laws on small banks, and the command."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch.distributions import Constant
+from activetouch.errors import UnknownLikelihood
+from activetouch.named_scenes import SCENES
+from activetouch.orientations import Resampled
+from activetouch.pressing.press import Quasistatic
+from activetouch.scene import Variation
+from experiments.bayes_error.body_bank import BodyBank, force_ratio
+from experiments.bayes_error.image_bank import SensorNoise, log_posterior
+from experiments.bayes_error.joint_bayes import JointBayes
+from experiments.bayes_error.joint_evidence import Evidence
+from experiments.bayes_error.learned_joint import Bodies, embedded_bodies, learned_evidence
+from experiments.bayes_error.limit import Limit
+from experiments.bayes_error.touched_objects import TouchedObjects, press_objects, touch_orders
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+
+SCENE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
+FIXED = replace(SCENE, variation=Variation(offset=Constant(0.0), force=Constant(2.0)))
+
+
+def evidence_of(bank, touched, slices):
+    parts = [[bank.evidence(touched, shape, n)[2] for shape in range(4)] for n in range(slices)]
+    return [Evidence.of_shapes(part) for part in parts]
+
+
+@pytest.fixture(scope="module")
+def found():
+    touched = press_objects(SCENE, 10, 0, jobs=1)
+    return touched, evidence_of(BodyBank.of(SCENE, 2, 0, slice_size=32), touched, 2)
+
+
+def nll(logs, shapes):
+    return -log_posterior(logs)[np.arange(len(shapes)), :, shapes].mean(axis=0)
+
+
+def test_more_touches_and_more_bodies_help_and_forgetting_the_body_does_not(found):
+    touched, slices = found
+    whole = Evidence.pooled(slices)
+    joint, independent = (nll(logs, touched.shapes) for logs in (whole.joint, whole.independent(touched.orders)))
+    assert joint[0] == pytest.approx(independent[0])
+    assert joint[2] < joint[0]
+    right = log_posterior(whole.joint).argmax(axis=2) == touched.shapes[:, None]
+    assert right[:, -1].mean() > 0.8
+    halves = [nll(part.joint, touched.shapes) for part in slices]
+    assert nll(whole.joint, touched.shapes)[1] < np.mean(halves, axis=0)[1]
+
+
+def test_a_slice_depends_on_its_number_alone(found):
+    touched, slices = found
+    again = BodyBank.of(SCENE, 2, 0, slice_size=32).evidence(touched, 3, 1)[2]
+    np.testing.assert_array_equal(again.joint[..., 0], slices[1].joint[..., 3])
+    assert not np.array_equal(slices[0].joint, slices[1].joint)
+
+
+def test_touches_of_a_body_in_the_bank_are_of_that_body(monkeypatch):
+    """Without nuisances, and with little noise, only the touched body explains its touches."""
+    bank, kept = BodyBank(FIXED, 1, (1.0,) * 4, 0, slice_size=4), []
+    monkeypatch.setattr(
+        SensorNoise, "log_mean_likelihoods", lambda self, readings, means: kept.append(means) or np.zeros((1, 4))
+    )
+    nothing = TouchedObjects(np.zeros((1, 6, 4, 4), np.uint8), np.array([1]), touch_orders(1, 6, 0))
+    bank.evidence(nothing, 1, 0)
+    monkeypatch.undo()
+    noise = SensorNoise.of(FIXED.faults, 4)
+    readings = np.zeros((4, 6, 4, 4), np.uint8)  # of the four bodies, with the mean gain and without noise
+    readings[:, :, noise.live] = np.stack([np.rint(255 * means.mean(axis=1)) for means in kept], axis=1)
+    logs = np.stack([noise.log_mean_likelihoods(readings[:, p], kept[p]) for p in range(6)]).sum(axis=0)
+    np.testing.assert_array_equal(logs.argmax(axis=1), np.arange(4))
+
+
+def test_quasistatic_presses_have_exactly_their_target(rng):
+    assert force_ratio(SCENE, 0, rng) == pytest.approx(1.0)
+
+
+@pytest.mark.mujoco
+def test_dynamic_presses_stop_a_few_per_cent_above_their_target(rng):
+    assert 1.0 < force_ratio(SCENES["coarse"].scene, 0, rng) < 1.1
+
+
+def test_scenes_without_a_body_or_a_closed_form_are_refused():
+    with pytest.raises(UnknownLikelihood, match="unrelated orientations"):
+        BodyBank.of(replace(SCENE, presentation=Resampled()), 2, 0)
+    with pytest.raises(UnknownLikelihood, match="Noise"):
+        BodyBank.of(replace(SCENE, faults=()), 2, 0)
+    with pytest.raises(UnknownLikelihood, match="mean_pressure"):
+        BodyBank.of(replace(SCENES["paper"].scene, faults=SCENE.faults, press_model=Quasistatic()), 2, 0)
+
+
+class ExactReader:
+    """A reader whose ratio is a known function of image and hypothesis."""
+
+    def __init__(self, rng):
+        self.images, self.hypotheses = rng.normal(size=(16, 3)), rng.normal(size=(11, 3))
+
+    def read(self, images):
+        return type("Reading", (), {"embeddings": images.reshape(len(images), 16) / 255.0 @ self.images})
+
+    def embed(self, shapes, rotations, sizes):
+        inputs = np.column_stack([shapes, rotations.reshape(-1, 9), sizes])
+        return (inputs @ self.hypotheses).astype(np.float32)
+
+
+def test_a_learned_ratio_goes_through_the_same_sums(found, rng):
+    touched, _ = found
+    reader, bodies = ExactReader(rng), Bodies.sample(SCENE, 10, rng)
+    table = embedded_bodies(reader, SCENE, bodies)
+    assert table.shape == (6, 4, 10, 3)
+    evidence = learned_evidence(reader, table, touched)
+    n, shape = 23, 2
+    f = reader.read(touched.readings[n]).embeddings  # (P, 3)
+    first, second = touched.orders[n, :2]
+    ratios = np.exp(table[first, shape] @ f[first] + table[second, shape] @ f[second])
+    assert evidence.joint[n, 1, shape] == pytest.approx(np.log(ratios.mean()), abs=1e-5)
+
+
+def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    def run(folder):
+        joint = JointBayes(bodies=8, draws=1, objects=2)
+        choice = SceneChoice("coarse", fidelity="quasistatic")
+        Limit(choice, touches_per_object=(6, 1, 2), joint=joint, out=folder, jobs=1).run()
+        return (folder / "limit.json").read_text()
+
+    text = run(tmp_path)
+    numbers = json.loads(text)
+    assert [row["touches"] for row in numbers["readers"]["joint"]] == [1, 2, 6]
+    assert "1 touch" in (tmp_path / "limit.md").read_text()
+    kept = sorted((tmp_path / "evidence").iterdir())
+    assert len(kept) == 4
+    kept[0].unlink()
+    kept[1].write_bytes(b"damaged")
+    assert run(tmp_path) == text
+
+
+@pytest.mark.parametrize("touches", [(7,), (0,)])
+def test_more_touches_than_poses_are_refused(tmp_path, touches):
+    with pytest.raises(BadArgument, match="touches-per-object"):
+        Limit(SceneChoice("coarse"), touches_per_object=touches, out=tmp_path).run()
