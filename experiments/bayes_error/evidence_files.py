@@ -25,7 +25,8 @@ def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, numb
         shape: index of the shape.
         number: of the slice.
     """
-    identity = f"{scene_fields(bank.scene)} {bank.draws} {bank.force_ratios} {bank.seed} {bank.slice_size} {touched.digest} {shape} {number}"
+    numbers = f"{bank.draws} {bank.force_ratios} {bank.seed} {bank.slice_size} {shape} {number}"
+    identity = f"{scene_fields(bank.scene)} {touched.digest} {numbers}"
     path = folder / f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.npz"
     try:
         with np.load(path, allow_pickle=False) as found:

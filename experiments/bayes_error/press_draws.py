@@ -7,6 +7,7 @@ together, and the depths of all forces at an offset are read from one sorted lis
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from activetouch.distributions import Distribution
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
 from activetouch.pressing.pad import Pad
+from activetouch.rendering import PressureRenderer
 from activetouch.scene import Scene, Variation
 
 Floats = NDArray[np.float64]
@@ -67,7 +69,7 @@ def ideal_presses(scene: Scene, placement: Placement, draws: PressDraws) -> Floa
         placement: the body; its offset is not used.
         draws: offsets and forces.
     """
-    mean_pressure = scene.renderer.mean_pressure
+    mean_pressure = cast(PressureRenderer, scene.renderer).mean_pressure
     pad, edge, images = scene.pad, scene.pad.num_taxels, []
     at_once = max(1, _POINTS_AT_ONCE // (edge**2 * draws.forces.shape[1]))
     for first in range(0, len(draws.offsets), at_once):
