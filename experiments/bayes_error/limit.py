@@ -80,6 +80,10 @@ class Limit:
         most = max(self.touches_per_object, default=0)
         if most > len(scene.poses):
             raise BadArgument(f"--touches-per-object must be at most {len(scene.poses)}, one in each pose, got {most}")
+        if not most and self.joint != JointBayes():
+            raise BadArgument(
+                "--bodies, --draws, --objects and --data are for several touches: add --touches-per-object"
+            )
         name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
         folder = self.out if self.out is not None else Path(name)
         require_writable(folder)

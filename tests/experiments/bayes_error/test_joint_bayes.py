@@ -143,3 +143,8 @@ def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path,
 def test_more_touches_than_poses_are_refused(tmp_path, touches):
     with pytest.raises(BadArgument, match="touches-per-object"):
         Limit(SceneChoice("coarse"), touches_per_object=touches, out=tmp_path).run()
+
+
+def test_settings_of_several_touches_without_these_are_refused(tmp_path):
+    with pytest.raises(BadArgument, match="add --touches-per-object"):
+        Limit(SceneChoice("coarse"), joint=JointBayes(bodies=8), out=tmp_path).run()
