@@ -79,13 +79,12 @@ def tables(touches: tuple[int, ...], numbers: dict[str, Any]) -> list[Table]:
         for measure, (title, sign) in measures.items()
     ]
     gaps = {name: [words(entry, "+") for entry in rows] for name, rows in numbers["differences"].items()}
-    curve = [
-        (str(row["bodies"]), *(f"{a:.4f}, {n:.4f}" for a, n in zip(row["accuracy"], row["nll"], strict=True)))
-        for row in numbers["curve"]
-    ]
-    headings = ("bodies", *(f"{n} touches" if n > 1 else "1 touch" for n in touches))
     found.append(_table("NLL minus that of the joint reader, same objects", touches, gaps))
-    return [*found, Table("Accuracy and NLL of the joint reader, by bodies per shape", headings, curve)]
+    curve = {
+        f"{row['bodies']}": [f"{a:.4f}, {n:.4f}" for a, n in zip(row["accuracy"], row["nll"], strict=True)]
+        for row in numbers["curve"]
+    }
+    return [*found, _table("Accuracy and NLL of the joint reader, by bodies per shape", touches, curve)]
 
 
 def _table(title: str, touches: tuple[int, ...], columns: Mapping[str, list[str]]) -> Table:

@@ -131,7 +131,7 @@ def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path,
     text = run(tmp_path)
     numbers = json.loads(text)
     assert [row["touches"] for row in numbers["readers"]["joint"]] == [1, 2, 6]
-    assert "1 touch" in (tmp_path / "limit.md").read_text()
+    assert "NLL minus that of the joint reader" in (tmp_path / "limit.md").read_text()
     kept = sorted((tmp_path / "evidence").iterdir())
     assert len(kept) == 4
     kept[0].unlink()
