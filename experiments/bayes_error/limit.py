@@ -84,6 +84,8 @@ class Limit:
             raise BadArgument(
                 "--bodies, --draws, --objects and --data are for several touches: add --touches-per-object"
             )
+        if most and self.sensor is not None:
+            raise BadArgument(f"--sensor reads one touch and goes without --touches-per-object, got {self.sensor}")
         name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
         folder = self.out if self.out is not None else Path(name)
         require_writable(folder)
