@@ -1,6 +1,6 @@
-"""The world a search touches: real presses, read by the trained classifier.
+"""The world a search touches: real presses, read by the trained network.
 
-    sensor = TactileSensor.shipped("gel")                       # scene, classifier and observation model
+    sensor = TactileSensor.shipped("gel")                       # scene, reader and observation model
     world = TouchWorld.sample(sensor, arrangement=("cone", "cube"), rng=np.random.default_rng(0))
     touch = world.touch("front", rng=np.random.default_rng(1))
 
@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from activetouch.errors import LabelMismatch, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import in_words, require_scene, scene_fields
 from belief import Touch
@@ -31,11 +32,8 @@ from belief.files import write_text
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
 
-if TYPE_CHECKING:
-    from activetouch.perception.classifier import TouchClassifier
-
 MODELS = Path(__file__).parent / "models"
-CLASSIFIER_FILE, OBSERVATION_FILE = "classifier.safetensors", "observation_model.json"
+READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -93,7 +91,7 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str,
     """How a scene differs from the one that the sensor in a folder was made for, found without loading its network.
 
     Args:
-        folder: of classifier and observation model.
+        folder: of reader and observation model.
         scene: in which it is to be used.
         anyway: whether to use it whatever the differences are, as long as its network can read the images at all.
 
@@ -105,7 +103,7 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str,
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
-    card = read_card(folder / CLASSIFIER_FILE)
+    card = read_card(folder / READER_FILE)
     return _shift(folder, card, *observation_model_and_scene(folder), scene, anyway)
 
 
@@ -140,7 +138,7 @@ def _shift(
     card.require_labels(scene.shape_labels, scene.pose_labels)
     _require_model(model, scene)
     here = scene_fields(scene)
-    found = require_scene(f"the classifier in {folder}", card.scene, here, anyway)
+    found = require_scene(f"the reader in {folder}", card.scene, here, anyway)
     card.require_images(scene.image_shape)
     return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted_to, here, anyway)))
 
@@ -156,31 +154,31 @@ def _require_model(model: ArrayModel, scene: Scene) -> None:
 
 @dataclass(frozen=True, eq=False)
 class TactileSensor:
-    """A scene with the classifier trained for it and the observation model fitted to both.
+    """A scene with the reader trained for it and the observation model fitted to both.
 
     Attributes:
         scene: where presses come from.
-        classifier: reads their images.
+        reader: reads their images.
         model: turns what it reads into evidence.
-        shift: how the scene differs from the one that classifier and model were made for, in words; empty where it is
+        shift: how the scene differs from the one that reader and model were made for, in words; empty where it is
             the same.
 
     Raises:
-        LabelMismatch: classifier or observation model were made for other shapes or poses.
+        LabelMismatch: reader or observation model were made for other shapes or poses.
     """
 
     scene: Scene
-    classifier: TouchClassifier
+    reader: TactileReader
     model: ArrayModel
     shift: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        self.classifier.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
+        self.reader.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
         _require_model(self.model, self.scene)
 
     @classmethod
     def load(cls, folder: Path, scene: Scene, anyway: bool = False) -> TactileSensor:
-        """The sensor whose classifier and observation model lie in a folder.
+        """The sensor whose reader and observation model lie in a folder.
 
         A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
         a warning and :attr:`shift` tell it.
@@ -195,18 +193,16 @@ class TactileSensor:
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift.
         """
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
-
         model, fitted_to = observation_model_and_scene(folder)
-        classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
-        shift = _shift(folder, classifier.card, model, fitted_to, scene, anyway)
+        reader = TactileReader.load(folder / READER_FILE)
+        shift = _shift(folder, reader.card, model, fitted_to, scene, anyway)
         if shift and not anyway:
             warnings.warn(
                 f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
                 SceneShift,
                 stacklevel=2,
             )
-        return cls(scene, classifier, model, shift=shift)
+        return cls(scene, reader, model, shift=shift)
 
     @classmethod
     def shipped(cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False) -> TactileSensor:
@@ -217,12 +213,12 @@ class TactileSensor:
         return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene, anyway)
 
     def __repr__(self) -> str:
-        name = self.classifier.card.backbone
+        name = self.reader.card.backbone
         return one_line(TactileSensor, few(self.scene.shape_labels), f"network {name}", type(self.model).__name__)
 
     def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""
-        logits, features = self.classifier.read(images)
+        logits, features, _ = self.reader.read(images)
         indices = [index_of("pose", self.scene.pose_labels, pose) for pose in poses]
         return [Touch(pose, row, feature) for pose, row, feature in zip(indices, logits, features, strict=True)]
 

@@ -1,4 +1,4 @@
-"""Atomic writing of files, and JSON that contains a digest of its content.
+"""Atomic writing of files, JSON that contains a digest of its content, and the digest of arrays.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -28,6 +28,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from belief.errors import ActiveTouchError, CannotWrite
 
@@ -194,3 +197,17 @@ def _json_digest(fields: Mapping[str, Any]) -> str:
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def array_digest(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 of arrays: names, types, shapes and content, in the order of the names.
+
+    >>> array_digest({"a": np.zeros(2)}) != array_digest({"a": np.zeros((1, 2))})
+    True
+    """
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

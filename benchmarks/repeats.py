@@ -23,8 +23,8 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
-from activetouch.perception.classifier import TouchClassifier
-from activetouch.world import CLASSIFIER_FILE, MODELS, load_observation_model
+from activetouch.perception.reader import TactileReader
+from activetouch.world import MODELS, READER_FILE, load_observation_model
 from belief import SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap
@@ -71,7 +71,7 @@ class RecordedWorld:
 def read_rounds(data: Path, sensor: Path) -> Rounds:
     manifest = read_manifest(data)
     touches = read_split(data, "test")
-    logits = read_logits(TouchClassifier.load(sensor / CLASSIFIER_FILE), touches.images, "reading test touches")
+    logits = read_logits(TactileReader.load(sensor / READER_FILE), touches.images, "reading test touches")
     return Rounds.of(touches, logits, len(manifest.pose_labels))
 
 

@@ -47,8 +47,8 @@ def cases() -> dict[str, Callable[[int], object]]:
         ),
         "dynamic touch: the same, and stepped MuJoCo": lambda i: scenes["dynamic"].press(things[i], i % 6, rng),
         "height map alone, 128 × 128 rays": lambda i: surface_gap(sensor.scene.pad, placements[i]),
-        "network, one image at a time": lambda i: sensor.classifier.read(images[i : i + 1]),
-        "network, per image of a batch of 60": lambda i: sensor.classifier.read(images) if i == 0 else None,
+        "network, one image at a time": lambda i: sensor.reader.read(images[i : i + 1]),
+        "network, per image of a batch of 60": lambda i: sensor.reader.read(images) if i == 0 else None,
         "touch and read, one at a time": lambda i: world.touch(i % 6, rng),
         "belief of four distinct objects, updated": lambda i: SceneBelief(problem, sensor.model).update(
             0, [touches[i]]

@@ -50,7 +50,7 @@ def main() -> None:
         f"touch --meshes {cup} --shape cup --seed 2 --out {FOLDER}/touch.png",
         f"collect --meshes {cup} --out {data} {objects}",
         f"train --data {data} --out {trained} --input-size 32 --recipe large --change.epochs 10",
-        f"calibrate --data {data} --classifier {trained}/classifier.safetensors --out {sensor}",
+        f"calibrate --data {data} --reader {trained}/reader.safetensors --out {sensor}",
         f"compare --meshes {cup} --sensor {sensor} --num-objects 5 --targets cup --episodes 20 "
         f"--deciders information_gain random_confirm --out {FOLDER}/compare",
     ):

@@ -16,7 +16,7 @@ from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, POLICIES, TactileSensor, sensor_shift
+from activetouch.world import MODELS, OBSERVATION_FILE, POLICIES, READER_FILE, TactileSensor, sensor_shift
 from belief.errors import ActiveTouchError
 from experiments.scene_choice import (
     SceneChoice,
@@ -69,7 +69,7 @@ def sensor_commands(choice: SceneChoice) -> str:
             command("collect", *scene, out=data),
             command("collect", *scene, *REPEATS, out=repeats),
             command("train", scene=choice.scene, data=data, out=trained),
-            command("calibrate", scene=choice.scene, data=repeats, classifier=trained / CLASSIFIER_FILE, out=sensor),
+            command("calibrate", scene=choice.scene, data=repeats, reader=trained / READER_FILE, out=sensor),
             f"Then name its folder with --sensor {sensor}.",
         )
     )
@@ -165,7 +165,7 @@ def tell_shift(shift: tuple[str, ...]) -> None:
 
 
 def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
-    for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
+    for name in (READER_FILE, OBSERVATION_FILE):
         if not (folder / name).is_file():
             where = f"{folder} holds no sensor: there is no {name} in it"
             none = f"no sensor comes with the scene {choice.scene}; name one with --sensor"
@@ -212,12 +212,12 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
 def require_collection(
     folder: Path, manifest: Manifest, card: ClassifierCard, scene: str | None, repeats: bool, anyway: bool | None = None
 ) -> None:
-    """Refuse a collection of another scene than a classifier's; a known shift is told on stderr.
+    """Refuse a collection of another scene than a reader's; a known shift is told on stderr.
 
     Args:
         folder: of the collection.
         manifest: what it says about itself.
-        card: of the classifier that is to read it.
+        card: of the reader that is to read it.
         scene: name of the scene that results will be filed under; None if the user names the folder of the results.
         repeats: whether objects must be touched again and again in it.
         anyway: whether to use it all the same; None for a command that has no flag for it.
@@ -229,8 +229,8 @@ def require_collection(
     card.require_labels(manifest.shape_labels, manifest.pose_labels)
     flag = "" if anyway is None else "To use it all the same, add --anyway."
     if card.scene is None and not anyway:
-        raise WrongScene(f"the classifier does not say of which scene its touches were. {flag}")
-    wanted = {"the classifier's scene": card.scene} if card.scene is not None else {}
+        raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
+    wanted = {"the reader's scene": card.scene} if card.scene is not None else {}
     require_scene_of(folder, manifest, {**wanted, **_named_fields(scene)}, repeats, flag, bool(anyway))
     try:
         card.require_images(manifest.image_shape)

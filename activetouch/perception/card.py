@@ -1,23 +1,27 @@
-"""What a classifier is and what it was trained for: the header of its checkpoint, read without its weights."""
+"""What a reader is and what it was trained for: the fields of its file, read without its weights."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from activetouch.errors import LabelMismatch, WrongScene
+from activetouch.perception.sealed_tensors import read_fields
 from belief.errors import CorruptFile
 
-FORMAT = "activetouch-classifier-3"
-_LONGEST_HEADER = 100_000_000  # bytes, as safetensors has it
+CHECKPOINT = "activetouch-classifier-4"
+"""The kind of file that training writes and goes on from, with weights for torch."""
+READER = "activetouch-reader-1"
+"""The kind of file that a sensor has, with a network for ONNX Runtime."""
+CLASSIFIER_FILE = "classifier.safetensors"
+"""Name of a checkpoint in the folder of a training."""
 
 
 @dataclass(frozen=True)
 class ClassifierCard:
-    """What a classifier is and what it was trained for.
+    """What a reader is and what it was trained for.
 
     Attributes:
         backbone: a key of :data:`BACKBONES`.
@@ -29,6 +33,9 @@ class ClassifierCard:
             nobody said.
         mujoco_version: MuJoCo that pressed them.
         training: summary of how training went (epochs, images, losses).
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
+        embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
+        log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
     """
 
     backbone: str
@@ -41,9 +48,13 @@ class ClassifierCard:
     scene: Mapping[str, Any] | None = None
     mujoco_version: str = ""
     training: str = ""
+    image_shape: tuple[int, ...] = ()
+    embedding: int = 0
+    log_size_mean: float = 0.0
+    log_size_std: float = 1.0
 
     def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
-        """Check that the classifier was trained for these shapes and poses.
+        """Check that the reader was trained for these shapes and poses.
 
         Raises:
             LabelMismatch: it was not; the message names both lists.
@@ -54,8 +65,8 @@ class ClassifierCard:
         ):
             if mine != wanted:
                 raise LabelMismatch(
-                    f"the classifier knows the {what} {list(mine)}, the scene has {list(wanted)}; this scene needs a "
-                    "classifier of its own"
+                    f"the reader knows the {what} {list(mine)}, the scene has {list(wanted)}; this scene needs a "
+                    "reader of its own"
                 )
 
     def require_images(self, image_shape: tuple[int, ...]) -> None:
@@ -66,70 +77,42 @@ class ClassifierCard:
         """
         channels = image_shape[2] if len(image_shape) == 3 else 1
         if channels != self.channels:
-            raise WrongScene(
-                f"the classifier reads images of {self.channels} channels, those of the scene have {channels}"
-            )
-        found, wanted = image_shape[0], self.input_size
+            raise WrongScene(f"the reader takes images of {self.channels} channels, those of the scene have {channels}")
+        found, wanted = image_shape[0], self.image_shape[0] if self.image_shape else self.input_size
         if found % wanted and wanted % found:
             raise WrongScene(
-                f"the classifier's input_size {wanted} is no multiple of the images' {found} pixels, nor the other way "
+                f"the {wanted} pixels that the reader takes are no multiple of the images' {found}, nor the other way "
                 "round"
             )
 
-
-def parse_card(metadata: Mapping[str, str], path: Path) -> tuple[str, str]:
-    """The text of a card and the digest beside it, from a checkpoint's metadata.
-
-    Raises:
-        CorruptFile: there is no card in them.
-    """
-    if FORMAT not in metadata:
-        raise CorruptFile(f"{path} is no {FORMAT} checkpoint; its header has {sorted(metadata) or 'nothing'}")
-    try:
-        header = json.loads(metadata[FORMAT])
-        card, digest = header["card"], header["sha256"]
-        if not isinstance(card, str) or not isinstance(digest, str):
-            raise TypeError("card and sha256 must be text")
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
-    return card, digest
+    def fields(self) -> dict[str, Any]:
+        """Its fields, as a file has them."""
+        return asdict(self)
 
 
-def card_from(text: str, path: Path) -> ClassifierCard:
-    """The card from its text.
+def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
+    """The card from the fields of a file.
 
     Raises:
-        CorruptFile: it does not describe a classifier.
+        CorruptFile: they do not describe a reader.
     """
     try:
-        fields = json.loads(text)
-        for name in ("shape_labels", "pose_labels"):
-            fields[name] = tuple(fields[name])
-        card = ClassifierCard(**fields)
+        lists = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels", "image_shape")}
+        card = ClassifierCard(**{**fields, **lists})
         if not (card.scene is None or isinstance(card.scene, dict)):
             raise TypeError(f"scene is {card.scene!r}")
-        if not (isinstance(card.input_size, int) and card.input_size > 0):
-            raise TypeError(f"input_size is {card.input_size!r}")
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
+            if not (isinstance(value := getattr(card, name), int) and value >= least):
+                raise TypeError(f"{name} is {value!r}")
+    except (KeyError, TypeError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
     return card
 
 
 def read_card(path: Path) -> ClassifierCard:
-    """The card of a checkpoint; its digest, which is over card and weights, is checked when the weights are loaded.
+    """The card of a reader; the digest of its network is checked when that is loaded.
 
     Raises:
         CorruptFile: the file is missing, truncated, or not one of ours.
     """
-    try:
-        with path.open("rb") as file:
-            size = int.from_bytes(file.read(8), "little")
-            text = file.read(size) if size <= _LONGEST_HEADER else b""
-        metadata = json.loads(text)["__metadata__"]
-        if not isinstance(metadata, dict):
-            raise TypeError("its metadata are no object")
-    except OSError as error:
-        raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise CorruptFile(f"{path} is truncated, or no safetensors checkpoint: {error!r}") from error
-    return card_from(parse_card(metadata, path)[0], path)
+    return card_from(read_fields(path, READER), path)

@@ -1,30 +1,24 @@
-"""The network that reads a tactile image, its checkpoint format, and batched inference.
+"""The network that reads a tactile image, in torch, and the checkpoint that training writes and goes on from.
 
-A checkpoint is one safetensors file: weights in half precision, and in its header everything needed to use them
-honestly (:mod:`activetouch.perception.card`) and a SHA-256 of it all. Loading runs no code from the file.
+A checkpoint is one sealed file (:mod:`activetouch.perception.sealed_tensors`): weights in half precision, and the card
+(:mod:`activetouch.perception.card`). A sensor has a reader in its place (:mod:`activetouch.perception.export`).
 """
 
 from __future__ import annotations
 
 import copy
-import hashlib
-import json
-from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from activetouch.perception.backbones import BACKBONES
-from activetouch.perception.card import FORMAT, ClassifierCard, card_from, parse_card
+from activetouch.perception.card import CHECKPOINT, ClassifierCard, card_from
+from activetouch.perception.reader import Reading, require_stack
+from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CorruptFile
-from belief.files import atomic_path
 
 
 class TouchNetwork(nn.Module):
@@ -64,23 +58,6 @@ class TouchNetwork(nn.Module):
         return self.head(features), features
 
 
-class Reading(NamedTuple):
-    """What the network says of N images, from one pass.
-
-    Attributes:
-        logits: ``(N, K)`` float64.
-        features: the backbone's, before the head, ``(N, D)`` float32; D is 768 for Tiny.
-    """
-
-    logits: NDArray[np.float64]
-    features: NDArray[np.float32]
-
-    @property
-    def labels(self) -> NDArray[np.int64]:
-        """Index of the likeliest shape, ``(N,)``."""
-        return self.logits.argmax(axis=1)
-
-
 class TouchClassifier:
     """A trained network, ready to read touches.
 
@@ -96,18 +73,13 @@ class TouchClassifier:
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
         """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
-        if images.ndim not in (3, 4) or images.dtype != np.uint8:
-            raise ValueError(
-                f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}"
-            )
-        if not len(images):
-            raise ValueError("images is empty: there is nothing to read")
+        require_stack(images)
         parts = [
             self.network(torch.from_numpy(images[first : first + batch_size]))
             for first in range(0, len(images), batch_size)
         ]
         logits, features = (torch.cat(column).float().numpy() for column in zip(*parts, strict=True))
-        return Reading(logits.astype(np.float64), features)
+        return Reading(logits.astype(np.float64), features, logits)
 
     def to_bfloat16(self) -> TouchClassifier:
         """The same classifier with a backbone that computes in bfloat16: faster where the processor has it."""
@@ -121,15 +93,7 @@ class TouchClassifier:
         Raises:
             ValueError: a weight is too large for half precision, or not finite.
         """
-        tensors = {name: value.half().contiguous() for name, value in self.network.state_dict().items()}
-        for name, value in tensors.items():
-            if not bool(torch.isfinite(value).all()):
-                raise ValueError(f"the weights {name} are not finite in half precision; did the training diverge?")
-        card = json.dumps(asdict(self.card))
-        # One entry: several would be written in random order, and the same classifier would not be the same file.
-        header = json.dumps({"card": card, "sha256": _digest(card, tensors)})
-        with atomic_path(path) as temporary:
-            save_file(tensors, temporary, metadata={FORMAT: header})
+        write_tensors(path, half_weights(self.network), self.card.fields(), CHECKPOINT)
 
     @classmethod
     def load(cls, path: Path) -> TouchClassifier:
@@ -138,28 +102,24 @@ class TouchClassifier:
         Raises:
             CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
         """
-        try:
-            with safe_open(path, framework="pt") as file:
-                metadata = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except (SafetensorError, OSError) as error:
-            raise CorruptFile(f"{path} is missing, truncated, or no safetensors checkpoint: {error}") from error
-        text, digest = parse_card(metadata, path)
-        if digest != _digest(text, tensors):
-            raise CorruptFile(f"{path} was changed after it was written: its weights do not match their SHA-256")
-        card = card_from(text, path)
+        tensors, fields = read_tensors(path, CHECKPOINT)
+        card = card_from(fields, path)
         try:
             network = TouchNetwork(card)
-            network.load_state_dict(tensors)  # copies half into single precision
+            network.load_state_dict({name: torch.from_numpy(value) for name, value in tensors.items()})
         except (KeyError, TypeError, RuntimeError) as error:
             raise CorruptFile(f"{path} does not describe a classifier: {error}") from error
         return cls(card, network)
 
 
-def _digest(card: str, tensors: Mapping[str, Tensor]) -> str:
-    """SHA-256 of a card and of all weights, by name."""
-    digest = hashlib.sha256(card.encode())
-    for name in sorted(tensors):
-        digest.update(name.encode())
-        digest.update(tensors[name].numpy().tobytes())
-    return digest.hexdigest()
+def half_weights(network: nn.Module) -> dict[str, NDArray[np.float16]]:
+    """The weights of a network by name, in half precision.
+
+    Raises:
+        ValueError: a weight is too large for half precision, or not finite.
+    """
+    tensors = {name: value.half().numpy() for name, value in network.state_dict().items()}
+    for name, value in tensors.items():
+        if not np.isfinite(value).all():
+            raise ValueError(f"the weights {name} are not finite in half precision; did the training diverge?")
+    return tensors

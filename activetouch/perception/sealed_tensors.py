@@ -1,9 +1,9 @@
-"""Arrays in a safetensors file whose header tells their SHA-256: whole or not there, and no code is run from it."""
+"""Arrays in a safetensors file whose header carries JSON fields and a SHA-256; reading one runs no code from it."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,52 +13,81 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from belief.errors import CorruptFile
-from belief.files import atomic_path, sealed_json, unsealed_json
+from belief.files import array_digest, atomic_path, sealed_json, unsealed_json
 
-_FORMAT = "activetouch-state-1"
+STATE = "activetouch-state-1"
+"""The kind of file that holds the state of a training."""
 
 
-def write_tensors(path: Path, tensors: Mapping[str, NDArray[Any]], fields: Mapping[str, Any]) -> None:
-    """Write arrays by name, and JSON fields with them, atomically."""
+def write_tensors(
+    path: Path, tensors: Mapping[str, NDArray[Any]], fields: Mapping[str, Any], kind: str = STATE
+) -> None:
+    """Write arrays by name and JSON fields into one file, atomically; equal content gives equal bytes.
+
+    Args:
+        path: of the file.
+        tensors: the arrays.
+        fields: of JSON types.
+        kind: name and version of the format.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
     arrays = {name: np.ascontiguousarray(array).reshape(np.shape(array)) for name, array in tensors.items()}
-    header = sealed_json({"fields": fields, "tensors": _digest(arrays)}, indent=None)
+    # One entry of metadata: several would be written in random order.
+    header = sealed_json({"fields": fields, "tensors": array_digest(arrays)}, indent=None)
     with atomic_path(path) as temporary:
-        save_file(arrays, temporary, metadata={_FORMAT: header})
+        save_file(arrays, temporary, metadata={kind: header})
 
 
-def read_tensors(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """The arrays and fields from :func:`write_tensors`.
+
+    Args:
+        path: of the file.
+        kind: name and version of the format.
 
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or was changed after it was written.
     """
-    try:
-        with safe_open(path, framework="np") as file:
-            header = unsealed_json((file.metadata() or {})[_FORMAT])
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        if header["tensors"] != _digest(arrays):
+    with _damage(path), safe_open(path, framework="np") as file:
+        header = _header(file.metadata(), kind)
+        arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if header["tensors"] != array_digest(arrays):
             raise ValueError("it was changed after it was written: its arrays do not match their SHA-256")
-        fields = dict(header["fields"])
+        return arrays, dict(header["fields"])
+
+
+def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
+    """The fields alone, from the header: their digest is checked, that of the arrays is not.
+
+    Args:
+        path: of the file.
+        kind: name and version of the format.
+
+    Raises:
+        CorruptFile: the file is missing, truncated, of another kind, or its header was changed.
+    """
+    with _damage(path), safe_open(path, framework="np") as file:
+        return dict(_header(file.metadata(), kind)["fields"])
+
+
+def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
+    if not metadata or kind not in metadata:
+        raise ValueError(f"it is no {kind} file; its header has {sorted(metadata or {}) or 'nothing'}")
+    return unsealed_json(metadata[kind])
+
+
+@contextmanager
+def _damage(path: Path) -> Iterator[None]:
+    """What libraries say of a file that they cannot read, as our error."""
+    try:
+        yield
     except KeyError as error:
         raise CorruptFile(f"{path} is damaged: it has no {error}") from error
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
+    except FileNotFoundError as error:
+        raise CorruptFile(f"{path} is missing") from error
+    except (SafetensorError, OSError) as error:
+        raise CorruptFile(f"{path} is truncated, or no safetensors file: {error}") from error
+    except (ValueError, TypeError) as error:
         raise CorruptFile(f"{path} is damaged: {error}") from error
-    return arrays, fields
-
-
-def array_digest(*arrays: NDArray[Any]) -> str:
-    """SHA-256 of arrays: types, shapes and content.
-
-    >>> array_digest(np.zeros(2)) != array_digest(np.zeros((1, 2)))
-    True
-    """
-    return _digest({str(index): array for index, array in enumerate(arrays)})
-
-
-def _digest(arrays: Mapping[str, NDArray[Any]]) -> str:
-    digest = hashlib.sha256()
-    for name in sorted(arrays):
-        array = arrays[name]
-        digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()

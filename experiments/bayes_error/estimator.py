@@ -65,7 +65,7 @@ class LimitStudy:
 
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
-        logits = read_logits(self.sensor.classifier, readings, "reading with the classifier")
+        logits = read_logits(self.sensor.reader, readings, "reading with the classifier")
         poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as in held_out_touch
         return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None]))
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from activetouch.data.dataset import read_manifest, read_split
+from activetouch.perception.reader import ImageReader, Reading
 from activetouch.scene import Symmetry
 from belief.statistics import cluster_bootstrap
 from experiments.bayes_error.estimator import Findings, LimitStudy, paired_difference, share, words
@@ -26,9 +27,6 @@ from experiments.bayes_error.image_bank import symmetric_views
 from experiments.parallel import progress_bar
 from experiments.reporting.tables import Table
 from experiments.sensor_choice import require_collection
-
-if TYPE_CHECKING:
-    from activetouch.perception.classifier import Reading, TouchClassifier
 
 _AT_ONCE = 256
 _PARTS = (16, 8, 4, 2, 1)
@@ -45,14 +43,14 @@ class LearnedBounds:
 
     def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
-        classifier, symmetry = study.sensor.classifier, study.scene.symmetry
+        reader, symmetry = study.sensor.reader, study.scene.symmetry
         manifest = read_manifest(self.collection)
-        require_collection(self.collection, manifest, study.sensor.classifier.card, None, repeats=False)
+        require_collection(self.collection, manifest, reader.card, None, repeats=False)
         learned = read_split(self.collection, "train")
-        known = read_views(classifier, learned.images, Symmetry.NONE, "reading training touches")
+        known = read_views(reader, learned.images, Symmetry.NONE, "reading training touches")
         readings = study.read()
-        asked = read_views(classifier, readings, Symmetry.NONE, "reading held-out touches")
-        turned = read_views(classifier, readings, symmetry, "reading all their views")
+        asked = read_views(reader, readings, Symmetry.NONE, "reading held-out touches")
+        turned = read_views(reader, readings, symmetry, "reading all their views")
         right, views_right = asked.labels == study.shapes, turned.labels == study.shapes
         fitted, *interval = cluster_bootstrap(
             known.labels == learned.shapes, learned.object_ids, np.random.default_rng(study.seed)
@@ -76,27 +74,26 @@ class LearnedBounds:
         return Findings("Bounds from the trained network", _say(study, numbers), _tables(numbers), numbers)
 
 
-def read_views(classifier: TouchClassifier, images: NDArray[np.uint8], symmetry: Symmetry, what: str) -> Reading:
-    """Mean log probabilities (in place of logits) and mean features over all equally likely views of each image.
+def read_views(reader: ImageReader, images: NDArray[np.uint8], symmetry: Symmetry, what: str) -> Reading:
+    """Mean log probabilities (in place of logits), features and embeddings over all equally likely views of each image.
 
     Args:
-        classifier: the network.
+        reader: of the images.
         images: ``(N, H, W)`` or ``(N, H, W, 3)``.
         symmetry: which rotations and reflections are equally likely.
         what: text of the progress bar.
     """
-    from activetouch.perception.classifier import Reading  # loads torch
-
-    log_probs, features = [], []
+    log_probs, features, embeddings = [], [], []
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(images))
         for first in range(0, len(images), _AT_ONCE):
             views = symmetric_views(images[first : first + _AT_ONCE], symmetry)
-            found = classifier.read(views.reshape(-1, *views.shape[2:]), _AT_ONCE)
+            found = reader.read(views.reshape(-1, *views.shape[2:]), _AT_ONCE)
             log_probs.append(log_softmax(found.logits, axis=1).reshape(*views.shape[:2], -1).mean(axis=1))
             features.append(found.features.reshape(*views.shape[:2], -1).mean(axis=1))
+            embeddings.append(found.embeddings.reshape(*views.shape[:2], -1).mean(axis=1))
             progress.advance(bar, len(views))
-    return Reading(np.concatenate(log_probs), np.concatenate(features))
+    return Reading(np.concatenate(log_probs), np.concatenate(features), np.concatenate(embeddings))
 
 
 def nearest_of_first(known: NDArray[np.float32], asked: NDArray[np.float32], sizes: list[int]) -> NDArray[np.int64]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
-from activetouch.world import CLASSIFIER_FILE, MODELS
+from activetouch.perception.reader import TactileReader
+from activetouch.world import MODELS, READER_FILE
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel
@@ -56,7 +57,7 @@ class CalibrationReport:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the classifier; the shipped sensor of the scene by default."""
+    """Folder of the sensor; the shipped sensor of the scene by default."""
     out: Path | None = None
     """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
     confidence_level: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] = 0.95
@@ -68,7 +69,7 @@ class CalibrationReport:
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     anyway: bool = False
-    """Use a collection of another scene than the classifier's."""
+    """Use a collection of another scene than the sensor's."""
 
     def run(self) -> None:
         """Measure, print and write."""
@@ -99,16 +100,14 @@ class CalibrationReport:
         print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
 
     def _read(self, data: Path, manifest: Manifest) -> list[Rounds]:
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
-
         folder = self.sensor if self.sensor is not None else MODELS / self.scene
-        classifier = TouchClassifier.load(folder / CLASSIFIER_FILE)
+        reader = TactileReader.load(folder / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         found = []
         for split in ("calibration", "test"):  # in turn, because the images of one take a gigabyte
             touches = read_split(data, split)
-            logits = read_logits(classifier, touches.images, f"reading {split} touches")
+            logits = read_logits(reader, touches.images, f"reading {split} touches")
             found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
         return found
 

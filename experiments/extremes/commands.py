@@ -84,7 +84,7 @@ def _into_a_file(folder: Path) -> None:
 def _with_versions(folder: Path) -> None:
     run = json.loads((folder / "run.json").read_text())
     del run["sha256"]
-    run["identity"]["versions"]["torch"] = "1.0"
+    run["identity"]["versions"]["onnxruntime"] = "1.0"
     (folder / "run.json").write_text(sealed_json(run))
 
 

@@ -18,7 +18,7 @@ from activetouch.errors import BadMesh, LabelMismatch
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.pad import Pad
 from activetouch.shapes import Mesh
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
@@ -97,7 +97,7 @@ def _of_sensors() -> list[Case]:
     return [
         *(
             refuses(load, f"{file} that is {given}", _sensor(damage, file), CorruptFile, file)
-            for file in (CLASSIFIER_FILE, OBSERVATION_FILE)
+            for file in (READER_FILE, OBSERVATION_FILE)
             for given, damage in _DAMAGES.items()
         ),
         *(

@@ -15,7 +15,7 @@ from activetouch.errors import WrongRenderer, WrongScene
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import PressureRenderer
-from activetouch.world import CLASSIFIER_FILE, MODELS, TactileSensor
+from activetouch.world import MODELS, READER_FILE, TactileSensor
 from belief import Confirm, Probe, SearchProblem
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
@@ -105,9 +105,9 @@ def _sensors() -> list[Case]:
 
 
 def _collections() -> list[Case]:
-    classifier, pattern = MODELS / "coarse" / CLASSIFIER_FILE, "no collection of|of no use"
+    reader, pattern = MODELS / "coarse" / READER_FILE, "no collection of|of no use"
     commands: dict[str, Callable[[Path, Path], Any]] = {
-        "calibrate": lambda data, out: Calibrate("coarse", classifier, data, out),
+        "calibrate": lambda data, out: Calibrate("coarse", reader, data, out),
         "calibration-report": lambda data, out: CalibrationReport("coarse", data, out=out, jobs=1),
         "touch-bank": lambda data, out: MakeTouchBank("coarse", data, out=out),
     }

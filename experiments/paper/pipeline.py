@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from activetouch.envs.touch_bank import MANIFEST
-from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE, POLICIES
+from activetouch.world import OBSERVATION_FILE, POLICIES, READER_FILE
 from experiments.command_line.arguments import Count
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.ppo.touch_bank import TEST, MakeTouchBank
@@ -49,12 +49,12 @@ def sensor_from_nothing(scene: str, effort: Effort, folder: Path, jobs: int) -> 
     """
     choice, sensor, trained, bank = SceneChoice(scene), folder / "sensor", folder / "trained", folder / "bank"
     touches, repeats, ppo, policies = folder / "touches", folder / "repeats", folder / "ppo", sensor / POLICIES
-    if not (trained / CLASSIFIER_FILE).exists():
+    if not (trained / READER_FILE).exists():
         collect(choice, effort.touches.plan, touches, jobs)
         Train(scene, touches, trained, recipe="large", change=effort.change, threads=jobs).run()
     if not (sensor / OBSERVATION_FILE).exists():
         collect(choice, effort.repeats.plan, repeats, jobs)
-        Calibrate(scene, trained / CLASSIFIER_FILE, repeats, sensor).run()
+        Calibrate(scene, trained / READER_FILE, repeats, sensor).run()
     if not (bank / TEST / MANIFEST).exists():
         MakeTouchBank(scene, repeats, sensor, bank).run()
     if not policies.exists():

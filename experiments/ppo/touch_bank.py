@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.data.dataset import read_split
-from activetouch.world import CLASSIFIER_FILE, MODELS
+from activetouch.perception.reader import TactileReader
+from activetouch.world import MODELS, READER_FILE
 from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
@@ -22,7 +23,7 @@ TRAINING, TEST = "calibration", "test"
 class MakeTouchBank:
     """Convert recorded touches into a bank of logits and features to train policies on.
 
-    The classifier was not trained on these objects. Policies learn from those of the calibration split, and are
+    The reader was not trained on these objects. Policies learn from those of the calibration split, and are
     evaluated on those of the test split.
 
     For example:
@@ -37,16 +38,15 @@ class MakeTouchBank:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the classifier; the shipped sensor of the scene by default."""
+    """Folder of the sensor; the shipped sensor of the scene by default."""
     out: Path | None = None
     """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
-    """Use a collection of another scene than the classifier's."""
+    """Use a collection of another scene than the sensor's."""
 
     def run(self) -> None:
         """Read both splits and write two banks."""
         from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
 
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
@@ -54,14 +54,14 @@ class MakeTouchBank:
         out = self.out if self.out is not None else bank_folder(self.scene)
         require_writable(out)
         manifest = open_collection(data, self.scene, repeats=True)
-        classifier = TouchClassifier.load(sensor / CLASSIFIER_FILE)
+        reader = TactileReader.load(sensor / READER_FILE)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         for split in (TRAINING, TEST):
             touches = read_split(data, split)
             num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)
             logits, features = [], []
-            for reading in readings(classifier, touches.images, f"reading {split} touches"):
+            for reading in readings(reader, touches.images, f"reading {split} touches"):
                 logits.append(reading.logits.astype(np.float32))
                 features.append(reading.features.astype(np.float16))
             by_object = (num_objects, manifest.plan.repeats, num_poses, -1)
@@ -71,7 +71,7 @@ class MakeTouchBank:
                 manifest.shape_labels,
                 manifest.pose_labels,
                 np.concatenate(features).reshape(by_object),
-                {"collection": str(data), "split": split, "classifier": classifier.card.training},
+                {"collection": str(data), "split": split, "classifier": reader.card.training},
                 manifest.scene,
             )
             bank.save(out / split)

@@ -24,9 +24,9 @@ from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import MissingPackage
-from activetouch.perception.sealed_tensors import array_digest, read_tensors
+from activetouch.perception.sealed_tensors import read_tensors
 from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import atomic_path
+from belief.files import array_digest, atomic_path
 from belief.observation_model import ArrayModel
 from experiments.ppo.recipe import PPORecipe
 from planners.ppo import BadPolicy, Policy, PolicyCard
@@ -189,7 +189,7 @@ class Training:
         """Everything that policy and curve depend on, as JSON types."""
         settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
         banks = {"bank": self.bank, "test bank": self.test_bank}
-        digests = {name: array_digest(bank.logits, bank.shapes) for name, bank in banks.items()}
+        digests = {name: array_digest({"logits": bank.logits, "shapes": bank.shapes}) for name, bank in banks.items()}
         model = hashlib.sha256(self.model.to_json().encode()).hexdigest()
         return json.loads(json.dumps({**settings, **digests, "observation model": model}))
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import WrongPress
+from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.pressing.contact import Contact, with_numbers_of
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.world import CLASSIFIER_FILE, MODELS
+from activetouch.world import MODELS, READER_FILE
 from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
 from belief.statistics import cluster_bootstrap, paired_bootstrap
@@ -40,9 +41,6 @@ from experiments.scene_choice import SceneChoice, in_file_names, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
 from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
 from experiments.sensor_choice import check_sensor, tell_shift
-
-if TYPE_CHECKING:
-    from activetouch.perception.classifier import TouchClassifier
 
 Floats = NDArray[np.float64]
 Images = NDArray[np.uint8]
@@ -158,16 +156,14 @@ class Leak:
     def _recipe(self) -> TrainingRecipe:
         return self.change.of(replace(RECIPES["large"], patience=None, bf16=False))
 
-    def _classifier(self, scene: Scene) -> TouchClassifier | None:
+    def _classifier(self, scene: Scene) -> TactileReader | None:
         own = named_scene(self.choice.scene).scene
         if self.sensor is None and (own.renderer != scene.renderer or own.shape_labels != scene.shape_labels):
             print(f"{self.choice.scene} has no sensor for these images and shapes; give one with --sensor")
             return None
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
-
         folder = self.sensor or MODELS / self.choice.scene
         tell_shift(check_sensor(folder, self.choice, self.anyway))
-        return TouchClassifier.load(folder / CLASSIFIER_FILE)
+        return TactileReader.load(folder / READER_FILE)
 
     def _small_networks(self, scene: Scene, test: Exchanged) -> Shares:
         """Fractions of correct answers of networks trained on each kind of image."""

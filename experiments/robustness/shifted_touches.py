@@ -114,7 +114,7 @@ def measure_touches(
     for pressed, images in run_tasks(tasks, jobs, "touching objects"):
         for name, seen in images.items():
             if pressed:
-                logits, features = sensor.classifier.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
+                logits, features, _ = sensor.reader.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
                 shape = (len(pressed), seen.shape[1], -1)
                 parts[name].append((pressed, logits.reshape(shape), features.reshape(shape)))
     outputs = {}

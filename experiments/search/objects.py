@@ -13,7 +13,7 @@ from typing import Any
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.scene_description import scene_fields
-from activetouch.world import CLASSIFIER_FILE, write_observation_model
+from activetouch.world import READER_FILE, write_observation_model
 from experiments.command_line.arguments import BadArgument
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
@@ -157,7 +157,7 @@ def _sensor_folder(sensor: str | Path | TactileSensor | None, run: Path) -> Path
     """Folder of a sensor; a sensor object is written into the folder of the run."""
     if not isinstance(sensor, TactileSensor):
         return None if sensor is None else Path(sensor)
-    folder, card = run / "sensor", sensor.classifier.card
-    sensor.classifier.save(folder / CLASSIFIER_FILE)
+    folder, card = run / "sensor", sensor.reader.card
+    sensor.reader.save(folder / READER_FILE)
     write_observation_model(folder, sensor.model, card.scene or scene_fields(sensor.scene))
     return folder

@@ -32,7 +32,7 @@ from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 from experiments.sensor_choice import command
 from planners import Episode
 
-_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "torch", "transformers")  # that a touch depends on
+_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "onnxruntime")  # that a touch depends on
 _CODE = ("activetouch", "belief", "planners")  # packages whose code every episode runs
 
 

@@ -14,9 +14,9 @@ import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.world import (
-    CLASSIFIER_FILE,
     OBSERVATION_FILE,
     POLICIES,
+    READER_FILE,
     TouchTime,
     load_observation_model,
     touch_many,
@@ -42,7 +42,7 @@ class Setting:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The scene."""
     sensor: Path | None = None
-    """Folder of a classifier and an observation model, or name of a scene with a shipped sensor; the shipped sensor of
+    """Folder of a reader and an observation model, or name of a scene with a shipped sensor; the shipped sensor of
     the scene by default."""
     num_objects: Count | None = None
     """Number of objects in a search; that of the scene by default."""
@@ -83,7 +83,7 @@ class Setting:
 
     @property
     def sensor_folder(self) -> Path:
-        """Folder of the classifier and the observation model."""
+        """Folder of the reader and the observation model."""
         return sensor_folder(self.sensor, self.choice.scene)
 
     @property
@@ -113,7 +113,7 @@ Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
 def stamps(setting: Setting) -> Stamps:
     """Stamps of the files of the setting's sensor."""
     found: list[tuple[int, int] | None] = []
-    for name in (CLASSIFIER_FILE, OBSERVATION_FILE):
+    for name in (READER_FILE, OBSERVATION_FILE):
         try:
             status = (setting.sensor_folder / name).stat()
             found.append((status.st_mtime_ns, status.st_size))
@@ -129,9 +129,6 @@ def load_sensor(setting: Setting) -> TactileSensor:
 
 @lru_cache(maxsize=2)
 def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
-    import torch
-
-    torch.set_num_threads(1)  # the processes share the cores, and the order of summation stays fixed
     return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)
 
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 from activetouch.scene_description import scene_fields
-from activetouch.world import CLASSIFIER_FILE, OBSERVATION_FILE
+from activetouch.world import OBSERVATION_FILE, READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
 from experiments.search.bound import best_expected_return
@@ -50,7 +50,7 @@ def _identity(setting: Setting, seed: int, when: Stamps) -> Mapping[str, Any]:
         "problem": repr(setting.problem),
         "scene": scene_fields(setting.scene),
         "scene_code_sha256": fingerprint(setting.scene),
-        "sensor_sha256": files_digest([folder / CLASSIFIER_FILE, folder / OBSERVATION_FILE]),
+        "sensor_sha256": files_digest([folder / READER_FILE, folder / OBSERVATION_FILE]),
         "observation_model_code_sha256": fingerprint(known_model(setting)[0]),
     }
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import CollectionPlan, Manifest
-from activetouch.world import CLASSIFIER_FILE, write_observation_model
+from activetouch.perception.reader import TactileReader
+from activetouch.world import READER_FILE, write_observation_model
 from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.errors import ActiveTouchError
@@ -38,20 +39,20 @@ class Calibrate:
 
     The collection should touch its objects several times in every pose (``collect --plan.repeats 6``): how far touches
     repeat each other can be learned from nothing else. Cross-validation on the calibration split selects the model.
-    Writes the classifier, the observation model and ``evaluation.json`` into one folder that the
+    Writes the reader, the observation model and ``evaluation.json`` into one folder that the
     other commands use.
 
     For example:
 
         activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats
         activetouch calibrate --scene gel
-        activetouch calibrate --data data/mug --classifier runs/train-mug/classifier.safetensors --out runs/sensor-mug
+        activetouch calibrate --data data/mug --reader runs/train-mug/reader.safetensors --out runs/sensor-mug
     """
 
     scene: str = "gel"
     """Name of the scene, which gives the defaults of the next three."""
-    classifier: Path | None = None
-    """Checkpoint from ``activetouch train``; runs/train-SCENE/classifier.safetensors by default."""
+    reader: Path | None = None
+    """From ``activetouch train``, or a sensor's; runs/train-SCENE/reader.safetensors by default."""
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     out: Path | None = None
@@ -61,27 +62,25 @@ class Calibrate:
     seed: Seed = 0
     """Seed of the bootstrap intervals."""
     anyway: bool = False
-    """Use a collection of another scene than the classifier's."""
+    """Use a collection of another scene than the reader's."""
 
     def run(self) -> None:
         """Choose, fit, write, and print the evaluation."""
         check_arguments(self)
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
-
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
         candidates = {name: fit_named(name) for name in self.observation_model or OBSERVATION_MODELS}
         require_writable(out)
-        trained = self.classifier if self.classifier is not None else training_folder(self.scene) / CLASSIFIER_FILE
+        trained = self.reader if self.reader is not None else training_folder(self.scene) / READER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
-        classifier = TouchClassifier.load(trained)
+        reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
-        require_collection(data, manifest, classifier.card, filed, repeats=True, anyway=self.anyway)
+        require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         _require_enough(manifest, data)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
-        logits = read_logits(classifier, calibration.images, "reading calibration touches")
-        test_logits = read_logits(classifier, test.images, "reading test touches")
+        logits = read_logits(reader, calibration.images, "reading calibration touches")
+        test_logits = read_logits(reader, test.images, "reading test touches")
         print("choosing the observation model by cross-validation …")
         choice = choose_observation_model(
             [Touch(int(pose), row) for pose, row in zip(calibration.poses, logits, strict=True)],
@@ -99,7 +98,7 @@ class Calibrate:
             "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
             **evaluate(choice.model, test_logits, test, np.random.default_rng(self.seed)),
         }
-        classifier.save(out / CLASSIFIER_FILE)
+        reader.save(out / READER_FILE)
         write_observation_model(out, choice.model, manifest.scene)
         write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, choice)

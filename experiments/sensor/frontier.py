@@ -1,4 +1,4 @@
-"""``activetouch frontier``: what each classifier is worth and what it costs, by backbone, precision and batch size.
+"""``activetouch frontier``: the accuracy and cost of trained networks, by backbone, runtime and batch size.
 
 All are timed in turn, round after round, so that a busy moment of the machine meets all of them; a time is the median
 over rounds, and the ratio to the reference is the median of the ratios within a round.
@@ -9,16 +9,18 @@ from __future__ import annotations
 import json
 import time
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from shutil import which
+from typing import TYPE_CHECKING, Annotated, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
+from activetouch.perception.reader import ImageReader
 from belief.files import require_writable, write_text
 from experiments.command_line.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
@@ -29,25 +31,25 @@ from experiments.sensor.scores import Scores, scores
 from experiments.sensor_choice import open_collection, require_collection
 
 if TYPE_CHECKING:
-    from activetouch.perception.classifier import TouchClassifier
+    from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One classifier in one precision.
+    """One network in one runtime.
 
     Attributes:
         network: backbone and input size.
-        precision: of its arithmetic.
+        runtime: what computes it, in what precision.
         scores: on the test split.
-        megabytes: of the checkpoint.
+        megabytes: of its file.
         parameters: of the network.
         milliseconds: of one touch, by batch size: images in, logits out.
         ratio: of that time to the reference's, by batch size.
     """
 
     network: str
-    precision: str
+    runtime: str
     scores: Scores
     megabytes: float
     parameters: int
@@ -57,9 +59,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Frontier:
-    """Measure accuracy, NLL, time and size of trained classifiers on the same test touches.
+    """Measure accuracy, NLL, time and size of trained networks on the same test touches.
 
-    The first checkpoint, in single precision, is the reference of the ratios.
+    Every network runs in torch (as it is, compiled, in bfloat16, with 8-bit integers) and in ONNX Runtime, which is
+    what sensors use. The first checkpoint in torch is the reference of the ratios.
 
     For example:
 
@@ -99,23 +102,23 @@ class Frontier:
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         if self.touches is not None:
             test = test.select(np.arange(min(self.touches, len(test.images))))
-        variants: list[tuple[Path, str, TouchClassifier]] = []
+        variants: list[tuple[Path, str, ImageReader]] = []
         for path in self.checkpoints:
             single = TouchClassifier.load(path)
             require_collection(data, manifest, single.card, None, repeats=False)
-            variants += [(path, "fp32", single), (path, "bf16", single.to_bfloat16()), (path, "int8", _to_int8(single))]
-        times = {b: self._time([classifier for *_, classifier in variants], test.images, b) for b in self.batches}
+            variants += [(path, name, reader) for name, reader in self._runtimes(single, manifest.image_shape)]
+        times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}
         entries = []
         with progress_bar() as progress:
             bar = progress.add_task("reading the test split", total=len(variants))
-            for index, (path, precision, classifier) in enumerate(variants):
-                result = scores(classifier, calibration, test, np.random.default_rng(self.seed))
-                parameters = sum(parameter.numel() for parameter in TouchNetwork(classifier.card).parameters())
+            for index, (path, runtime, reader) in enumerate(variants):
+                result = scores(reader, calibration, test, np.random.default_rng(self.seed))
+                parameters = sum(parameter.numel() for parameter in TouchNetwork(reader.card).parameters())
                 by_batch = {b: t[:, index] for b, t in times.items()}
                 entries.append(
                     Entry(
-                        f"{classifier.card.backbone} {classifier.card.input_size} px",
-                        precision,
+                        f"{reader.card.backbone} {reader.card.input_size} px",
+                        runtime,
                         result,
                         path.stat().st_size / 1e6,
                         parameters,
@@ -142,9 +145,20 @@ class Frontier:
         plain_console().print(shown.rich())
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
-    def _time(self, classifiers: list[TouchClassifier], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
-        """Seconds of one batch, by round and classifier, ``(rounds, classifiers)``."""
-        calls: list[Callable[[], object]] = [partial(c.read, images[:batch], batch) for c in classifiers]
+    def _runtimes(self, classifier: TouchClassifier, image_shape: tuple[int, ...]) -> Iterator[tuple[str, ImageReader]]:
+        """A network in every runtime, by name."""
+        from activetouch.perception.export import export_reader
+
+        yield "torch", classifier
+        if which("g++") is not None:  # which compiling needs
+            yield "torch, compiled", _compiled(classifier)
+        yield "torch, bf16", classifier.to_bfloat16()
+        yield "torch, int8", _to_int8(classifier)
+        yield "ONNX Runtime", replace(export_reader(classifier, image_shape), threads=self.threads)
+
+    def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
+        """Seconds of one batch, by round and reader, ``(rounds, readers)``."""
+        calls: list[Callable[[], object]] = [partial(reader.read, images[:batch], batch) for reader in readers]
         for call in calls:
             call()
         seconds = np.empty((self.rounds, len(calls)))
@@ -155,6 +169,16 @@ class Frontier:
                     call()
                     seconds[number, column] = time.perf_counter() - started
         return seconds
+
+
+def _compiled(classifier: TouchClassifier) -> TouchClassifier:
+    """The same classifier, compiled by torch for the sizes of batches that it meets."""
+    import torch
+
+    from activetouch.perception.classifier import TouchClassifier
+
+    network = cast("TouchNetwork", torch.compile(classifier.network))
+    return TouchClassifier(classifier.card, network)
 
 
 def _to_int8(classifier: TouchClassifier) -> TouchClassifier:
@@ -183,7 +207,7 @@ def table(entries: Sequence[Entry], num_touches: int) -> Table:
     times = [f"ms per touch, {batch} at once (ratio)" for batch in batches]
     rows = [
         (
-            *(f"{e.network}, {e.precision}", str(e.scores), f"{e.scores.nll:.4f}"),
+            *(f"{e.network}, {e.runtime}", str(e.scores), f"{e.scores.nll:.4f}"),
             *(f"{e.milliseconds[b]:.2f} ({e.ratio[b]:.2f})" for b in batches),
             *(f"{e.megabytes:.1f}", f"{e.parameters / 1e6:.2f} M"),
         )
@@ -194,7 +218,7 @@ def table(entries: Sequence[Entry], num_touches: int) -> Table:
 
 
 def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
-    """Draw the error with its interval against the time of a single touch, one colour per precision.
+    """Draw the error with its interval against the time of a single touch, one colour per runtime.
 
     Args:
         entries: classifiers.
@@ -212,10 +236,10 @@ def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
     with figure((7.0, 4.2), path) as drawn:
         batch = min(entries[0].milliseconds)
         axes = drawn.subplots()
-        for precision, colour in zip(dict.fromkeys(entry.precision for entry in entries), PALETTE, strict=False):
-            some = [entry for entry in entries if entry.precision == precision]
+        for runtime, colour in zip(dict.fromkeys(entry.runtime for entry in entries), PALETTE, strict=False):
+            some = [entry for entry in entries if entry.runtime == runtime]
             time = np.array([entry.milliseconds[batch] for entry in some])
-            draw_errors(axes, time, [entry.scores for entry in some], colour, precision)
+            draw_errors(axes, time, [entry.scores for entry in some], colour, runtime)
         for network in dict.fromkeys(entry.network for entry in entries):
             some = [entry for entry in entries if entry.network == network]
             left = min(entry.milliseconds[batch] for entry in some)

@@ -8,7 +8,7 @@ from typing import Any
 from activetouch import Scene, TactileSensor
 from activetouch.data.manifest import CollectionPlan
 from activetouch.named_scenes import NamedScene
-from activetouch.world import CLASSIFIER_FILE
+from activetouch.world import READER_FILE
 from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
 from experiments.sensor.calibrate import Calibrate
@@ -62,10 +62,10 @@ def make_sensor(
     repeated = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
     record(named.scene, plan, touches, jobs)
     record(named.scene, repeated, again, jobs)
-    if not (trained / CLASSIFIER_FILE).exists():
+    if not (trained / READER_FILE).exists():
         sizes: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
         changes = Changes(**{"seed": seed, **change})
         Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **sizes).run()
     if not (folder / "evaluation.json").exists():
-        Calibrate(classifier=trained / CLASSIFIER_FILE, data=again, out=folder, seed=seed).run()
+        Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run()
     return TactileSensor.load(folder, named.scene)

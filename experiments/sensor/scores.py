@@ -1,22 +1,19 @@
-"""How good a classifier is on touches of objects it never saw."""
+"""How good a reader is on touches of objects it never saw."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
+from activetouch.perception.reader import ImageReader, Reading
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from belief.statistics import cluster_bootstrap
 from experiments.parallel import progress_bar
-
-if TYPE_CHECKING:
-    from activetouch.perception.classifier import Reading, TouchClassifier
 
 
 @dataclass(frozen=True)
@@ -38,24 +35,24 @@ class Scores:
         return f"{self.accuracy:.4f} [{low:.4f}, {high:.4f}]"
 
 
-def read_logits(classifier: TouchClassifier, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
+def read_logits(reader: ImageReader, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
     """Logits ``(N, K)`` of many images, with a progress bar."""
-    return np.concatenate([reading.logits for reading in readings(classifier, images, what)])
+    return np.concatenate([reading.logits for reading in readings(reader, images, what)])
 
 
-def readings(classifier: TouchClassifier, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
+def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
     """Everything read of many images, some hundred at a time, with a progress bar."""
     with progress_bar() as progress:
         bar = progress.add_task(what, total=len(images))
         for first in range(0, len(images), 256):
-            reading = classifier.read(images[first : first + 256])
+            reading = reader.read(images[first : first + 256])
             yield reading
             progress.advance(bar, len(reading.logits))
 
 
-def scores(classifier: TouchClassifier, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:
+def scores(reader: ImageReader, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:
     """Scores on a test split, with a temperature from the calibration split; ``rng`` is that of the interval."""
-    known, read = classifier.read(calibration.images, 256), classifier.read(test.images, 256)
+    known, read = reader.read(calibration.images, 256), reader.read(test.images, 256)
     scaling = TemperatureScaling().fit(known.logits, calibration.shapes)
     accuracy, low, high = cluster_bootstrap(read.labels == test.shapes, test.object_ids, rng)
     return Scores(accuracy, (low, high), negative_log_likelihood(scaling.predict_proba(read.logits), test.shapes))

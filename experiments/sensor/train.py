@@ -11,8 +11,9 @@ from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
 from activetouch.errors import MissingWeights
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
+from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
-from activetouch.world import CLASSIFIER_FILE
+from activetouch.world import READER_FILE
 from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,
@@ -101,7 +102,7 @@ class Train:
     """Threads of the linear algebra."""
 
     def run(self) -> None:
-        """Train to the end of the recipe and write ``classifier.safetensors``."""
+        """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
         check_arguments(self)
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
@@ -116,6 +117,7 @@ class Train:
             _require_objects(self.objects, manifest, data)
         import torch
 
+        from activetouch.perception.export import export_reader
         from activetouch.perception.training import Trainer
 
         torch.set_num_threads(self.threads)
@@ -134,9 +136,11 @@ class Train:
         print(f"{backbone} at {size} pixels, {card.training}")
         trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry)
         run_to_the_end(trainer, out / "tensorboard")
-        trainer.finish().save(out / CLASSIFIER_FILE)
+        classifier = trainer.finish()
+        classifier.save(out / CLASSIFIER_FILE)
+        export_reader(classifier, manifest.image_shape).save(out / READER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
-        print(f"kept epoch {kept}, wrote {out / CLASSIFIER_FILE}")
+        print(f"kept epoch {kept}, wrote {out / READER_FILE}")
 
 
 def require_input_size(size: int, edge: int, backbone: str) -> None:

@@ -1,7 +1,7 @@
 """Configurations of the trade-off between speed and accuracy.
 
 A configuration has a readable name and a key for file names. The key is a digest of everything that determines the
-result, including the contents of the checkpoint and of a shipped observation model.
+result, including the contents of the reader and of a shipped observation model.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
 
 from activetouch.named_scenes import SCENES
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE
+from activetouch.perception.reader import TactileReader
+from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
@@ -36,40 +36,37 @@ _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 
 @dataclass(frozen=True)
 class Network:
-    """A trained classifier.
+    """A trained reader.
 
     Attributes:
         scene: scene that it was trained for.
-        checkpoint: its file; the shipped one if empty.
+        file: its file; the shipped one if empty.
         label: backbone and edge length of its input images, such as "cnn 64 px".
         sha256: digest of the file.
     """
 
     scene: str
-    checkpoint: str
+    file: str
     label: str
     sha256: str
 
     @classmethod
-    def of(cls, scene: str, checkpoint: Path | None = None) -> Network:
-        """The classifier in a file; the shipped one of the scene by default.
+    def of(cls, scene: str, file: Path | None = None) -> Network:
+        """The reader in a file; the shipped one of the scene by default.
 
         Raises:
-            CorruptFile: The file does not contain a classifier.
-            LabelMismatch: The classifier has other shapes or poses than the scene.
+            CorruptFile: The file does not contain a reader.
+            LabelMismatch: The reader has other shapes or poses than the scene.
         """
-        from activetouch.perception.classifier import TouchClassifier  # loads torch
-
-        path = checkpoint if checkpoint is not None else MODELS / scene / CLASSIFIER_FILE
-        classifier, world = TouchClassifier.load(path), SCENES[scene].scene
-        classifier.card.require_labels(world.shape_labels, world.pose_labels)
-        label = f"{classifier.card.backbone} {classifier.card.input_size} px"
-        return cls(scene, "" if checkpoint is None else str(checkpoint), label, _digest(path))
+        path = file if file is not None else MODELS / scene / READER_FILE
+        card, world = TactileReader.load(path).card, SCENES[scene].scene
+        card.require_labels(world.shape_labels, world.pose_labels)
+        return cls(scene, "" if file is None else str(file), f"{card.backbone} {card.input_size} px", _digest(path))
 
     @property
     def path(self) -> Path:
         """Path of its file."""
-        return Path(self.checkpoint) if self.checkpoint else MODELS / self.scene / CLASSIFIER_FILE
+        return Path(self.file) if self.file else MODELS / self.scene / READER_FILE
 
 
 @dataclass(frozen=True)
@@ -77,8 +74,7 @@ class Configuration:
     """A combination of sensor, decider and touch cost.
 
     Attributes:
-        network: classifier; determines the scene.
-        precision: arithmetic of its backbone.
+        network: reader; determines the scene.
         observation_model: :data:`SHIPPED`, or a key of :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
         decider: key of :data:`planners.DECIDERS`.
         touch_cost: cost λ of one touch.
@@ -89,7 +85,6 @@ class Configuration:
     """
 
     network: Network
-    precision: Literal["fp32", "bf16"] = "fp32"
     observation_model: str = SHIPPED
     decider: str = _MAIN[0]
     touch_cost: float = 0.02
@@ -107,8 +102,6 @@ class Configuration:
     def name(self) -> str:
         """Description in one line."""
         parts = [self.scene, self.network.label, self.observation_model, self.decider, f"λ {self.touch_cost:g}"]
-        if self.precision != "fp32":
-            parts.insert(2, self.precision)
         if self.decider in _TREES:
             parts[-2] += f" × {self.simulations}"
         return ", ".join([*parts, *([self.fidelity] if self.fidelity else [])])
@@ -118,8 +111,7 @@ class Configuration:
         """The property that differs from the scene's default; "nothing" for the default itself."""
         default = Configuration(self.network)
         differs = {
-            "network": bool(self.network.checkpoint),
-            "precision": self.precision != default.precision,
+            "network": bool(self.network.file),
             "observation model": self.observation_model != default.observation_model,
             "fidelity": self.fidelity != default.fidelity,
             "touch cost λ": self.touch_cost != default.touch_cost,
@@ -129,9 +121,9 @@ class Configuration:
 
     @property
     def key(self) -> str:
-        """Digest of everything that determines the result; independent of the checkpoint's path."""
+        """Digest of everything that determines the result; independent of the reader's path."""
         fields = asdict(self)
-        del fields["network"]["checkpoint"]
+        del fields["network"]["file"]
         if self.decider not in _TREES:
             del fields["simulations"]  # they have no effect
         if self.observation_model == SHIPPED:
@@ -159,7 +151,7 @@ def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int,
     """Configurations that differ from a scene's default in one property, most important first, without duplicates.
 
     Args:
-        networks: classifiers; the first one of a scene is its default.
+        networks: readers; the first one of a scene is its default.
         calibrated: scenes with recorded touches to fit observation models to.
         episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
         seed: seed of the episodes.
@@ -194,7 +186,6 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
         [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
         [replace(base, observation_model=model) for model in OBSERVATION_MODELS if is_whole and model != FITTED],
         [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],
-        [replace(option, precision="bf16") for option in (base, *refitted)],
         [
             replace(base, decider=decider, simulations=simulations, episodes=fewer)
             for decider in (_TREES if is_whole else ())

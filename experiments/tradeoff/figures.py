@@ -19,7 +19,6 @@ _MARKERS = {
     "decider": "o",
     "touch cost λ": "v",
     "network": "s",
-    "precision": "P",
     "observation model": "^",
     "fidelity": "D",
 }

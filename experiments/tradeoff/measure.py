@@ -17,8 +17,9 @@ import numpy as np
 
 from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
+from activetouch.perception.reader import TactileReader
 from activetouch.scene_description import scene_fields
-from activetouch.world import MODELS, POLICIES, touch_many
+from activetouch.world import MODELS, POLICIES, READER_FILE, touch_many, write_observation_model
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
@@ -68,13 +69,13 @@ class TouchCost:
     Attributes:
         physics: time of a press and its image [ms].
         network: time to read one image [ms].
-        weights: size of the network in memory [MB].
+        size: size of the reader's file [MB].
         memory: peak memory of a process that loads the sensor and touches [MB].
     """
 
     physics: float
     network: float
-    weights: float
+    size: float
     memory: float
 
 
@@ -105,9 +106,6 @@ def finished(folder: Path) -> list[tuple[SearchResult, TouchCost]]:
 
 
 def _search(configuration: Configuration, cache: Path) -> SearchResult:
-    import torch
-
-    torch.set_num_threads(1)
     setting = configuration.setting
     problem = setting.problem
     sensor = replace(_sensor(configuration), model=observation_model(configuration, cache))
@@ -156,24 +154,21 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
 
 def _sensor(configuration: Configuration) -> TactileSensor:
     """The sensor with the configuration's network and the shipped observation model."""
-    from activetouch.perception.classifier import TouchClassifier  # loads torch
-
     sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene, anyway=True)
-    classifier = TouchClassifier.load(configuration.network.path)
-    return replace(sensor, classifier=classifier.to_bfloat16() if configuration.precision == "bf16" else classifier)
+    return replace(sensor, reader=TactileReader.load(configuration.network.path))
 
 
 def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
     """Costs of a touch, read from their files, or measured in new processes; all networks share those of a press."""
     scene, network = configuration.scene, configuration.network
     press = f"press-{scene}-{configuration.fidelity or 'own'}"
-    read = f"read-{scene}-{network.sha256[:12]}-{configuration.precision}"
+    read = f"read-{scene}-{network.sha256[:12]}"
     found: dict[str, float] = {}
     for stem, measure in ((press, _press_here), (read, _read_here)):
         path = folder / "costs" / f"{stem}.json"
         if not path.exists():
             context = multiprocessing.get_context("forkserver")  # small processes, and one import of these modules
-            context.set_forkserver_preload(["activetouch.perception.classifier", "activetouch.pressing.rig", __name__])
+            context.set_forkserver_preload(["activetouch.perception.reader", "activetouch.pressing.rig", __name__])
             write_text(path, json.dumps(in_own_process(context, measure, configuration)) + "\n")
         found |= json.loads(path.read_text())
     return TouchCost(**found)
@@ -192,9 +187,6 @@ def _press_here(configuration: Configuration) -> dict[str, float]:
 
 
 def _read_here(configuration: Configuration) -> dict[str, float]:
-    import torch
-
-    torch.set_num_threads(1)
     sensor, rng = _sensor(replace(configuration, fidelity=None)), np.random.default_rng(0)
     seconds = []
     for number in range(_READINGS):
@@ -203,8 +195,8 @@ def _read_here(configuration: Configuration) -> dict[str, float]:
         started = time.thread_time()
         sensor.read(image[None], [0])
         seconds.append(time.thread_time() - started)
-    weights = sum(p.numel() * p.element_size() for p in sensor.classifier.network.parameters()) / 1e6
-    return {"network": 1e3 * float(np.median(seconds)), "weights": weights, "memory": _peak_memory()}
+    size = configuration.network.path.stat().st_size / 1e6
+    return {"network": 1e3 * float(np.median(seconds)), "size": size, "memory": _peak_memory()}
 
 
 def _peak_memory() -> float:
@@ -218,13 +210,11 @@ def _peak_memory() -> float:
 
 def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
     """Write a folder from which ``compare`` can load the configuration's sensor; None for the shipped sensor."""
-    from activetouch.world import CLASSIFIER_FILE, write_observation_model
-
     if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):
         return None
     out = folder / "sensors" / configuration.key
     fitted_to = scene_fields(SCENES[configuration.network.scene].scene)
     write_observation_model(out, observation_model(configuration, folder / "models"), fitted_to)
-    with atomic_path(out / CLASSIFIER_FILE) as temporary:
+    with atomic_path(out / READER_FILE) as temporary:
         temporary.write_bytes(configuration.network.path.read_bytes())
     return out

@@ -1,4 +1,4 @@
-"""Observation models for networks and precisions without a shipped one, fitted to recorded calibration touches."""
+"""Observation models for networks without a shipped one, fitted to recorded calibration touches."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from activetouch.data.dataset import TouchSet, read_shard
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
+from activetouch.perception.reader import TactileReader
 from activetouch.world import MODELS, load_observation_model
 from belief import Touch
 from belief.errors import CorruptFile
@@ -35,10 +36,9 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     network, name = configuration.network, configuration.observation_model
     if name == SHIPPED:
         return load_observation_model(MODELS / network.scene)
-    stem = f"{network.scene}-{network.sha256[:12]}-{configuration.precision}"
-    path = folder / f"{stem}-{name.replace(' ', '')}.json"
+    path = folder / f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}.json"
     if not path.exists():
-        read, truth = _readings(network, configuration.precision)
+        read, truth = _readings(network)
         fitted = OBSERVATION_MODELS[name](
             read,
             truth.shapes,
@@ -54,14 +54,11 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
 
 
 @lru_cache(maxsize=1)
-def _readings(network: Network, precision: str) -> tuple[list[Touch], TouchSet]:
+def _readings(network: Network) -> tuple[list[Touch], TouchSet]:
     """A network's readings of the calibration touches, and these touches."""
-    from activetouch.perception.classifier import TouchClassifier  # loads torch
-
-    classifier = TouchClassifier.load(network.path)
-    classifier = classifier.to_bfloat16() if precision == "bf16" else classifier
-    touches = _first_objects(network.scene, classifier.card)
-    logits = read_logits(classifier, touches.images, f"{network.scene}, {network.label} {precision}: calibration")
+    reader = TactileReader.load(network.path)
+    touches = _first_objects(network.scene, reader.card)
+    logits = read_logits(reader, touches.images, f"{network.scene}, {network.label}: calibration")
     return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)], touches
 
 

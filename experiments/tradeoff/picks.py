@@ -77,9 +77,9 @@ class Candidate:
 
     @property
     def is_playable(self) -> bool:
-        """Whether ``activetouch compare`` supports it: fp32 and the default number of simulations."""
+        """Whether ``activetouch compare`` supports it: the default number of simulations."""
         c = self.configuration
-        return c.precision == "fp32" and c.simulations == Configuration.simulations
+        return c.simulations == Configuration.simulations
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ _NOTE = (
 _COLUMNS = (
     *("configuration", ("searches", "d"), "success", "minus default", ("touches", ".2f"), ("return", ".3f")),
     *(("ms per search", ".1f"), ("ms per decision", ".2f"), ("ms per press", ".2f"), ("ms per reading", ".2f")),
-    *(("weights MB", ".1f"), ("peak MB", ".0f"), ("P(front)", ".2f")),
+    *(("file MB", ".1f"), ("peak MB", ".0f"), ("P(front)", ".2f")),
 )
 _MAYBE = 0.1  # lowest P(front) of a candidate that is listed with the front
 
@@ -140,7 +140,7 @@ def _row(p: Candidate, prob: float, defaults: Mapping[str, Candidate]) -> tuple[
     return (
         *(p.configuration.name, p.num_searches, interval(p.success, *p.interval), difference, p.touches, p.reward),
         *(p.ms_per_search, p.result.ms_per_decision, p.cost.physics, p.cost.network),
-        *(p.cost.weights, p.cost.memory, float(prob)),
+        *(p.cost.size, p.cost.memory, float(prob)),
     )
 
 

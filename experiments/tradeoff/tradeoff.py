@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 class Tradeoff:
     """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
-    Every configuration differs from its scene's default in one thing: the decider, the touch cost, the network, its
-    precision, the observation model or the fidelity. All configurations of a scene play the same live searches.
+    Every configuration differs from its scene's default in one thing: the decider, the touch cost, the network,
+    the observation model or the fidelity. All configurations of a scene play the same live searches.
     Observation models of other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6
     --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by configuration: after an
     interruption, the same command continues.
@@ -43,13 +43,13 @@ class Tradeoff:
 
         activetouch tradeoff
         activetouch tradeoff --scenes coarse --episodes 50
-        activetouch tradeoff --checkpoints gel=runs/train-gel-tiny-32/classifier.safetensors
+        activetouch tradeoff --readers gel=runs/train-gel-tiny-32/reader.safetensors
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
     """Scenes to measure."""
-    checkpoints: tuple[str, ...] = ()
-    """Classifiers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
+    readers: tuple[str, ...] = ()
+    """Readers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
     episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
     success: Share = 0.98
@@ -69,7 +69,7 @@ class Tradeoff:
         """Measure what is missing, then write and print the report.
 
         Raises:
-            BadArgument: There are no results, or a checkpoint is not given as SCENE=FILE.
+            BadArgument: There are no results, or a reader is not given as SCENE=FILE.
             UnknownName: There is no such scene.
         """
         from experiments.tradeoff.measure import finished
@@ -99,11 +99,11 @@ class Tradeoff:
         from experiments.tradeoff.measure import measured
 
         networks = [Network.of(scene) for scene in dict.fromkeys(self.scenes)]
-        for checkpoint in self.checkpoints:
-            scene, _, file = checkpoint.partition("=")
+        for reader in self.readers:
+            scene, _, file = reader.partition("=")
             if scene not in self.scenes or not file:
                 raise BadArgument(
-                    f"--checkpoints must be SCENE=FILE with a scene of {', '.join(self.scenes)}; got {checkpoint!r}"
+                    f"--readers must be SCENE=FILE with a scene of {', '.join(self.scenes)}; got {reader!r}"
                 )
             networks.append(Network.of(scene, Path(file)))
         calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]

@@ -14,7 +14,7 @@ from activetouch.data.dataset import CollectionPlan
 from activetouch.data.manifest import NoCollection, read_manifest
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.world import CLASSIFIER_FILE, MODELS, OBSERVATION_FILE, TactileSensor, load_observation_model
+from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE, TactileSensor, load_observation_model
 from belief.errors import ActiveTouchError, CorruptFile
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
@@ -49,7 +49,7 @@ REFUSED = {
     "another renderer": (compared(SceneChoice(renderer="gelsight")), WrongScene, "GelSightRenderer, not Pressure"),
     "another renderer of coarse": (compared(SceneChoice("coarse", renderer="force_patch")), WrongScene, "ForcePatch"),
     "other shapes": (compared(SceneChoice("hard"), GEL), LabelMismatch, "torus"),
-    "no sensor": (compared(SceneChoice("gel"), Path(".")), NoSensor, "there is no classifier.safetensors"),
+    "no sensor": (compared(SceneChoice("gel"), Path(".")), NoSensor, "there is no reader.safetensors"),
     "no policies": (
         lambda out: Compare(setting=Setting(SceneChoice("hard")), deciders=("ppo",), out=out / "run").run(),
         MissingPolicy,
@@ -117,10 +117,10 @@ def test_a_collection_of_another_scene_than_the_sensors_is_refused(command, quic
 @pytest.mark.torch
 def test_calibrate_refuses_a_collection_of_another_scene_and_results_under_a_wrong_name(quick, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(WrongScene, match="no collection of the classifier's scene"):
-        Calibrate(scene="coarse", data=quick, classifier=GEL / CLASSIFIER_FILE).run()
+    with pytest.raises(WrongScene, match="no collection of the reader's scene"):
+        Calibrate(scene="coarse", data=quick, reader=GEL / READER_FILE).run()
     with pytest.raises(WrongScene, match="no collection of the scene 'gel'"):
-        Calibrate(scene="gel", data=quick, classifier=COARSE / CLASSIFIER_FILE).run()
+        Calibrate(scene="gel", data=quick, reader=COARSE / READER_FILE).run()
     assert not list(tmp_path.iterdir())
 
 
@@ -137,7 +137,7 @@ def test_train_refuses_results_under_the_name_of_a_scene_that_the_collection_is_
 @pytest.mark.torch
 def test_calibrating_on_four_objects_says_how_many_it_takes(quick, tmp_path, capsys):
     with pytest.raises(TooFewObjects, match=r"1 calibration objects and 1 test objects of every shape; .* at least 2"):
-        Calibrate(scene="coarse", data=quick, classifier=COARSE / CLASSIFIER_FILE, out=tmp_path / "out").run()
+        Calibrate(scene="coarse", data=quick, reader=COARSE / READER_FILE, out=tmp_path / "out").run()
     assert "press_model is Quasistatic, not Dynamic" in capsys.readouterr().err  # a known shift warns
 
 
@@ -145,7 +145,7 @@ def test_calibrating_on_four_objects_says_how_many_it_takes(quick, tmp_path, cap
 def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     data, out = tmp_path / "data", tmp_path / "sensor"
     collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
-    Calibrate(scene="coarse", data=data, classifier=COARSE / CLASSIFIER_FILE, out=out).run()
+    Calibrate(scene="coarse", data=data, reader=COARSE / READER_FILE, out=out).run()
     with pytest.warns(SceneShift, match="press_model is Quasistatic, not Dynamic"):
         sensor = TactileSensor.load(out, QUICK.named.scene)
     assert sensor.shift == ("press_model is Quasistatic, not Dynamic",)
@@ -180,7 +180,7 @@ def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
         with pytest.raises(WrongScene) as found:
             _ = Setting(choice, sensor=GEL).shift
         assert ("--anyway" in str(found.value)) == offered
-    with pytest.raises(WrongScene, match="reads images of 1 channels"):
+    with pytest.raises(WrongScene, match="takes images of 1 channels"):
         _ = Setting(SceneChoice(renderer="gelsight"), anyway=True).shift
 
 
@@ -190,7 +190,7 @@ def test_a_shipped_sensor_belongs_to_its_scene(name):
     assert Setting(SceneChoice(name, fidelity="deformable")).shift != ()
 
 
-@pytest.mark.parametrize("file", [CLASSIFIER_FILE, OBSERVATION_FILE])
+@pytest.mark.parametrize("file", [READER_FILE, OBSERVATION_FILE])
 def test_a_damaged_sensor_is_refused_before_any_work(file, tmp_path):
     shutil.copytree(COARSE, tmp_path / "sensor")
     path = tmp_path / "sensor" / file

@@ -1,7 +1,6 @@
 """Bounds from what a network sees: neighbours are the nearest, views are averaged, and the findings are written."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from scipy.special import log_softmax
 from activetouch.data.dataset import CollectionPlan
 from activetouch.errors import LabelMismatch
 from activetouch.named_scenes import SCENES
+from activetouch.perception.reader import Reading
 from activetouch.scene import Symmetry
 from experiments.bayes_error.image_bank import symmetric_views
 from experiments.bayes_error.learned import LearnedBounds, nearest_of_first, read_views
@@ -42,9 +42,8 @@ class Corners:
 
     def read(self, images, batch_size=64):
         corner = images[:, 0, 0].astype(float)
-        return SimpleNamespace(
-            logits=np.stack([corner, np.zeros_like(corner)], axis=1), features=corner[:, None].astype(np.float32)
-        )
+        feature = corner[:, None].astype(np.float32)
+        return Reading(np.stack([corner, np.zeros_like(corner)], axis=1), feature, feature)
 
 
 @pytest.mark.parametrize("symmetry", list(Symmetry))

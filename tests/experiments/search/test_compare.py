@@ -137,7 +137,7 @@ def test_figures_and_tables_are_files_too(finished):
 def test_a_folder_of_other_versions_is_not_mixed_with(finished, tmp_path):
     run = json.loads((finished[0] / "run.json").read_text())
     del run["sha256"]
-    run["identity"]["versions"]["torch"] = "1.0"
+    run["identity"]["versions"]["onnxruntime"] = "1.0"
     (tmp_path / "run.json").write_text(sealed_json(run))
     with pytest.raises(RunMismatch, match="other versions"):
         Compare(**SMALL, episodes=30, out=tmp_path, jobs=1).play()
@@ -146,7 +146,7 @@ def test_a_folder_of_other_versions_is_not_mixed_with(finished, tmp_path):
 def test_run_json_says_what_was_run(finished):
     run = json.loads((finished[0] / "run.json").read_text())
     assert run["identity"]["seed"] == 3
-    assert set(run["identity"]["versions"]) >= {"python", "mujoco-core", "torch", "numpy"}
+    assert set(run["identity"]["versions"]) >= {"python", "mujoco-core", "onnxruntime", "numpy"}
     assert len(run["identity"]["sensor_sha256"]) == 64
 
 

@@ -23,7 +23,7 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
     made = activetouch.make_sensor(scene, tmp_path, **SIZES)
     assert isinstance(made, TactileSensor)
     assert made.shift == ()
-    files = [tmp_path / name for name in ("classifier.safetensors", "observation_model.json", "evaluation.json")]
+    files = [tmp_path / name for name in ("reader.safetensors", "observation_model.json", "evaluation.json")]
     before = [file.stat().st_mtime_ns for file in files]
     activetouch.make_sensor(scene, tmp_path, **SIZES)
     assert [file.stat().st_mtime_ns for file in files] == before
@@ -33,8 +33,8 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
 
 
 def _only_a_readable_model_is_written(folder):
-    trained, out = folder / "training" / "classifier.safetensors", folder / "again"
-    how = {"classifier": trained, "data": folder / "repeats", "out": out}
+    trained, out = folder / "training" / "reader.safetensors", folder / "again"
+    how = {"reader": trained, "data": folder / "repeats", "out": out}
     Calibrate(**how, observation_model=("ratio", "confusion(confidence_edges=(0.9,))")).run()
     assert (out / "observation_model.json").exists()
     with pytest.raises(BadReference, match="unexpected"):

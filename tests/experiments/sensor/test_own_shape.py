@@ -8,7 +8,7 @@ import pytest
 from activetouch.data.dataset import read_manifest
 from activetouch.scene import Symmetry
 from activetouch.shapes import Mesh
-from activetouch.world import CLASSIFIER_FILE
+from activetouch.world import READER_FILE
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
@@ -30,7 +30,7 @@ def test_a_cup_from_a_file_is_learned_and_searched_for(tmp_path):
     Collect(choice, out=data, plan=PlanArguments(train=12, calibration=6, test=4), jobs=2).run()
     assert read_manifest(data).symmetry == Symmetry.ROTATIONS
     Train(data=data, out=trained, input_size=32, recipe="large", change=Changes(epochs=1), threads=1).run()
-    Calibrate(classifier=trained / CLASSIFIER_FILE, data=data, out=sensor).run()
+    Calibrate(reader=trained / READER_FILE, data=data, out=sensor).run()
     comparison = Compare(
         deciders=("information_gain", "random_confirm"),
         targets=("cup",),

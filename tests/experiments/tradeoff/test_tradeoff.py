@@ -38,10 +38,10 @@ def point(name: str, successes: int, touches: float, physics: float = 1.0, **cha
 
 def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     base = Configuration(SMALL)
-    moved = replace(base, network=replace(SMALL, checkpoint="elsewhere/small.safetensors"))
+    moved = replace(base, network=replace(SMALL, file="elsewhere/small.safetensors"))
     assert moved.key == base.key
     changes = [
-        {"decider": "threshold"}, {"touch_cost": 0.03}, {"precision": "bf16"}, {"observation_model": "plda"},
+        {"decider": "threshold"}, {"touch_cost": 0.03}, {"observation_model": "plda"},
         {"fidelity": "quasistatic"}, {"episodes": 9}, {"seed": 1},
         {"network": replace(SMALL, sha256="00" * 32)},
     ]  # fmt: skip
@@ -56,7 +56,6 @@ def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
-    assert {c.precision for c in found if c.network == SMALL} == {"fp32", "bf16"}
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
@@ -77,7 +76,7 @@ def test_what_is_varied_has_a_word():
     base = Configuration(GEL)
     words = {
         "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
-        "network": {"network": SMALL, "observation_model": "ratio"}, "precision": {"precision": "bf16"},
+        "network": {"network": SMALL, "observation_model": "ratio"},
         "observation model": {"observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
     }  # fmt: skip
     assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
@@ -88,7 +87,7 @@ def test_a_point_costs_its_touches_and_its_decisions():
     result = SearchResult(
         Configuration(GEL), [1, 0], [2, 4], [3, 5], [0.9, -1.1], decision_seconds=0.016, planning_seconds=0.0
     )
-    here = Candidate(result, TouchCost(physics=1.5, network=0.5, weights=1.0, memory=1.0))
+    here = Candidate(result, TouchCost(physics=1.5, network=0.5, size=1.0, memory=1.0))
     assert here.result.ms_per_decision == pytest.approx(2.0)  # 16 ms for 8 decisions
     assert here.ms_of_searches.tolist() == pytest.approx([2 * 2.0 + 3 * 2.0, 4 * 2.0 + 5 * 2.0])
     assert here.ms_per_search == pytest.approx(14.0)
@@ -100,7 +99,7 @@ def test_the_front_and_the_picks_are_those_found_by_hand():
     good = point("information_gain", 399, 4)
     wasteful = point("fixed_poses", 399, 8)
     best = point("value_of_information", 400, 9)
-    half = point("point_based", 400, 1, precision="bf16")
+    fewer = point("pouct", 400, 1, simulations=100)
     [front] = fronts([best, wasteful, good, cheap], np.random.default_rng(0), num_resamples=50)
     assert [p.configuration.decider for p in front.points] == [
         "threshold", "information_gain", "fixed_poses", "value_of_information",
@@ -109,7 +108,7 @@ def test_the_front_and_the_picks_are_those_found_by_hand():
     assert front.probs[0] == 1.0  # nothing is cheaper
     assert [pick.point for pick in picks(front, 0.98, 50.0)] == [good, best]
     assert [pick.point for pick in picks(front, 0.9999, 0.5)] == [None, None]
-    [other] = fronts([half, good], np.random.default_rng(0), num_resamples=50)
+    [other] = fronts([fewer, good], np.random.default_rng(0), num_resamples=50)
     assert picks(other, 0.98, 50.0)[0].point == good  # a comparison cannot play the other
 
 
@@ -144,9 +143,9 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         Tradeoff(scenes=("coarze",), out=tmp_path).run()
     with pytest.raises(BadArgument, match="leave out --finished"):
         Tradeoff(finished=True, out=tmp_path).run()
-    for checkpoint in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
+    for reader in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
         with pytest.raises(BadArgument, match="SCENE=FILE"):
-            Tradeoff(scenes=("coarse",), checkpoints=(checkpoint,), out=tmp_path).run()
+            Tradeoff(scenes=("coarse",), readers=(reader,), out=tmp_path).run()
 
 
 @pytest.mark.mujoco

@@ -1,0 +1,83 @@
+"""From a network in torch to a reader that needs no torch."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import torch
+from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
+
+from activetouch.perception.classifier import TouchClassifier, half_weights
+from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
+from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
+
+_SMALL = 32  # numbers of an array that stays as it is
+
+
+def export_reader(
+    classifier: TouchClassifier, image_shape: tuple[int, ...], hypotheses: HypothesisEmbedding | None = None
+) -> TactileReader:
+    """The reader that gives what a network gives, with its weights in half precision.
+
+    Args:
+        classifier: the network; its first output is the embedding, or the logits where the card has no embedding.
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images it will read.
+        hypotheses: the embedding of hypotheses that belongs to it, where the card has one.
+
+    Raises:
+        ValueError: a weight is too large for half precision, or not finite.
+        WrongScene: the network cannot read such images.
+    """
+    classifier.card.require_images(image_shape)
+    card = replace(classifier.card, image_shape=tuple(image_shape))
+    network = copy.deepcopy(classifier.network).eval()
+    network.load_state_dict({name: torch.from_numpy(value) for name, value in half_weights(network).items()})
+    # Of a batch of one, the exporter would take the size of the batch for a constant.
+    example = torch.zeros((2, *image_shape), dtype=torch.uint8)
+    with warnings.catch_warnings(), torch.inference_mode():
+        warnings.simplefilter("ignore")
+        logger = logging.getLogger("torch.onnx")
+        level = logger.level
+        logger.setLevel(logging.ERROR)  # it warns of packages that are not needed
+        try:
+            program = torch.onnx.export(
+                network,
+                (example,),
+                dynamo=True,
+                dynamic_shapes=({0: torch.export.Dim("batch")},),
+                input_names=[INPUT],
+                output_names=list(OUTPUTS),
+                verbose=False,
+            )
+        finally:
+            logger.setLevel(level)
+    assert program is not None, "the exporter returns a program unless it writes a file"
+    return TactileReader(card, _in_half_precision(program.model_proto), hypotheses)
+
+
+def _in_half_precision(model: ModelProto) -> bytes:
+    """The bytes of a model whose large arrays are in half precision, which a session casts back once.
+
+    What the exporter notes about its sources is left out, so that the same network is the same bytes.
+    """
+    graph = model.graph
+    casts: list[NodeProto] = []
+    for tensor in graph.initializer:
+        array = numpy_helper.to_array(tensor)
+        half = array.astype(np.float16) if array.dtype == np.float32 and array.size >= _SMALL else None
+        if half is None or not np.array_equal(half.astype(np.float32), array):
+            continue  # a constant of the graph
+        name = tensor.name
+        casts.append(helper.make_node("Cast", [f"{name}.half"], [name], f"{name}.cast", to=TensorProto.FLOAT))
+        tensor.CopyFrom(numpy_helper.from_array(half, f"{name}.half"))
+    nodes = [*casts, *graph.node]
+    for thing in (model, graph, *nodes):
+        thing.ClearField("metadata_props")
+        thing.ClearField("doc_string")
+    del graph.node[:], graph.value_info[:]
+    graph.node.extend(nodes)
+    return model.SerializeToString(deterministic=True)

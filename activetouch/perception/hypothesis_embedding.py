@@ -1,0 +1,133 @@
+"""The embedding g(shape, rotation, size) of hypotheses, in numpy: a multilayer perceptron with GELU between layers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf, logsumexp
+
+from activetouch.perception.card import ClassifierCard
+
+Floats32 = NDArray[np.float32]
+_AT_ONCE = 4096  # hypotheses
+_LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisEmbedding:
+    """The network g, and the fixed hypotheses over which shape logits are averaged.
+
+    Attributes:
+        card: of the reader that it belongs to.
+        layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
+            entries of the rotation matrix row by row, and the standardised log size.
+        rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
+        sizes: of the fixed hypotheses, ``(M,)``.
+
+    Raises:
+        ValueError: the arrays do not fit each other or the card.
+    """
+
+    card: ClassifierCard
+    layers: tuple[tuple[Floats32, Floats32], ...]
+    rotations: Floats32
+    sizes: Floats32
+
+    def __post_init__(self) -> None:
+        width = len(self.card.shape_labels) + 10
+        for number, (weight, bias) in enumerate(self.layers):
+            if weight.ndim != 2 or weight.shape != (len(bias), width):
+                raise ValueError(f"layer {number} of the hypotheses must read {width} numbers, got {weight.shape}")
+            width = len(bias)
+        if not self.layers or width != self.card.embedding:
+            raise ValueError(f"the hypotheses' embedding must have {self.card.embedding} numbers, got {width}")
+        if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
+            raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
+
+    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
+        """Embeddings of hypotheses.
+
+        Args:
+            shapes: indices, ``(H,)``.
+            rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
+            sizes: relative to the nominal size, ``(H,)``.
+
+        Returns:
+            ``(H, D)``.
+
+        Raises:
+            ValueError: the arguments are of other lengths or shapes, or a shape is unknown.
+        """
+        number, num_shapes = len(shapes), len(self.card.shape_labels)
+        if rotations.shape != (number, 3, 3) or np.shape(sizes) != (number,):
+            raise ValueError(
+                f"{number} shapes need rotations ({number}, 3, 3) and sizes ({number},), got {rotations.shape} and "
+                f"{np.shape(sizes)}"
+            )
+        if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
+            raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
+        log_sizes = (np.log(sizes) - self.card.log_size_mean) / self.card.log_size_std
+        found = np.empty((number, self.card.embedding), np.float32)
+        for first in range(0, number, _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
+            hidden = np.concatenate(
+                [kind, rotations[some].reshape(-1, 9), log_sizes[some, None]], axis=1, dtype=np.float32
+            )
+            for weight, bias in self.layers[:-1]:
+                hidden = _gelu(hidden @ weight.T + bias)
+            weight, bias = self.layers[-1]
+            found[some] = hidden @ weight.T + bias
+        return found
+
+    @cached_property
+    def _fixed(self) -> Floats32:
+        """Embeddings of the fixed hypotheses, shape after shape, ``(K · M, D)``."""
+        num_shapes, number = len(self.card.shape_labels), len(self.sizes)
+        return self.embed(
+            np.repeat(np.arange(num_shapes), number),
+            np.tile(self.rotations, (num_shapes, 1, 1)),
+            np.tile(self.sizes, num_shapes),
+        )
+
+    def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
+        """Log p(image | shape) / p(image), ``(N, K)``: the mean ratio over the fixed hypotheses of each shape."""
+        scores = embeddings @ self._fixed.T
+        by_shape = scores.reshape(len(embeddings), len(self.card.shape_labels), -1).astype(np.float64)
+        return logsumexp(by_shape, axis=2) - np.log(by_shape.shape[2])
+
+    def tensors(self) -> dict[str, NDArray[Any]]:
+        """The arrays by name, as a file has them: layers in half precision."""
+        found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
+        for number, (weight, bias) in enumerate(self.layers):
+            found[f"{_LAYER}.{number}.weight"] = weight.astype(np.float16)
+            found[f"{_LAYER}.{number}.bias"] = bias.astype(np.float16)
+        return found
+
+    @classmethod
+    def from_tensors(cls, card: ClassifierCard, tensors: Mapping[str, NDArray[Any]]) -> HypothesisEmbedding:
+        """The network from :meth:`tensors`.
+
+        Raises:
+            KeyError: an array is missing.
+            ValueError: the arrays do not fit each other or the card.
+        """
+        number = sum(name.startswith(f"{_LAYER}.") for name in tensors) // 2
+        layers = tuple(
+            (
+                tensors[f"{_LAYER}.{layer}.weight"].astype(np.float32),
+                tensors[f"{_LAYER}.{layer}.bias"].astype(np.float32),
+            )
+            for layer in range(number)
+        )
+        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES])
+
+
+def _gelu(x: Floats32) -> Floats32:
+    """The exact Gaussian error linear unit."""
+    return np.float32(0.5) * x * (np.float32(1.0) + erf(x * np.float32(np.sqrt(0.5))))

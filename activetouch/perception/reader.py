@@ -1,0 +1,193 @@
+"""Reads tactile images with a trained network, by ONNX Runtime and numpy alone.
+
+A reader is one sealed file (:mod:`activetouch.perception.sealed_tensors`): a card, a network as an ONNX graph from
+uint8 images to an embedding and features, and, where the card has an embedding, the network of hypotheses
+(:mod:`activetouch.perception.hypothesis_embedding`). Loading it runs no code from the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.perception.card import READER, ClassifierCard, card_from
+from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
+from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from belief.errors import CorruptFile, InvalidArgument
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+INPUT, OUTPUTS = "images", ("embedding", "features")
+"""What the graph of a reader calls its input and its outputs."""
+_NETWORK = "network"
+
+
+class Reading(NamedTuple):
+    """What a reader says of N images, from one pass.
+
+    Attributes:
+        logits: log p(image | shape) up to a constant of each image, ``(N, K)`` float64.
+        features: the backbone's, before the head, ``(N, F)`` float32; F is 768 for Tiny.
+        embeddings: of the images, ``(N, D)`` float32; the logits where the card has no embedding.
+    """
+
+    logits: NDArray[np.float64]
+    features: NDArray[np.float32]
+    embeddings: NDArray[np.float32]
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Index of the likeliest shape, ``(N,)``."""
+        return self.logits.argmax(axis=1)
+
+
+class ImageReader(Protocol):
+    """What reads images: a :class:`TactileReader`, or a network in torch that is still being trained or compared."""
+
+    @property
+    def card(self) -> ClassifierCard:
+        """What it was trained for."""
+
+    def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
+        """See :meth:`TactileReader.read`."""
+
+
+@dataclass(frozen=True, eq=False)
+class TactileReader:
+    """A trained network, ready to read touches.
+
+    Attributes:
+        card: what it was trained for.
+        network: an ONNX graph.
+        hypotheses: embeds hypotheses; None where the network gives logits of the shapes.
+        threads: of the network; one by default, so that processes share the cores and sums keep their order.
+    """
+
+    card: ClassifierCard
+    network: bytes
+    hypotheses: HypothesisEmbedding | None = None
+    threads: int = 1
+
+    def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
+        """Logits, features and embeddings of images.
+
+        Args:
+            images: uint8, ``(N, H, W)`` or ``(N, H, W, 3)``; those of another size than the card's are averaged down,
+                or repeated up, to it.
+            batch_size: images of one pass.
+
+        Raises:
+            ValueError: there are no images, or they cannot be brought to the card's size.
+        """
+        require_stack(images)
+        images = _resized(images, self.card.image_shape)
+        parts = [
+            self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
+            for first in range(0, len(images), batch_size)
+        ]
+        embeddings, features = (np.concatenate(column) for column in zip(*parts, strict=True))
+        if self.hypotheses is None:
+            return Reading(embeddings.astype(np.float64), features, embeddings)
+        return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
+
+    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> NDArray[np.float32]:
+        """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
+
+        Raises:
+            InvalidArgument: the network tells shapes only.
+        """
+        if self.hypotheses is None:
+            raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
+        return self.hypotheses.embed(shapes, rotations, sizes)
+
+    def save(self, path: Path) -> None:
+        """Write the reader, atomically.
+
+        Raises:
+            CannotWrite: there is no room, or no permission.
+        """
+        tensors: dict[str, NDArray[Any]] = {_NETWORK: np.frombuffer(self.network, np.uint8)}
+        if self.hypotheses is not None:
+            tensors |= self.hypotheses.tensors()
+        write_tensors(path, tensors, self.card.fields(), READER)
+
+    @classmethod
+    def load(cls, path: Path, threads: int = 1) -> TactileReader:
+        """Read a reader from its file.
+
+        Args:
+            path: of the file.
+            threads: of the network.
+
+        Raises:
+            CorruptFile: the file is truncated, was changed after it was written, or is not one of ours.
+        """
+        tensors, fields = read_tensors(path, READER)
+        card = card_from(fields, path)
+        try:
+            hypotheses = HypothesisEmbedding.from_tensors(card, tensors) if card.embedding else None
+            reader = cls(card, tensors[_NETWORK].tobytes(), hypotheses, threads)
+            reader._require_graph()
+        except (KeyError, ValueError) as error:
+            raise CorruptFile(f"{path} does not describe a reader: {error}") from error
+        return reader
+
+    @cached_property
+    def _session(self) -> InferenceSession:
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads, options.inter_op_num_threads = self.threads, 1
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads leave the cores alone
+        options.use_deterministic_compute = True
+        options.log_severity_level = 3  # errors
+        return onnxruntime.InferenceSession(self.network, options, providers=["CPUExecutionProvider"])
+
+    def _require_graph(self) -> None:
+        """Check that the graph reads the card's images, and gives as many numbers as the card says."""
+        try:
+            inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        except ImportError:
+            raise
+        except Exception as error:  # the errors of ONNX Runtime have no class in common
+            raise ValueError(f"its network is no ONNX graph: {error}") from error
+        width = self.card.embedding or len(self.card.shape_labels)
+        found = [(thing.name, tuple(thing.shape[1:])) for thing in (*inputs, *outputs[:1])]
+        wanted = [(INPUT, self.card.image_shape), (OUTPUTS[0], (width,))]
+        if found != wanted or [thing.name for thing in outputs] != list(OUTPUTS):
+            raise ValueError(f"its network is {found}, not {wanted}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: all but the session, which each makes for itself."""
+        return {name: value for name, value in vars(self).items() if name != "_session"}
+
+
+def _resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Images averaged down, or repeated up, to a shape."""
+    if images.shape[1:] == shape:
+        return images
+    found, wanted = images.shape[1], shape[0]
+    if images.shape[3:] != shape[2:] or (found % wanted and wanted % found):
+        raise ValueError(f"the reader takes images of shape {shape}, got {images.shape[1:]}")
+    if wanted > found:
+        return images.repeat(wanted // found, axis=1).repeat(wanted // found, axis=2)
+    blocks = images.reshape(len(images), wanted, found // wanted, wanted, found // wanted, *shape[2:])
+    return blocks.mean(axis=(2, 4)).round().astype(np.uint8)
+
+
+def require_stack(images: NDArray[np.uint8]) -> None:
+    """Check that there are images, and that they are of bytes.
+
+    Raises:
+        ValueError: there are none, or they are something else.
+    """
+    if images.ndim not in (3, 4) or images.dtype != np.uint8:
+        raise ValueError(f"images must be uint8 of shape (N, H, W) or (N, H, W, 3), got {images.dtype} {images.shape}")
+    if not len(images):
+        raise ValueError("images is empty: there is nothing to read")

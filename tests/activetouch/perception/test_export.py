@@ -1,0 +1,104 @@
+"""An exported reader gives what its network in torch gives, and is small and reproducible."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from activetouch.errors import WrongScene
+from activetouch.hypotheses import rotations, sizes
+from activetouch.perception.card import ClassifierCard
+from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.export import export_reader
+from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
+from activetouch.perception.reader import TactileReader
+
+pytestmark = pytest.mark.torch
+
+
+def classifier(backbone, input_size, channels=1, num_shapes=4):
+    labels = tuple(f"shape {k}" for k in range(num_shapes))
+    card = ClassifierCard(backbone, input_size, labels, ("p",), channels)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        network = TouchNetwork(card)
+    network.load_state_dict({name: value.half() for name, value in network.state_dict().items()})
+    return TouchClassifier(card, network)
+
+
+@pytest.mark.parametrize(
+    ("backbone", "input_size", "image_shape"),
+    [("cnn", 64, (128, 128)), ("cnn", 16, (4, 4)), ("cnn", 32, (32, 32)), ("atto", 32, (64, 64, 3))],
+)
+def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape, tmp_path, rng):
+    single = classifier(backbone, input_size, 3 if len(image_shape) == 3 else 1)
+    export_reader(single, image_shape).save(tmp_path / "reader.safetensors")
+    reader = TactileReader.load(tmp_path / "reader.safetensors")
+    images = rng.integers(0, 255, (7, *image_shape)).astype(np.uint8)
+    for number in (1, 7):
+        found, expected = reader.read(images[:number]), single.read(images[:number])
+        np.testing.assert_allclose(found.logits, expected.logits, atol=1e-4)
+        np.testing.assert_allclose(found.features, expected.features, atol=1e-4)
+        np.testing.assert_array_equal(found.embeddings, found.logits.astype(np.float32))
+    parameters = sum(p.numel() for p in single.network.parameters())
+    assert (tmp_path / "reader.safetensors").stat().st_size < 2 * parameters + 150_000  # half precision
+    assert reader.card == replace(single.card, image_shape=image_shape)
+
+
+def test_the_same_network_is_the_same_reader():
+    first, second = (export_reader(classifier("cnn", 16), (16, 16)) for _ in range(2))
+    assert first.network == second.network
+    assert b".py" not in first.network  # nothing about the sources of the exporter
+
+
+def test_images_that_the_network_cannot_read_are_refused_before_exporting():
+    with pytest.raises(WrongScene, match="no multiple"):
+        export_reader(classifier("cnn", 48), (128, 128))
+
+
+def test_weights_that_diverged_are_not_exported():
+    diverged = classifier("cnn", 16)
+    torch.nn.init.constant_(diverged.network.head.bias, 1e6)
+    with pytest.raises(ValueError, match=r"head\.bias are not finite in half precision"):
+        export_reader(diverged, (16, 16))
+
+
+def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
+    num_shapes, width, embedding = 3, 20, 5
+    single = classifier("cnn", 16, num_shapes=embedding)  # the outputs of its head are the embedding
+    card = replace(
+        single.card, shape_labels=("a", "b", "c"), embedding=embedding, log_size_mean=0.02, log_size_std=0.06
+    )
+    g = torch.nn.Sequential(
+        torch.nn.Linear(num_shapes + 10, width), torch.nn.GELU(),
+        torch.nn.Linear(width, width), torch.nn.GELU(), torch.nn.Linear(width, embedding),
+    ).half().float()  # fmt: skip
+    layers = tuple((layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in list(g)[::2])
+    turns, scales = rotations(50).astype(np.float32), sizes(50, 0.9, 1.1).astype(np.float32)
+    hypotheses = HypothesisEmbedding(card, layers, turns, scales)
+    reader = replace(export_reader(single, (16, 16)), hypotheses=hypotheses)
+    reader = replace(reader, card=replace(card, image_shape=(16, 16)))
+    reader.save(tmp_path / "reader.safetensors")
+    reader = TactileReader.load(tmp_path / "reader.safetensors")
+
+    def embedded(shape, rotation, size):
+        standard = (np.log(size) - card.log_size_mean) / card.log_size_std
+        row = np.concatenate([np.eye(num_shapes)[shape], rotation.ravel(), [standard]])
+        return g(torch.tensor(row, dtype=torch.float32)).detach().numpy()
+
+    expected = np.stack(
+        [[embedded(k, turn, scale) for turn, scale in zip(turns, scales, strict=True)] for k in range(3)]
+    )
+    found = reader.embed(np.full(50, 1), turns, scales)
+    np.testing.assert_allclose(found, expected[1], atol=1e-5)
+    images = rng.integers(0, 255, (4, 16, 16)).astype(np.uint8)
+    reading = reader.read(images)
+    np.testing.assert_allclose(reading.embeddings, single.read(images).embeddings, atol=1e-4)
+    scores = np.einsum("nd,kmd->nkm", reading.embeddings.astype(float), expected.astype(float))
+    np.testing.assert_allclose(reading.logits, np.log(np.exp(scores).mean(axis=2)), atol=1e-4)
+    for wrong in (np.full(50, 3), np.full(50, -1)):
+        with pytest.raises(ValueError, match=r"indices in \[0, 3\)"):
+            reader.embed(wrong, turns, scales)
+    with pytest.raises(ValueError, match="need rotations"):
+        reader.embed(np.zeros(49, int), turns, scales)
