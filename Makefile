@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment sensor policies figures reproduce clean
+.PHONY: search test check environment development sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -19,19 +19,27 @@ search: environment
 test: check
 	$(BIN)/pytest -n 2 --dist loadfile
 
-check: environment
+check: development
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# What searches need, and what training and tests need beside it, in the same folder.
 environment: $(VENV)/ready
+development: $(VENV)/ready-dev
+
+INSTALL = $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt $(PIP_ARGS) -e
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || \
 		{ echo "Python 3.11 or newer is needed; say which: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt $(PIP_ARGS) -e ".[dev]"
+	$(INSTALL) .
+	@touch $@
+
+$(VENV)/ready-dev: $(VENV)/ready
+	$(INSTALL) ".[dev]"
 	@touch $@
 
 # The shipped sensor of a scene from nothing: touches, classifier, observation model; make sensor SCENE=coarse for another
@@ -49,7 +57,7 @@ TRAIN.coarse := $(CNN) --change.epochs 12
 TRAIN.hard := $(CNN) --change.epochs 24
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --recipe large --change.batch-size 128 --change.epochs 6
-sensor: environment
+sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
@@ -57,7 +65,7 @@ sensor: environment
 
 # Its PPO policies, from the same repeated touches; those that come with the package are of paper, coarse and gel.
 PPO.gel := --change.steps 120000
-policies: environment
+policies: development
 	$(BIN)/activetouch touch-bank --scene $(SCENE)
 	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))
 	mkdir -p activetouch/models/$(SCENE)/policies
@@ -69,7 +77,7 @@ figures: search
 	$(BIN)/activetouch gallery --out docs/gallery.png
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.
-reproduce: environment
+reproduce: development
 	$(BIN)/activetouch reproduce $(ARGS)
 
 clean:

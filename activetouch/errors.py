@@ -33,10 +33,6 @@ class WrongPress(ActiveTouchError, TypeError):
     """The scene's press does not support an operation, such as a rotation."""
 
 
-class MissingPackage(ActiveTouchError, ImportError):
-    """An optional package is not installed; the message says how to install it."""
-
-
 class MissingRobot(ActiveTouchError, FileNotFoundError):
     """The robot's model files were not found."""
 

@@ -26,6 +26,10 @@ class CannotWrite(ActiveTouchError, OSError):
     """A file cannot be written: the disk is full, or the folder is read-only or is not a folder."""
 
 
+class MissingPackage(ActiveTouchError, ImportError):
+    """An optional package is not installed; the message says how to install it."""
+
+
 class BrokenContract(ActiveTouchError, AssertionError):
     """A user's object violates its protocol; the message states the rule and the input."""
 

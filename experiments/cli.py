@@ -125,6 +125,13 @@ def _run(arguments: list[str]) -> None:
             command.run()
     except BrokenPipeError:
         raise
+    except ModuleNotFoundError as error:
+        from activetouch.extras import extra_of, missing_package
+
+        module = error.name or ""
+        if (extra := extra_of(module)) is None:
+            raise
+        sys.exit(f"activetouch: {missing_package([module], extra)}")
     except (ActiveTouchError, FileNotFoundError) as error:
         sys.exit("\n".join([f"activetouch: {error}", *getattr(error, "__notes__", [])]))
     except OSError as error:  # raised when libraries write files, such as logs

@@ -1,7 +1,7 @@
 """Searching by trained policies (paper §5.8): one network a target, run by numpy alone.
 
-A policy is a small multilayer perceptron in one safetensors file: float32 weights, and in the header everything needed
-to use them honestly, with a SHA-256 of it all. Loading runs no code from the file.
+A policy is a small multilayer perceptron in one safetensors file: float32 weights, and in the header a card and a
+SHA-256 of it all. Loading runs no code from the file.
 
 >>> card = PolicyCard("paper", "cube", ("sphere", "cube"), ("front",), touch_limit=12)
 >>> policy = Policy(card, (np.zeros((3, 6), np.float32),), (np.array([0.0, 1.0, 0.5], np.float32),))
@@ -13,7 +13,6 @@ True
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -26,11 +25,12 @@ from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject
 from belief.errors import ActiveTouchError, CorruptFile
+from belief.files import array_digest, sealed_json, unsealed_json
 from belief.policy_state import ENCODINGS, NO_ACTION, Situation, frame_probs
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
 
-_FORMAT = "activetouch-policy-1"
+_FORMAT = "activetouch-policy-2"
 
 
 class MissingPolicy(ActiveTouchError, FileNotFoundError):
@@ -110,11 +110,10 @@ class Policy:
         """The policy as a safetensors file."""
         from safetensors.numpy import save
 
-        card = json.dumps(asdict(self.card))
-        header = json.dumps({"card": card, "sha256": _digest(card, self.weights, self.biases)})
         tensors = {}
         for index, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             tensors[f"weight_{index}"], tensors[f"bias_{index}"] = np.ascontiguousarray(weight), bias
+        header = sealed_json({"fields": asdict(self.card), "tensors": array_digest(tensors)}, indent=None)
         return save(tensors, metadata={_FORMAT: header})
 
     @classmethod
@@ -134,13 +133,13 @@ class Policy:
 
         try:
             tensors = load(data)
-            header = json.loads(_metadata(data)[_FORMAT])
+            header = unsealed_json(_metadata(data)[_FORMAT])
+            if header["tensors"] != array_digest(tensors):
+                raise BadPolicy("it was changed after it was written: its weights do not match their SHA-256")
             number = len(tensors) // 2
             weights = tuple(tensors[f"weight_{index}"] for index in range(number))
             biases = tuple(tensors[f"bias_{index}"] for index in range(number))
-            if header["sha256"] != _digest(header["card"], weights, biases):
-                raise BadPolicy("the policy was changed after it was written: it does not match its SHA-256")
-            fields = json.loads(header["card"])
+            fields = header["fields"]
             fields |= {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels")}
             return cls(PolicyCard(**fields), weights, biases)
         except BadPolicy:
@@ -283,10 +282,3 @@ def _metadata(data: bytes) -> dict[str, str]:
     length = int.from_bytes(data[:8], "little")
     metadata: dict[str, str] = json.loads(data[8 : 8 + length])["__metadata__"]
     return metadata
-
-
-def _digest(card: str, weights: Sequence[NDArray[np.float32]], biases: Sequence[NDArray[np.float32]]) -> str:
-    digest = hashlib.sha256(card.encode())
-    for weight, bias in zip(weights, biases, strict=True):
-        digest.update(np.ascontiguousarray(weight).tobytes() + bias.tobytes())
-    return digest.hexdigest()

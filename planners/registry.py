@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, MissingPackage
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
@@ -37,10 +37,6 @@ has such parameters; its other parameters are settings, which have defaults."""
 
 class WrongType(ActiveTouchError, TypeError):
     """A decider was to be made from something else than it takes."""
-
-
-class MissingPackage(ActiveTouchError, ImportError):
-    """A decider needs a package that is not installed; the message says how to get it."""
 
 
 def _tree_search() -> ModuleType:

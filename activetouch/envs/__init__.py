@@ -2,10 +2,11 @@
 
     env = gymnasium.make("activetouch:activetouch/ObjectTest-v0", scene="coarse", target="cone")
 
-The prefix ``activetouch:`` imports the package. Making an environment loads torch and MuJoCo.
+The prefix ``activetouch:`` imports the package. Making an environment loads MuJoCo. Without Gymnasium (the extra
+``rl``), nothing is registered.
 """
 
-from gymnasium.envs.registration import register, registry
+from importlib.util import find_spec
 
 IDS = {
     "activetouch/ObjectTest-v0": "activetouch.envs.object_test:ObjectTestEnv",
@@ -13,8 +14,11 @@ IDS = {
 }
 """The entry points of the environments by id."""
 
-for _id, _entry_point in IDS.items():
-    if _id not in registry:  # also if the module is reloaded
-        register(_id, _entry_point)
+if find_spec("gymnasium") is not None:
+    from gymnasium.envs.registration import register, registry
+
+    for _id, _entry_point in IDS.items():
+        if _id not in registry:  # also if the module is reloaded
+            register(_id, _entry_point)
 
 __all__ = ["IDS"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from rich.markdown import Markdown
 
+from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from activetouch.perception.recipe import RECIPES
 from belief.errors import CorruptFile
@@ -131,6 +132,8 @@ class Reproduce:
     def _check(self, parts: Sequence[str]) -> None:
         """Check all arguments before any work."""
         check_arguments(self)
+        for extra in ("train", "rl") if self.from_nothing else ("train",) if "table1" in parts else ():
+            require_extra(extra)
         for scene in self.scenes:
             named_scene(scene)
         for decider in self.deciders:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from activetouch.errors import WrongScene
+from activetouch.extras import require_extra
 from activetouch.scene_description import require_scene
 from activetouch.world import MODELS, observation_model_and_scene
 from belief.errors import CorruptFile, UnknownName
@@ -94,6 +95,7 @@ class TrainPPO:
     def run(self) -> None:
         """Train what is missing, choose, and write policies and learning curves."""
         check_arguments(self)
+        require_extra("rl")
         from experiments.ppo.training import POLICY  # loads gymnasium
 
         named_scene(self.scene)  # raises for an unknown name

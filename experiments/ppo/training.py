@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
-from activetouch.errors import MissingPackage
 from activetouch.perception.sealed_tensors import read_tensors
-from belief.errors import ActiveTouchError, CorruptFile
+from belief.errors import ActiveTouchError, CorruptFile, MissingPackage
 from belief.files import array_digest, atomic_path
 from belief.observation_model import ArrayModel
 from experiments.ppo.recipe import PPORecipe

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import WrongPress
+from activetouch.extras import require_extra
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.pressing.contact import Contact, with_numbers_of
@@ -120,6 +121,7 @@ class Leak:
         check_arguments(self)
         scene = self.choice.named.scene
         if self.train:
+            require_extra("train")
             require_input_size(self.input_size, scene.image_shape[0], "cnn")
         out = self.out if self.out is not None else Path(f"runs/leak-{in_file_names(self.choice.scene)}")
         require_writable(out)

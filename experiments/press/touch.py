@@ -14,11 +14,12 @@ import numpy as np
 import tyro
 from rich.progress import track
 
-from activetouch.errors import MissingPackage, WrongPress
+from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
+from belief.errors import MissingPackage
 from belief.files import require_writable, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Picture, Seed, check_arguments

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
+from activetouch.extras import require_extra
 from activetouch.perception.reader import ImageReader
 from belief.files import require_writable, write_text
 from experiments.command_line.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
@@ -91,6 +92,7 @@ class Frontier:
     def run(self) -> None:
         """Read, time, write and print."""
         check_arguments(self)
+        require_extra("train")
         import torch
 
         from activetouch.perception.classifier import TouchClassifier, TouchNetwork

@@ -12,6 +12,7 @@ import numpy as np
 
 from activetouch.data.dataset import SPLITS, TouchSet, read_split
 from activetouch.data.manifest import Manifest
+from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.files import require_writable, write_text
 from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
@@ -80,6 +81,7 @@ class LearningCurve:
     def run(self) -> None:
         """Train, read, write and print."""
         check_arguments(self)
+        require_extra("train")
         import torch
 
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{in_file_names(self.scene)}")

@@ -7,6 +7,7 @@ from typing import Any
 
 from activetouch import Scene, TactileSensor
 from activetouch.data.manifest import CollectionPlan
+from activetouch.extras import require_extra
 from activetouch.named_scenes import NamedScene
 from activetouch.world import READER_FILE
 from experiments.parallel import default_jobs
@@ -50,8 +51,10 @@ def make_sensor(
 
     Raises:
         LabelMismatch: the folder holds the touches of another scene, or of other sizes.
+        MissingPackage: the extra ``train`` is not installed.
         TooFewObjects: ``calibration`` or ``test`` is too small.
     """
+    require_extra("train")
     if isinstance(scene, str):
         named = named_scene(scene)
     else:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
 from activetouch.errors import MissingWeights
+from activetouch.extras import require_extra
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
 from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
@@ -104,6 +105,7 @@ class Train:
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
         check_arguments(self)
+        require_extra("train")
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)

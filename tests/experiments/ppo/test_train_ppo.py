@@ -13,8 +13,7 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
-from activetouch.errors import MissingPackage
-from belief.errors import CorruptFile, UnknownName
+from belief.errors import CorruptFile, MissingPackage, UnknownName
 from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
 from experiments.command_line.arguments import BadArgument

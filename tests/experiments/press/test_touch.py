@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 from activetouch import SHAPES
-from activetouch.errors import MissingPackage, WrongPress
+from activetouch.errors import WrongPress
 from activetouch.pressing.trace import Phase
-from belief.errors import UnknownName
+from belief.errors import MissingPackage, UnknownName
 from experiments.press.touch import Gallery, Record, TouchCommand, View, press_new_object
 from experiments.scene_choice import SceneChoice
 

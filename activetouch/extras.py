@@ -1,0 +1,52 @@
+"""The optional parts of an installation: which packages each extra brings, and an error that names the extra.
+
+>>> extra_of("transformers.models"), extra_of("numpy")
+('train', None)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.util import find_spec
+from types import MappingProxyType
+
+from belief.errors import MissingPackage
+
+EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "train": ("torch", "transformers", "onnx", "onnxscript"),
+        "rl": ("gymnasium", "stable_baselines3", "torch"),
+        "contrib": ("sb3_contrib",),
+        "pomdp": ("pomdp_py",),
+        "dask": ("distributed",),
+    }
+)
+"""Modules by the extra that installs them."""
+
+
+def require_extra(extra: str) -> None:
+    """Check that an extra is installed, before any work.
+
+    Args:
+        extra: a key of :data:`EXTRAS`.
+
+    Raises:
+        MissingPackage: one of its modules is missing; the message says how to install it.
+    """
+    missing = [name for name in EXTRAS[extra] if find_spec(name) is None]
+    if missing:
+        raise missing_package(missing, extra)
+
+
+def missing_package(modules: list[str], extra: str) -> MissingPackage:
+    """The error to raise where modules of an extra are missing."""
+    what = " and ".join(filter(None, [", ".join(modules[:-1]), modules[-1]]))
+    return MissingPackage(
+        f"{what} {'is' if len(modules) == 1 else 'are'} not installed: pip install 'activetouch[{extra}]'"
+    )
+
+
+def extra_of(module: str) -> str | None:
+    """The extra that installs a module; None if it is of no extra."""
+    top = module.partition(".")[0]
+    return next((extra for extra, modules in EXTRAS.items() if top in modules), None)

@@ -1,0 +1,89 @@
+"""The main job runs with the base installation alone, and what needs more says which extra to install."""
+
+import os
+import subprocess
+import sys
+from importlib.metadata import requires
+from pathlib import Path
+
+import pytest
+
+from activetouch.extras import EXTRAS, extra_of, require_extra
+from belief.errors import MissingPackage
+
+ROOT = Path(__file__).parent.parent
+HIDDEN = sorted({module for modules in EXTRAS.values() for module in modules})
+HIDE = f"""
+import sys
+from importlib.machinery import PathFinder
+
+class WithoutExtras(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name.partition(".")[0] in {HIDDEN} else super().find_spec(name, path, target)
+
+sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutExtras
+"""
+
+
+@pytest.fixture
+def activetouch(tmp_path):
+    """Runs a command in processes in which no module of an extra can be found."""
+    (tmp_path / "hidden").mkdir()
+    (tmp_path / "hidden" / "sitecustomize.py").write_text(HIDE)
+    path = os.pathsep.join([str(tmp_path / "hidden"), str(ROOT)])
+    environment = {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"}
+
+    def run(*words):
+        command = [sys.executable, "-m", "activetouch", *words]
+        return subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
+
+    return run
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_searches_need_no_training_stack(activetouch, jobs, tmp_path):
+    deciders = ("point_based", "information_gain", "threshold", "ppo", "random_confirm")
+    done = activetouch("compare", "--episodes", "2", "--jobs", jobs, "--out", "run", "--deciders", *deciders)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "run" / "report.html").stat().st_size > 10_000
+    assert "is best" in done.stdout.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        (("train",), "train"),
+        (("frontier", "--checkpoints", "runs/classifier.safetensors"), "train"),
+        (("learning-curve",), "train"),
+        (("reproduce", "--parts", "table1"), "train"),
+        (("train-ppo",), "rl"),
+        (("compare", "--deciders", "pouct", "--episodes", "1", "--jobs", "1"), "pomdp"),
+    ],
+)
+def test_a_command_that_needs_an_extra_names_it_before_any_work(activetouch, words, extra, tmp_path):
+    done = activetouch(*words)
+    assert done.returncode == 1
+    assert f"pip install 'activetouch[{extra}]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_every_module_of_an_extra_is_required_by_it_and_by_nothing_else():
+    distributions = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib", "pomdp_py": "pomdp-py"}
+    needed = [line.replace('"', "'") for line in requires("activetouch")]
+    for extra, modules in EXTRAS.items():
+        for module in modules:
+            name = distributions.get(module, module)
+            found = [line for line in needed if line.startswith(name) and not line[len(name)].isalpha()]
+            assert any(f"extra == '{extra}'" in line for line in found), (module, extra)
+            assert all("extra == " in line for line in found), module
+
+
+def test_extras_are_found_by_module(monkeypatch):
+    assert extra_of("onnxscript.ir") == "train"
+    assert extra_of("numpy") is None
+    require_extra("train")
+    monkeypatch.setattr("activetouch.extras.find_spec", lambda name: None)
+    with pytest.raises(MissingPackage, match=r"onnx and onnxscript are not installed: .*\[train\]"):
+        require_extra("train")
