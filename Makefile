@@ -25,7 +25,8 @@ check: development
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# What searches need, and what training and tests need beside it, in the same folder.
+# What searches need, and what training and tests need beside it, in the same folder. Without --no-compile, pip writes
+# 100 MB of bytecode, most of it never used; the first start writes what is.
 environment: $(VENV)/ready
 development: $(VENV)/ready-dev
 
@@ -35,7 +36,8 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || \
 		{ echo "Python 3.11 or newer is needed; say which: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) .
+	$(INSTALL) . --no-compile
+	@$(BIN)/activetouch compare --help > /dev/null
 	@touch $@
 
 $(VENV)/ready-dev: $(VENV)/ready

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RegularGridInterpolator
-from scipy.ndimage import convolve1d
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
@@ -96,6 +94,8 @@ class Deformable(SoftPad, Press):
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:
     """Linear interpolation from the nodes of the face to the taxels, ``(num_taxels, num_taxels)``."""
+    from scipy.interpolate import RegularGridInterpolator  # which takes a tenth of a second
+
     edge = np.linspace(-pad.half_width, pad.half_width, len(nodal))
     at_taxels = RegularGridInterpolator((edge, edge), nodal)(pad.taxel_centres[[2, 1]].T)
     return at_taxels.reshape(pad.num_taxels, pad.num_taxels)
@@ -107,6 +107,8 @@ def _pressure(pad: Pad, node_forces: Floats, force: float) -> Floats:
     MuJoCo makes one contact per tetrahedron, at an arbitrary point, which splits a force arbitrarily between
     neighbouring nodes. Smoothing removes this.
     """
+    from scipy.ndimage import convolve1d
+
     for axis in (0, 1):
         node_forces = convolve1d(node_forces, _SMOOTHING, axis=axis, mode="reflect")  # keeps the sum
     share = np.ones(len(node_forces))

@@ -14,7 +14,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
@@ -76,6 +75,8 @@ class ForcePatchRenderer:
         # At least a taxel wide, or a small force on a coarse pad would draw nothing.
         radii = np.maximum(self.radius_per_newton * magnitudes, pad.half_width / pad.num_taxels * np.sqrt(2.0))
         intensity = magnitudes @ (distance <= radii[:, None, None] ** 2).reshape(len(magnitudes), pad.num_taxels**2)
+        from scipy.ndimage import gaussian_filter  # which takes a tenth of a second
+
         image = gaussian_filter(intensity.reshape(pad.num_taxels, -1), self.smoothing * pad.num_taxels)
         brightest = image.max()
         return _colours(self.colormap)[np.rint(255 * (image / brightest if brightest > 0.0 else image)).astype(int)]

@@ -11,7 +11,6 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from activetouch.pressing.contact import Contact
 
@@ -44,6 +43,8 @@ class GelSightRenderer:
         if pad.num_taxels < 2:
             raise ValueError("a GelSight image needs a pad of at least 2 × 2 taxels")
         spacing = 2 * pad.half_width / pad.num_taxels
+        from scipy.ndimage import gaussian_filter  # which takes a tenth of a second
+
         surface = -gaussian_filter(contact.indentation, self.smoothing / spacing)
         along_z, along_y = np.gradient(surface, spacing)
         normal = np.stack([-along_y, -along_z, np.ones_like(surface)]) / np.sqrt(1 + along_y**2 + along_z**2)

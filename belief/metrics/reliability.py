@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from belief.frozen import FrozenArrays
 from belief.metrics.binned import Binning, bin_edges, bin_index
@@ -90,6 +89,8 @@ def reliability_curve(
     edges, index = bin_edges(predicted, num_bins, binning), bin_index(predicted, num_bins, binning)
     filled, index, count = np.unique(index, return_inverse=True, return_counts=True)
     mean = np.clip(np.bincount(index, predicted) / count, 0.0, 1.0)  # rounding may leave it above one
+    from scipy import stats  # which takes a quarter of a second
+
     tail = (1.0 - confidence) / 2
     return ReliabilityCurve(
         lower=edges[filled],

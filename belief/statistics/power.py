@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from belief.statistics.mcnemar import McNemar
 
@@ -77,7 +77,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def _z(tail: float) -> float:
-    return float(norm.isf(tail))
+    return -float(ndtri(tail))
 
 
 def _whole(root: float) -> int:

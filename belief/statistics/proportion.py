@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-from scipy import stats
-
 from belief.statistics.inputs import normal_quantile, require_fraction
 
 _MOST_TRIALS = 10**15  # a float counts no further
@@ -39,6 +37,8 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
     >>> [round(x, 4) for x in clopper_pearson_interval(0, 100)]
     [0.0, 0.0362]
     """
+    from scipy import stats  # which takes a quarter of a second
+
     some, every = _checked(successes, trials, confidence)
     interval = stats.binomtest(some, every).proportion_ci(float(confidence), "exact")
     return float(interval.low), float(interval.high)
