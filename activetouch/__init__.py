@@ -1,8 +1,8 @@
 """The simulated world: shapes pressed against a tactile pad, the tactile images, and the network that classifies them.
 
 Importing this package registers the Gymnasium environments where Gymnasium is installed (decision 0025); it does not
-load MuJoCo or torch. The functions ``compare`` and ``make_sensor`` of the package ``experiments`` are loaded at first use
-(decision 0034).
+load MuJoCo or torch. The functions ``compare`` and ``make_sensor`` of the package ``experiments`` are loaded at first
+use (decision 0034).
 """
 
 from __future__ import annotations
