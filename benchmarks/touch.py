@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from rounds import time_in_rounds
 
 from activetouch import Dynamic, Quasistatic, Scene, TactileSensor, TouchWorld
@@ -26,7 +25,6 @@ ROUNDS, PER_ROUND = 7, 60
 
 def cases() -> dict[str, Callable[[int], object]]:
     """Functions to time, which take a running number."""
-    torch.set_num_threads(1)
     sensor = TactileSensor.shipped("gel")
     rng = np.random.default_rng(0)
     scenes = {"dynamic": Scene(press_model=Dynamic()), "quasistatic": Scene(press_model=Quasistatic())}

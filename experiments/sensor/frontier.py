@@ -108,7 +108,7 @@ class Frontier:
         for path in self.checkpoints:
             single = TouchClassifier.load(path)
             require_collection(data, manifest, single.card, None, repeats=False)
-            variants += [(path, name, reader) for name, reader in self._runtimes(single, manifest.image_shape)]
+            variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape, self.threads)]
         times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}
         entries = []
         with progress_bar() as progress:
@@ -147,17 +147,6 @@ class Frontier:
         plain_console().print(shown.rich())
         print(f"wrote {self.out}/frontier.md, .json and .svg")
 
-    def _runtimes(self, classifier: TouchClassifier, image_shape: tuple[int, ...]) -> Iterator[tuple[str, ImageReader]]:
-        """A network in every runtime, by name."""
-        from activetouch.perception.export import export_reader
-
-        yield "torch", classifier
-        if which("g++") is not None:  # which compiling needs
-            yield "torch, compiled", _compiled(classifier)
-        yield "torch, bf16", classifier.to_bfloat16()
-        yield "torch, int8", _to_int8(classifier)
-        yield "ONNX Runtime", replace(export_reader(classifier, image_shape), threads=self.threads)
-
     def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
         """Seconds of one batch, by round and reader, ``(rounds, readers)``."""
         calls: list[Callable[[], object]] = [partial(reader.read, images[:batch], batch) for reader in readers]
@@ -171,6 +160,26 @@ class Frontier:
                     call()
                     seconds[number, column] = time.perf_counter() - started
         return seconds
+
+
+def runtimes(
+    classifier: TouchClassifier, image_shape: tuple[int, ...], threads: int = 1
+) -> Iterator[tuple[str, ImageReader]]:
+    """A network in every runtime, by name; torch first.
+
+    Args:
+        classifier: the network.
+        image_shape: ``(H, W)`` or ``(H, W, 3)`` of its images.
+        threads: threads of ONNX Runtime; those of torch are the process's.
+    """
+    from activetouch.perception.export import export_reader
+
+    yield "torch", classifier
+    if which("g++") is not None:  # which compiling needs
+        yield "torch, compiled", _compiled(classifier)
+    yield "torch, bf16", classifier.to_bfloat16()
+    yield "torch, int8", _to_int8(classifier)
+    yield "ONNX Runtime", replace(export_reader(classifier, image_shape), threads=threads)
 
 
 def _compiled(classifier: TouchClassifier) -> TouchClassifier:

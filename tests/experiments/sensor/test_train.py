@@ -1,15 +1,18 @@
 """The commands around a classifier, on a small collection: train, learning curve, frontier."""
 
 import json
+from shutil import which
 
 import numpy as np
 import pytest
 
 from activetouch.data.dataset import read_split
 from activetouch.errors import ImpossibleRecipe, MissingWeights
+from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.classifier import TouchClassifier
+from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
-from activetouch.world import CLASSIFIER_FILE, MODELS
+from activetouch.world import READER_FILE
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
@@ -20,7 +23,6 @@ from experiments.sensor.scores import scores
 from experiments.sensor.train import Changes, Train, card_for, new_classifier
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
-SHIPPED = MODELS / "coarse" / CLASSIFIER_FILE
 
 
 @pytest.fixture(scope="module")
@@ -91,10 +93,18 @@ def test_a_training_may_start_from_a_checkpoint_and_says_so(data, tmp_path):
             np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
 
 
-def test_a_checkpoint_of_another_backbone_is_refused(data):
+def test_a_training_writes_the_reader_of_its_network_beside_the_checkpoint(data, tmp_path):
+    classifier, test = trained(data, tmp_path), read_split(data, "test")
+    reader = TactileReader.load(tmp_path / READER_FILE)
+    np.testing.assert_allclose(reader.read(test.images).logits, classifier.read(test.images).logits, atol=1e-4)
+
+
+def test_a_checkpoint_of_another_backbone_is_refused(data, tmp_path):
     card = card_for(read_split(data, "test"), "femto", 16, ("a", "b", "c", "d"), ("p",))
+    trained(data, tmp_path, change=Changes(epochs=1))
+    checkpoint = tmp_path / CLASSIFIER_FILE
     with pytest.raises(MissingWeights, match="wanted is femto for 1"):
-        new_classifier(card, 0, str(SHIPPED))
+        new_classifier(card, 0, str(checkpoint))
 
 
 def test_nobody_publishes_weights_of_the_small_network(data, tmp_path):
@@ -150,11 +160,15 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_frontier_compares_precisions_with_the_first_as_reference(data, tmp_path):
-    Frontier((SHIPPED,), "coarse", data, touches=60, batches=(1, 8), rounds=3, out=tmp_path).run()
+def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_path):
+    trained(data, tmp_path / "trained")
+    Frontier(
+        (tmp_path / "trained" / CLASSIFIER_FILE,), "coarse", data, touches=60, batches=(1, 8), rounds=3, out=tmp_path
+    ).run()
     numbers = json.loads((tmp_path / "frontier.json").read_text())
-    assert [(entry["network"], entry["precision"]) for entry in numbers["entries"]] == [
-        ("cnn 16 px", precision) for precision in ("fp32", "bf16", "int8")
+    compiled = ["torch, compiled"] if which("g++") else []
+    assert [(entry["network"], entry["runtime"]) for entry in numbers["entries"]] == [
+        ("cnn 16 px", runtime) for runtime in ("torch", *compiled, "torch, bf16", "torch, int8", "ONNX Runtime")
     ]
     single, *others = numbers["entries"]
     assert single["ratio"] == {"1": 1.0, "8": 1.0}
@@ -162,5 +176,5 @@ def test_the_frontier_compares_precisions_with_the_first_as_reference(data, tmp_
         assert abs(single["scores"]["accuracy"] - other["scores"]["accuracy"]) <= 0.05
         assert other["parameters"] == single["parameters"]
     assert numbers["num_touches"] == 60
-    assert (tmp_path / "frontier.md").read_text().count("\n| cnn 16 px") == 3
+    assert (tmp_path / "frontier.md").read_text().count("\n| cnn 16 px") == 4 + len(compiled)
     assert (tmp_path / "frontier.svg").exists()
