@@ -9,31 +9,34 @@ by the clock, and of the processor, which other programs on the machine hardly l
 from __future__ import annotations
 
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import venv
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 ROOT = Path(__file__).parent.parent
 ROUNDS = 5
-FIRST_EPISODE = """
-import sys, experiments.search.shards as shards
-def begin(*arguments):
-    raise SystemExit(0)
-shards.play = begin
-sys.argv = ["activetouch", "compare", "--jobs", "1", "--out", sys.argv[1]]
-from experiments.cli import main
-main()
-"""
-
-COMMANDS = {
-    "activetouch compare --help": ["-m", "activetouch", "compare", "--help"],
-    "activetouch compare, until the first episode": ["-c", FIRST_EPISODE, "run"],
-}
+HELP = ("compare", "--help")
+FIRST = "run/shards/threshold-cone-00000.jsonl"
+ONE_SEARCH = (
+    "compare",
+    "--episodes",
+    "1",
+    "--deciders",
+    "threshold",
+    "--targets",
+    "cone",
+    "--jobs",
+    "1",
+    "--out",
+    "run",
+)
 
 
 def main(folder: Path | None) -> None:
@@ -48,7 +51,13 @@ def main(folder: Path | None) -> None:
 
 
 def measure(folder: Path, scratch: Path) -> None:
-    times = {what: time_of([str(folder / "bin/python"), *command], scratch) for what, command in COMMANDS.items()}
+    command = [str(folder / "bin/python"), "-m", "activetouch"]
+    times = {
+        "activetouch compare --help": median_of(lambda: time_of([*command, *HELP], scratch)),
+        "activetouch compare, until the first search has ended": median_of(
+            lambda: time_of([*command, *ONE_SEARCH], scratch, FIRST)
+        ),
+    }
     [packages] = folder.glob("lib/python*/site-packages")
     sizes = {path.name: size_of(path) for path in packages.iterdir()}
     tools = sum(size for name, size in sizes.items() if name.startswith(("pip", "setuptools", "pkg_resources")))
@@ -67,21 +76,28 @@ def size_of(path: Path) -> float:
     return sum(file.lstat().st_blocks for file in files) * 512 / 1e6
 
 
-def time_of(command: list[str], folder: Path) -> tuple[float, float]:
-    """Seconds of a process by the clock and of the processor, after a first start: medians."""
-    found = np.array([_run(command, folder) for _ in range(ROUNDS + 1)])[1:]
-    clock, processor = np.median(found, axis=0)
+def median_of(measure: Callable[[], tuple[float, float]]) -> tuple[float, float]:
+    """Medians of a measurement, which is made once beforehand."""
+    measure()
+    clock, processor = np.median([measure() for _ in range(ROUNDS)], axis=0)
     return float(clock), float(processor)
 
 
-def _run(command: list[str], folder: Path) -> tuple[float, float]:
+def time_of(command: list[str], folder: Path, awaited: str | None = None) -> tuple[float, float]:
+    """Seconds by the clock and of the processor until a process has ended, or has written a file."""
+    shutil.rmtree(folder / "run", ignore_errors=True)
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    if done.returncode != 0:
-        sys.exit(done.stderr)
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+    while process.poll() is None and not (awaited and (folder / awaited).exists()):
+        time.sleep(0.01)
+    clock = time.perf_counter() - started
+    if process.poll() is None:
+        process.terminate()
+    elif process.returncode != 0:
+        sys.exit(f"{' '.join(command)} failed")
+    process.wait()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return time.perf_counter() - started, used
+    return clock, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 if __name__ == "__main__":
