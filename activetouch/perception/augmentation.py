@@ -20,8 +20,8 @@ from torch.nn.functional import affine_grid, grid_sample
 from activetouch.scene import Symmetry
 
 
-def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torch.Generator) -> Tensor:
-    """Images under symmetries drawn at random: one quarter turn and mirroring a batch, one small rotation an image.
+def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Images under random symmetries: one quarter turn and mirroring for a batch, one small rotation for each image.
 
     Args:
         images: uint8 ``(B, H, W)`` or ``(B, H, W, channels)``.
@@ -30,15 +30,19 @@ def augment(images: Tensor, symmetry: Symmetry, rotation: float, generator: torc
         generator: source of chance; what is drawn does not depend on ``symmetry``.
 
     Returns:
-        uint8, of the same shape.
+        uint8 images of the same shape, and the angle [rad] about the approach axis by which the object of each would
+        have had to be turned to give it, ``(B,)``; the mirroring is not in it.
     """
     turns, flip = int(torch.randint(4, (), generator=generator)), bool(torch.rand((), generator=generator) < 0.5)
+    angles = torch.zeros(len(images))
     if symmetry is Symmetry.NONE:
-        return images
+        return images, angles
     if rotation:
-        images = _rotated(images, torch.deg2rad((2 * torch.rand(len(images), generator=generator) - 1) * rotation))
+        angles = torch.deg2rad((2 * torch.rand(len(images), generator=generator) - 1) * rotation)
+        images = _rotated(images, angles)
     images = torch.rot90(images, turns, dims=(1, 2))
-    return images.flip(2) if flip and symmetry is Symmetry.ROTATIONS_AND_MIRROR else images
+    images = images.flip(2) if flip and symmetry is Symmetry.ROTATIONS_AND_MIRROR else images
+    return images, -(turns * (torch.pi / 2) + angles)
 
 
 def _rotated(images: Tensor, angles: Tensor) -> Tensor:

@@ -16,13 +16,17 @@ from torch import Tensor, nn
 
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import CHECKPOINT, ClassifierCard, card_from
+from activetouch.perception.hypothesis_network import HypothesisNetwork
 from activetouch.perception.reader import Reading, require_stack
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CorruptFile
 
 
 class TouchNetwork(nn.Module):
-    """A backbone on tactile images, grey or in colour, with a linear head over the shapes.
+    """A backbone on tactile images, grey or in colour, with a head.
+
+    The head gives logits of the shapes, or, where the card has an embedding, the embedding f of the image; the
+    network then has a second part, ``hypotheses``, which embeds hypotheses about the object.
 
     Args:
         card: which backbone, for which images and shapes.
@@ -34,10 +38,19 @@ class TouchNetwork(nn.Module):
         kind = BACKBONES[card.backbone]
         self.card = card
         self.backbone = features if features is not None else kind.build(card.channels)
-        self.head = nn.Linear(kind.num_features, len(card.shape_labels))
+        width, num_shapes = kind.num_features, len(card.shape_labels)
+        if card.embedding:
+            self.head = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, card.embedding))
+            self.hypotheses = HypothesisNetwork(num_shapes, card.embedding, card.log_size_mean, card.log_size_std)
+        else:
+            self.head = nn.Linear(width, num_shapes)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits ``(B, K)`` and features ``(B, D)`` of uint8 images ``(B, H, W)`` or ``(B, H, W, channels)``."""
+        """Logits ``(B, K)`` or embeddings ``(B, D)``, and features ``(B, F)``.
+
+        Args:
+            images: uint8, ``(B, H, W)`` or ``(B, H, W, channels)``.
+        """
         if images.ndim == 3:
             images = images.unsqueeze(-1)
         if images.shape[-1] != self.card.channels:

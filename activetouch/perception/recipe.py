@@ -25,6 +25,12 @@ class TrainingRecipe:
         rotation: images are turned by up to so many degrees either way, where the scene's symmetry allows it.
         patience: stop after so many epochs without a lower loss on the calibration split, and go back to the best
             one; None to train to the end and keep the last.
+        embedding: length of the embeddings of a reader that knows orientations, trained by contrast; 0 for a plain
+            classifier of shapes.
+        negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
+        cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
+            network then learns the average over a cell of that size; sharp images need it, because a table of
+            hypotheses has gaps.
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -40,6 +46,9 @@ class TrainingRecipe:
     class_weights: bool = True
     rotation: float = 10.0
     patience: int | None = None
+    embedding: int = 0
+    negatives: int = 1536
+    cell: float = 0.0
     bf16: bool = True
     seed: int = 0
 
@@ -50,6 +59,9 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
+
+        if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
+            raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 
     @property
     def words(self) -> str:
@@ -63,6 +75,8 @@ class TrainingRecipe:
             "rare shapes weighted up" if self.class_weights else "",
             f"rotations up to {self.rotation:g}°" if self.rotation else "",
             f"patience of {self.patience} epochs" if self.patience is not None else "",
+            f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
+            f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",
         ]
@@ -83,6 +97,18 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             class_weights=False,
             rotation=0.0,
             patience=3,
+        ),
+        # For a reader that knows orientations.
+        "contrast": TrainingRecipe(
+            epochs=12,
+            batch_size=512,
+            learning_rate=2e-3,
+            weight_decay=0.01,
+            warmup=0.3,
+            class_weights=False,
+            rotation=0.0,
+            patience=3,
+            embedding=64,
         ),
     }
 )

@@ -1,4 +1,4 @@
-"""Train the classifier: AdamW, cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
+"""Train a network: AdamW, cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from torch import Tensor, nn
 from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment
-from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.classifier import TouchClassifier
+from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.scene import Symmetry
@@ -40,19 +41,6 @@ class EpochReport:
         )
 
 
-def evaluate(network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
-    """Mean negative log-likelihood [nats] and accuracy of the raw softmax."""
-    network.eval()
-    loss = correct = 0.0
-    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
-        for first in range(0, len(touches.images), 256):
-            logits, _ = network(torch.from_numpy(touches.images[first : first + 256]))
-            labels = torch.from_numpy(touches.shapes[first : first + 256])
-            loss += nn.functional.cross_entropy(logits.float(), labels, reduction="sum").item()
-            correct += (logits.argmax(1) == labels).sum().item()
-    return loss / len(touches.images), correct / len(touches.images)
-
-
 class Trainer:
     """Trains a classifier's network epoch by epoch, resuming from its state file where there is one.
 
@@ -67,7 +55,7 @@ class Trainer:
     Raises:
         CorruptFile: the state file is damaged.
         LabelMismatch: it belongs to another training.
-        ValueError: a shape has no image.
+        ValueError: a shape has no image, or a touch no orientation where it is needed.
     """
 
     def __init__(
@@ -89,12 +77,13 @@ class Trainer:
             [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}],
             lr=recipe.learning_rate,
         )
-        counts = np.bincount(train.shapes, minlength=len(classifier.card.shape_labels))
-        if (counts == 0).any():
-            absent = [label for label, n in zip(classifier.card.shape_labels, counts, strict=True) if n == 0]
-            raise ValueError(f"there is no image of {', '.join(absent)} to learn from")
-        weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
-        self.class_weights = torch.tensor(weights, dtype=torch.float32)
+        labels = classifier.card.shape_labels
+        contrast = classifier.card.embedding > 0
+        self.objective: Objective = (
+            Contrast(train, len(labels), recipe) if contrast else ShapeObjective(train, labels, recipe)
+        )
+        if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
+            self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
         self.steps_per_epoch = -(-len(train.images) // recipe.batch_size)
         self.reports: list[EpochReport] = []
         self._best: dict[str, Tensor] = {}
@@ -146,11 +135,9 @@ class Trainer:
         total = 0.0
         for first in range(0, len(order), recipe.batch_size):
             index = np.sort(order[first : first + recipe.batch_size])
-            images = augment(torch.from_numpy(train.images[index]), self.symmetry, recipe.rotation, generator)
-            with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
-                logits, _ = network(images)
-            shapes = torch.from_numpy(train.shapes[index])
-            loss = nn.functional.cross_entropy(logits.float(), shapes, weight=self.class_weights)
+            images = torch.from_numpy(train.images[index])
+            images, turns = augment(images, self.symmetry, recipe.rotation, generator)
+            loss = self.objective.loss(network, images, torch.from_numpy(index), turns, generator)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
             norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -165,7 +152,7 @@ class Trainer:
             self.optimizer.step()
             total += loss.item() * len(index)
             tick(len(index))
-        measured = evaluate(network, self.calibration, recipe.bf16)
+        measured = self.objective.evaluate(network, self.calibration, recipe.bf16)
         self.reports.append(EpochReport(self.epochs_done + 1, total / len(order), *measured))
         if recipe.patience is not None and self.best_epoch == self.epochs_done:
             self._best = {name: value.clone() for name, value in network.state_dict().items()}

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+import numpy as np
+
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
 from activetouch.errors import MissingWeights
@@ -55,6 +57,12 @@ class Changes:
     """Weight decay of AdamW."""
     patience: Count | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
+    embedding: Count | None = None
+    """Length of the embeddings, by contrast only."""
+    negatives: Count | None = None
+    """Hypotheses drawn for every step, by contrast only."""
+    cell: NotNegative | None = None
+    """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
@@ -95,8 +103,8 @@ class Train:
     folder, or by name on the Hugging Face hub, which is the only case that goes online; random weights without."""
     objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["paper", "large"] = "paper"
-    """Optimiser settings: the paper's, or ours for tens of thousands of images from scratch."""
+    recipe: Literal["contrast", "large", "paper"] = "contrast"
+    """For a reader that knows orientations, or for a plain classifier of shapes: ours, or the paper's."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
@@ -127,7 +135,7 @@ class Train:
         if self.objects is not None:
             train = train.select(train.object_ids < self.objects)
         start = f"the weights of {self.weights}" if self.weights else "random weights"
-        card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels)
+        card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels, recipe.embedding)
         card = replace(
             card,
             scene=manifest.scene,
@@ -179,11 +187,17 @@ def _require_objects(number: int, manifest: Manifest, data: Path) -> None:
 
 
 def card_for(
-    train: TouchSet, backbone: str, input_size: int, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]
+    train: TouchSet,
+    backbone: str,
+    input_size: int,
+    shape_labels: tuple[str, ...],
+    pose_labels: tuple[str, ...],
+    embedding: int = 0,
 ) -> ClassifierCard:
-    """The card of a classifier to be trained on these images: it knows their channels, mean and spread."""
+    """The card of a network to be trained on these touches: channels, mean and spread of images, spread of sizes."""
     from activetouch.perception.card import ClassifierCard
 
+    log_sizes = np.log(train.sizes)
     sample = train.images[:: max(1, len(train.images) // 1000)] / 255.0
     return ClassifierCard(
         backbone=backbone,
@@ -193,6 +207,9 @@ def card_for(
         channels=train.images.shape[3] if train.images.ndim == 4 else 1,
         pixel_mean=round(float(sample.mean()), 4),
         pixel_std=round(max(float(sample.std()), 1e-3), 4),
+        embedding=embedding,
+        log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
+        log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
     )
 
 

@@ -1,0 +1,164 @@
+"""What a network is trained to do: to tell shapes, or to tell whole hypotheses apart by contrast."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from activetouch.data.dataset import TouchSet
+from activetouch.perception.classifier import TouchNetwork
+from activetouch.perception.hypothesis_network import Hypotheses, compose
+from activetouch.perception.recipe import TrainingRecipe
+
+_CHECKED = 4096
+"""Hypotheses among which the calibration split's are told apart."""
+
+
+class Objective(Protocol):
+    """A loss of a network on touches [nats], and the accuracy of the shape that it reads."""
+
+    def loss(
+        self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
+    ) -> Tensor:
+        """Mean loss of a batch of the training split.
+
+        Args:
+            network: in training.
+            images: uint8, augmented, ``(B, H, W)`` or ``(B, H, W, channels)``.
+            rows: which touches of the training split they show, ``(B,)``.
+            turns: by how much each image was turned about the approach axis [rad], ``(B,)``.
+            chance: source of random hypotheses.
+        """
+
+    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+        """Mean loss [nats] and accuracy on touches of other objects."""
+
+
+class ShapeObjective:
+    """Cross-entropy of the shape.
+
+    Args:
+        train: what is learned from.
+        labels: of the shapes.
+        recipe: says whether rare shapes are weighted up.
+
+    Raises:
+        ValueError: a shape has no image.
+    """
+
+    def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
+        counts = np.bincount(train.shapes, minlength=len(labels))
+        if (counts == 0).any():
+            absent = [label for label, n in zip(labels, counts, strict=True) if n == 0]
+            raise ValueError(f"there is no image of {', '.join(absent)} to learn from")
+        weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
+        self._weights = torch.tensor(weights, dtype=torch.float32)
+        self._shapes = torch.from_numpy(train.shapes)
+        self._bf16 = recipe.bf16
+
+    def loss(
+        self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
+    ) -> Tensor:
+        """See :class:`Objective`."""
+        with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
+            logits, _ = network(images)
+        return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self._weights)
+
+    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+        """See :class:`Objective`."""
+        logits, labels = embeddings(network, touches, bf16), torch.from_numpy(touches.shapes)
+        return nn.functional.cross_entropy(logits, labels).item(), (logits.argmax(1) == labels).float().mean().item()
+
+
+class Contrast:
+    """The negative log probability of a touch's own hypothesis among others: InfoNCE (van den Oord et al. 2018).
+
+    The others are those of the batch's other touches and fresh draws from the prior: shapes uniform; orientation and
+    size each those of a random training touch. The minimiser over all functions is log p(o | k, R, s) / p(o) up to a
+    constant of the image (Gutmann & Hyvärinen 2010; Durkan et al. 2020).
+
+    Args:
+        train: what is learned from, with known orientations and sizes.
+        num_shapes: how many shapes there are.
+        recipe: of the training.
+
+    Raises:
+        ValueError: orientation or size of a touch is not known.
+    """
+
+    def __init__(self, train: TouchSet, num_shapes: int, recipe: TrainingRecipe) -> None:
+        self._known, self._num_shapes, self._recipe = hypotheses_of(train), num_shapes, recipe
+
+    def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
+        size = len(self._known.shapes)
+        first, second = torch.randint(size, (2, number), generator=chance)
+        shapes = torch.randint(self._num_shapes, (number,), generator=chance)
+        return Hypotheses(shapes, self._known.orientations[first], self._known.sizes[second])
+
+    def loss(
+        self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
+    ) -> Tensor:
+        """See :class:`Objective`."""
+        with torch.autocast("cpu", torch.bfloat16, enabled=self._recipe.bf16):
+            found, _ = network(images)
+        own = turned(self._known.select(rows), turns)
+        if self._recipe.cell:
+            own = own._replace(orientations=jittered(own.orientations, math.radians(self._recipe.cell), chance))
+        others = self._draw(self._recipe.negatives, chance)
+        scores = found.float() @ network.hypotheses(own.join(others)).T
+        return (torch.logsumexp(scores, dim=1) - scores.diagonal()).mean() - math.log(scores.shape[1])
+
+    def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
+        """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""
+        found, own = embeddings(network, touches, bf16), hypotheses_of(touches)
+        others = self._draw(_CHECKED, torch.Generator().manual_seed(0))
+        loss = correct = 0.0
+        with torch.inference_mode():
+            known, others_embedded = network.hypotheses(own), network.hypotheses(others)
+            of_shape = [others_embedded[others.shapes == shape] for shape in range(self._num_shapes)]
+            for some in torch.arange(len(found)).split(256):
+                true = (found[some] * known[some]).sum(dim=1)
+                by_shape = [torch.logsumexp(found[some] @ part.T, dim=1) for part in of_shape]
+                total = torch.logsumexp(torch.stack([*by_shape, true]), dim=0) - math.log(_CHECKED + 1)
+                loss += (total - true).sum().item()
+                marginal = torch.stack([p - math.log(len(part)) for p, part in zip(by_shape, of_shape, strict=True)])
+                correct += (marginal.argmax(0) == own.shapes[some]).sum().item()
+        return loss / len(found), correct / len(found)
+
+
+def embeddings(network: TouchNetwork, touches: TouchSet, bf16: bool) -> Tensor:
+    """What a network says of all images of some touches, ``(N, D)``."""
+    network.eval()
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+        parts = [network(torch.from_numpy(touches.images[i : i + 256]))[0] for i in range(0, len(touches.images), 256)]
+    return torch.cat(parts).float()
+
+
+def hypotheses_of(touches: TouchSet) -> Hypotheses:
+    """The true hypothesis of every touch.
+
+    Raises:
+        ValueError: orientation or size of a touch is not known.
+    """
+    if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
+        raise ValueError("these touches do not say in which orientation and of which size the objects were")
+    orientations, sizes = (torch.from_numpy(column).float() for column in (touches.orientations, touches.sizes))
+    return Hypotheses(torch.from_numpy(touches.shapes), orientations, sizes)
+
+
+def turned(hypotheses: Hypotheses, angles: Tensor) -> Hypotheses:
+    """Hypotheses after a turn of the object about the approach axis, x, by an angle each [rad]."""
+    turn = torch.zeros(len(angles), 4)
+    turn[:, 0], turn[:, 1] = torch.cos(angles / 2), torch.sin(angles / 2)
+    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations))
+
+
+def jittered(orientations: Tensor, spread: float, chance: torch.Generator) -> Tensor:
+    """Orientations ``(H, 4)`` after small random rotations, of standard deviation ``spread`` about each axis [rad]."""
+    small = torch.randn(len(orientations), 3, generator=chance) * (spread / 2)
+    step = torch.cat([torch.ones(len(small), 1), small], dim=1)
+    return compose(step / step.norm(dim=1, keepdim=True), orientations)
