@@ -12,7 +12,7 @@ IMAGES = torch.from_numpy(np.random.default_rng(0).integers(0, 255, (5, 16, 16, 
 
 
 def drawn(symmetry, rotation=0.0, images=IMAGES, number=40):
-    return [augment(images, symmetry, rotation, torch.Generator().manual_seed(seed)) for seed in range(number)]
+    return [augment(images, symmetry, rotation, torch.Generator().manual_seed(seed))[0] for seed in range(number)]
 
 
 def group(mirrored):
