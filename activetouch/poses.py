@@ -31,7 +31,7 @@ def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
 
 
 def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:
-    """Rotation matrix ``(3, 3)`` of a unit quaternion ``wxyz``: columns are the rotated axes."""
+    """Rotation matrix ``(3, 3)`` of a unit quaternion ``wxyz``: its columns are the rotated axes."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -40,6 +40,16 @@ def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def to_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrices ``(N, 3, 3)`` of unit quaternions ``wxyz``, ``(N, 4)``."""
+    return np.moveaxis(to_matrix(quaternions.T), 2, 0)
+
+
+def turned(pose: Quaternion, orientations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Orientations ``(N, 4)`` after a pose has turned the objects."""
+    return multiply(pose, orientations.T).T
 
 
 def random_orientation(rng: np.random.Generator) -> Quaternion:

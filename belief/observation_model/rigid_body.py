@@ -1,0 +1,340 @@
+r"""The joint observation model: all touches of an object are of one rigid body in one unknown orientation and size.
+
+    p(k | o_1..n) ∝ p(k) · mean_i ∏_t p(o_t | k, R_i, s_i, pose_t)          i: hypotheses of orientation R and size s
+
+Given shape, orientation and size, touches are independent, so repeats need no discount: they share the hypothesis. The
+log likelihood ratio of a touch is f(o) · g(k, R, s): the touch brings its embedding f, the model holds the embedded
+hypotheses g of each pose. A learned ratio of this form needs no density over images (Hermans, Begy & Louppe 2020).
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+from scipy.special import logsumexp
+
+from belief.frozen import frozen
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.model import ArrayModel
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.observation_model.quantisation import smoothed, tabulate
+from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
+
+Floats32 = NDArray[np.float32]
+
+_AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
+_REFERENCES = 256  # touches kept of each pose
+_FITTED_ON = 400  # objects, at most, for the temperature
+
+
+class Embeds(Protocol):
+    """Embeds hypotheses in every pose: what a reader and a scene give for :meth:`RigidBodyModel.with_hypotheses`."""
+
+    def __call__(self, num_hypotheses: int) -> Floats32:
+        """Embedded hypotheses ``(P, K, N, D)``, N of each shape."""
+
+
+class Diagnostics(NamedTuple):
+    """How well the hypotheses cover what was felt.
+
+    Attributes:
+        effective_hypotheses: effective sample size of each shape's hypotheses, ``(K,)``, between 1 and N. Near 1, the
+            posterior is narrower than the hypotheses are dense.
+        most_likely: index of each shape's most likely hypothesis, ``(K,)``.
+    """
+
+    effective_hypotheses: Floats
+    most_likely: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyEvidence:
+    """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
+
+    Attributes:
+        model: whose hypotheses they are.
+        log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
+        num_touches: how many touches it holds.
+    """
+
+    model: RigidBodyModel
+    log_weights: Floats
+    num_touches: int = 0
+
+    def update(self, touch: Touch) -> RigidBodyEvidence:
+        """The evidence with one more touch; costs K N D multiplications.
+
+        Raises:
+            ValueError: the touch does not fit the model, or brings no embedding.
+        """
+        batch = self.model.alone(touch)
+        ratios = self.model.log_ratios(batch.poses[0, 0], _embeddings(batch, self.model)[0])[0]
+        log_weights = self.log_weights + ratios
+        return RigidBodyEvidence(self.model, frozen(log_weights - log_weights.max()), self.num_touches + 1)
+
+    @cached_property
+    def log_likelihood(self) -> Floats:
+        """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
+        return frozen(_marginal(self.log_weights))
+
+    @cached_property
+    def diagnostics(self) -> Diagnostics:
+        """How well the hypotheses cover what was felt."""
+        shares = np.exp(self.log_weights - self.log_weights.max(axis=1, keepdims=True))
+        effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
+        return Diagnostics(frozen(effective), frozen(self.log_weights.argmax(axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyModel(ArrayModel):
+    """Joint posterior over shape, orientation and size, from a learned likelihood ratio.
+
+    Attributes:
+        shape_labels: names of the K shapes.
+        hypotheses: embedded hypotheses g of every pose, ``(P, K, N, D)`` float32; None in a model that was just read
+            from a file, which :meth:`with_hypotheses` completes.
+        num_hypotheses: N, of each shape.
+        temperature: by which log ratios are divided, fitted to sequences of touches.
+        references: embeddings of touches that stand for all, of each pose as many, ``(P, M, D)``; used to sample and
+            to tabulate only.
+        reference_logits: the shape logits of these, ``(P, M, K)``.
+
+    Raises:
+        ValueError: the arrays do not fit each other.
+
+    Example:
+        Two shapes, one pose, hypotheses that are two of the four quadrants each; a touch in the first quadrant:
+
+        >>> corners = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
+        >>> touches = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
+        >>> model = RigidBodyModel(("mug", "cup"), corners, 2, 1.0, touches, np.zeros((1, 2, 2)))
+        >>> evidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
+        >>> (evidence.log_likelihood - evidence.log_likelihood.max()).round(1).tolist()
+        [0.0, -2.8]
+        >>> evidence.diagnostics.most_likely.tolist()
+        [0, 1]
+    """
+
+    name: ClassVar[str] = "rigid body"
+    shape_labels: tuple[str, ...]
+    hypotheses: Floats32 | None
+    num_hypotheses: int
+    temperature: float
+    references: Floats
+    reference_logits: Floats
+
+    def __post_init__(self) -> None:
+        num_poses, number, embedding = self.references.shape
+        wanted = (num_poses, len(self.shape_labels), self.num_hypotheses, embedding)
+        if self.hypotheses is not None and self.hypotheses.shape != wanted:
+            raise ValueError(f"hypotheses must be {wanted} (poses, shapes, N, D), got {self.hypotheses.shape}")
+        if self.reference_logits.shape != (num_poses, number, len(self.shape_labels)):
+            raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
+        if not 0.0 < self.temperature < np.inf:
+            raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
+        if self.num_hypotheses < 1:
+            raise ValueError(f"there must be at least one hypothesis of each shape, got {self.num_hypotheses}")
+        self.freeze()
+
+    @classmethod
+    def fit(
+        cls,
+        touches: Sequence[Touch],
+        shapes: ArrayLike,
+        object_ids: ArrayLike,
+        *,
+        shape_labels: Sequence[str] | None = None,
+        num_poses: int | None = None,
+        embed: Embeds,
+        num_hypotheses: int = 2048,
+    ) -> RigidBodyModel:
+        """Fit the temperature to sequences of touches, and keep some touches as references.
+
+        Args:
+            touches: calibration touches with embeddings as features, of objects that the reader was not trained on.
+            shapes: true shape of each, ``(n,)``.
+            object_ids: which object each belongs to, ``(n,)``.
+            shape_labels: names of the K shapes; ``shape_0`` … by default.
+            num_poses: P; as many as there are in the touches by default.
+            embed: embeds hypotheses.
+            num_hypotheses: N, of each shape: the dial of speed against accuracy.
+
+        Raises:
+            ValueError: the touches bring no embeddings, or do not fit the hypotheses.
+        """
+        data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
+        batch = TouchBatch.of([touches])
+        if batch.features is None:
+            raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
+        found = np.asarray(batch.features[0], np.float64)
+        rows = _references(data)
+        model = cls(
+            data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, found[rows], batch.logits[0][rows]
+        )
+        return model.at(_fit_temperature(model, batch, data))
+
+    def at(self, temperature: float) -> RigidBodyModel:
+        """The model at another temperature."""
+        arrays = (self.references, self.reference_logits)
+        return RigidBodyModel(self.shape_labels, self.hypotheses, self.num_hypotheses, temperature, *arrays)
+
+    def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
+        """The model with its table of hypotheses.
+
+        Args:
+            embed: embeds hypotheses.
+            num_hypotheses: N, of each shape; as many as the model was fitted with by default.
+        """
+        number = self.num_hypotheses if num_hypotheses is None else num_hypotheses
+        arrays = (self.references, self.reference_logits)
+        return RigidBodyModel(self.shape_labels, embed(number), number, self.temperature, *arrays)
+
+    @property
+    def num_poses(self) -> int:
+        """See :class:`ArrayModel`."""
+        return len(self.references)
+
+    def log_ratios(self, pose: int, embeddings: Floats) -> Floats:
+        """Log p(touch | shape, orientation, size) / p(touch) of touches in one pose, ``(n, K, N)``.
+
+        Args:
+            pose: index.
+            embeddings: of the touches, ``(n, D)``.
+
+        Raises:
+            ValueError: the model has no hypotheses yet.
+        """
+        if self.hypotheses is None:
+            raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
+        table = self.hypotheses[pose].reshape(-1, self.hypotheses.shape[-1])
+        scores = (embeddings.astype(np.float32) @ table.T).astype(np.float64) / self.temperature
+        scores -= logsumexp(scores, axis=1, keepdims=True) - np.log(scores.shape[1])
+        return scores.reshape(len(embeddings), len(self.shape_labels), -1)
+
+    def start(self) -> RigidBodyEvidence:
+        """See :class:`ArrayModel`."""
+        return RigidBodyEvidence(self, frozen(np.zeros((len(self.shape_labels), self.num_hypotheses))))
+
+    def log_weights(self, batch: TouchBatch) -> Floats:
+        """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
+        embeddings = _embeddings(batch, self)
+        weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
+        for step in range(batch.num_touches):
+            for pose in np.unique(batch.poses[:, step]).tolist():
+                here = np.flatnonzero(batch.poses[:, step] == pose)
+                weights[here] += self.log_ratios(pose, embeddings[here, step])
+        return weights
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
+        blocks = [batch.sequences(slice(first, first + size)) for first in range(0, len(batch), size)]
+        return np.concatenate([_marginal(self.log_weights(block)) for block in blocks])
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
+        bodies = rng.integers(self.num_hypotheses, size=len(poses))
+        drawn = np.empty(poses.shape, np.int64)
+        for pose in np.unique(poses).tolist():
+            of_body = self._reference_log_ratios[pose][:, shape]  # (M, N)
+            rows, steps = np.nonzero(poses == pose)
+            noise = rng.gumbel(size=(len(rows), len(of_body)))
+            drawn[rows, steps] = (of_body[:, bodies[rows]].T + noise).argmax(axis=1)
+        return TouchBatch(poses, self.reference_logits[poses, drawn], self.references[poses, drawn])
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
+        marginal = logsumexp(self._reference_log_ratios, axis=3) - np.log(self.num_hypotheses)
+        log_posteriors = marginal - logsumexp(marginal, axis=2, keepdims=True)
+        shares = np.exp(log_posteriors)
+        shares /= shares.sum(axis=1, keepdims=True)
+        return OutcomeTable(smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1]))
+
+    @cached_property
+    def _reference_log_ratios(self) -> Floats:
+        """Of every reference in its pose, ``(P, M, K, N)``."""
+        return np.stack([self.log_ratios(pose, some) for pose, some in enumerate(self.references)])
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`; arrays in half precision, the hypotheses not at all: the reader embeds them."""
+        arrays = {"references": self.references, "reference_logits": self.reference_logits}
+        return {
+            "num_hypotheses": self.num_hypotheses,
+            "temperature": self.temperature,
+            **{name: {"shape": array.shape, "float16": _text(array)} for name, array in arrays.items()},
+        }
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RigidBodyModel:
+        """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
+        arrays = (_array(fields[name]) for name in ("references", "reference_logits"))
+        return cls(shape_labels, None, int(fields["num_hypotheses"]), float(fields["temperature"]), *arrays)
+
+
+def _marginal(log_weights: Floats) -> Floats:
+    """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
+    return np.asarray(logsumexp(log_weights, axis=-1) - np.log(log_weights.shape[-1]))
+
+
+def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
+    """Embeddings of a batch of touches, ``(S, n, D)``."""
+    wanted = model.references.shape[-1]
+    if batch.features is None or batch.features.shape[-1] != wanted:
+        found = "none" if batch.features is None else f"{batch.features.shape[-1]} numbers"
+        raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
+    return np.asarray(batch.features)
+
+
+def _references(data: LabelledTouches) -> NDArray[np.int64]:
+    """Rows of as many touches of each pose, evenly spread over those there are, ``(P, M)``."""
+    rows = []
+    for pose in range(data.num_poses):
+        here = np.flatnonzero(data.poses == pose)
+        here = here if here.size else np.arange(len(data.poses))
+        rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
+    return np.stack(rows)
+
+
+def _fit_temperature(model: RigidBodyModel, batch: TouchBatch, data: LabelledTouches) -> float:
+    """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P."""
+    ids = np.unique(data.objects)
+    ids = ids[np.linspace(0, len(ids) - 1, min(len(ids), _FITTED_ON)).round().astype(int)]
+    order = np.random.default_rng(0).permutation(len(data.objects))
+    rows = [order[data.objects[order] == number][: model.num_poses] for number in ids]
+    length = min(len(row) for row in rows)
+    chosen = np.stack([row[:length] for row in rows])
+    assert batch.features is not None, "checked by the caller"
+    truth = data.shapes[chosen[:, 0]]
+    weights = np.zeros((len(chosen), len(model.shape_labels), model.num_hypotheses), np.float32)
+    sums = []
+    for step in range(length):
+        one = TouchBatch(data.poses[chosen[:, step, None]], batch.logits[0][chosen[:, step, None]], batch.features[0][chosen[:, step, None]])
+        weights = weights + model.log_weights(one).astype(np.float32)
+        sums.append(weights)
+
+    def loss(log_temperature: float) -> float:
+        scale = np.float32(np.exp(-log_temperature))
+        total = 0.0
+        for some in sums:
+            found = logsumexp(some * scale, axis=2)
+            total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())
+        return total
+
+    best = minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
+    return float(np.exp(best.x))
+
+
+def _text(array: Floats) -> str:
+    return base64.b64encode(np.asarray(array, "<f2").tobytes()).decode("ascii")
+
+
+def _array(field: Mapping[str, Any]) -> Floats:
+    shape = tuple(int(n) for n in field["shape"])
+    return np.frombuffer(base64.b64decode(field["float16"]), "<f2").reshape(shape).astype(np.float64)
