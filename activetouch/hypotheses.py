@@ -1,9 +1,11 @@
 """Evenly spread hypotheses of an object's orientation and size: low-discrepancy sequences, the same on every machine.
 
->>> rotations(1000).shape, bool(np.allclose(rotations(1000).mean(axis=0), 0.0, atol=0.01))   # as Haar measure has it
-((1000, 3, 3), True)
->>> sizes(4, 0.9, 1.1).round(3).tolist()
-[1.0, 0.924, 1.047, 0.971]
+>>> cover = quaternions(1000)
+>>> cover.shape, bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))     # as uniform orientations have it
+((1000, 4), True)
+>>> from activetouch.distributions import Uniform
+>>> sizes(Uniform(0.9, 1.1), 4).round(2).tolist()
+[1.0, 0.92, 1.05, 0.97]
 """
 
 from __future__ import annotations
@@ -11,10 +13,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Distribution
+
 Floats = NDArray[np.float64]
 
 _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041  # the root of ψ⁴ = ψ + 4 (Alexa 2022)
+_DRAWN = 4096  # numbers that stand for a distribution
 _GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
@@ -37,30 +42,13 @@ def quaternions(num: int) -> Floats:
     return np.stack([inner * np.sin(alpha), inner * np.cos(alpha), outer * np.sin(beta), outer * np.cos(beta)], axis=1)
 
 
-def rotations(num: int) -> Floats:
-    """The rotation matrices of :func:`quaternions`, ``(num, 3, 3)``."""
-    w, x, y, z = quaternions(num).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1),
-        ],
-        axis=1,
-    )
-
-
-def sizes(num: int, low: float, high: float) -> Floats:
-    """Sizes that cover ``[low, high]`` evenly, ``(num,)``: multiples of the golden ratio, modulo 1.
+def sizes(distribution: Distribution, num: int) -> Floats:
+    """Sizes that cover a distribution evenly, ``(num,)``: its quantiles at multiples of the golden ratio, modulo 1.
 
     Args:
+        distribution: of sizes.
         num: how many; the first are the same for every ``num``.
-        low: smallest size.
-        high: largest size.
-
-    Raises:
-        ValueError: ``low`` exceeds ``high``.
     """
-    if not low <= high:
-        raise ValueError(f"low must not exceed high, got {low} and {high}")
-    return low + (high - low) * ((0.5 + _GOLDEN * np.arange(num)) % 1.0)
+    rng = np.random.default_rng(0)
+    drawn = [distribution.sample(rng) for _ in range(_DRAWN)]
+    return np.quantile(drawn, (0.5 + _GOLDEN * np.arange(num)) % 1.0)

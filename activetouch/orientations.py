@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from activetouch.hypotheses import quaternions
 from activetouch.poses import Quaternion, multiply, random_orientation, turn
 
 
@@ -29,6 +31,9 @@ class Presentation(Protocol):
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """Orientation of an object in a pose, as the pad meets it."""
 
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """Orientations that cover the distribution of :meth:`rest` evenly, the same at every call, ``(num, 4)``."""
+
 
 @dataclass(frozen=True)
 class Tumbled:
@@ -43,6 +48,10 @@ class Tumbled:
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return multiply(pose, rest)
+
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """See :class:`Presentation`."""
+        return quaternions(num)
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,11 @@ class Upright:
         """See :class:`Presentation`."""
         return multiply(pose, rest)
 
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """See :class:`Presentation`."""
+        rng = np.random.default_rng(0)
+        return np.stack([self.rest(rng) for _ in range(num)])
+
 
 @dataclass(frozen=True)
 class Resampled:
@@ -86,3 +100,7 @@ class Resampled:
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return random_orientation(rng)
+
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """See :class:`Presentation`."""
+        return quaternions(num)

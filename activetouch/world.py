@@ -218,9 +218,12 @@ class TactileSensor:
 
     def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""
-        logits, features, _ = self.reader.read(images)
+        reading = self.reader.read(images)
         indices = [index_of("pose", self.scene.pose_labels, pose) for pose in poses]
-        return [Touch(pose, row, feature) for pose, row, feature in zip(indices, logits, features, strict=True)]
+        return [
+            Touch(pose, row, feature)
+            for pose, row, feature in zip(indices, reading.logits, reading.embeddings, strict=True)
+        ]
 
 
 class TouchWorld:

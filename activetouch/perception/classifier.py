@@ -92,7 +92,7 @@ class TouchClassifier:
             for first in range(0, len(images), batch_size)
         ]
         logits, features = (torch.cat(column).float().numpy() for column in zip(*parts, strict=True))
-        return Reading(logits.astype(np.float64), features, logits)
+        return Reading(logits.astype(np.float64), features, features)
 
     def to_bfloat16(self) -> TouchClassifier:
         """The same classifier with a backbone that computes in bfloat16: faster where the processor has it."""

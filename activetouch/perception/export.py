@@ -11,10 +11,14 @@ import numpy as np
 import torch
 from onnx import ModelProto, NodeProto, TensorProto, helper, numpy_helper
 
+from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import TouchClassifier, half_weights
 from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
 from activetouch.perception.reader import INPUT, OUTPUTS, TactileReader
+from activetouch.poses import to_matrices
 
+_FIXED = 2048
+"""Hypotheses of each shape over which shape logits are averaged."""
 _SMALL = 32  # numbers of an array that stays as it is
 
 
@@ -57,6 +61,31 @@ def export_reader(
             logger.setLevel(level)
     assert program is not None, "the exporter returns a program unless it writes a file"
     return TactileReader(card, _in_half_precision(program.model_proto), hypotheses)
+
+
+def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> HypothesisEmbedding:
+    """The embedding of hypotheses of a trained network, over which shape logits are averaged.
+
+    The fixed hypotheses are those of training touches, evenly spread: they follow the scene's own distribution of
+    orientations and sizes, whatever it is.
+
+    Args:
+        classifier: a network whose card has an embedding.
+        touches: that it was trained on.
+
+    Raises:
+        ValueError: a weight is too large for half precision, or not finite.
+    """
+    weights = half_weights(classifier.network.hypotheses)
+    numbers = sorted({int(name.split(".")[0]) for name in weights})
+    layers = tuple(
+        (weights[f"{number}.weight"].astype(np.float32), weights[f"{number}.bias"].astype(np.float32))
+        for number in numbers
+    )
+    rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
+    rotations = to_matrices(touches.orientations[rows]).astype(np.float32)
+    sizes = np.random.default_rng(0).permutation(touches.sizes)[: len(rows)].astype(np.float32)
+    return HypothesisEmbedding(classifier.card, layers, rotations, sizes)
 
 
 def _in_half_precision(model: ModelProto) -> bytes:

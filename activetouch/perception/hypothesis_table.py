@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.hypotheses import quaternions, sizes_of
+from activetouch.hypotheses import sizes
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import to_matrices, turned
 from activetouch.scene import Scene
@@ -27,9 +27,9 @@ class HypothesisTable:
 
     def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
         """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
-        rests, sizes = self.hypotheses(num_hypotheses)
+        rests, factors = self.hypotheses(num_hypotheses)
         num_shapes = len(self.scene.shapes)
-        shapes, all_sizes = np.repeat(np.arange(num_shapes), num_hypotheses), np.tile(sizes, num_shapes)
+        shapes, all_sizes = np.repeat(np.arange(num_shapes), num_hypotheses), np.tile(factors, num_shapes)
         table = []
         for pose in self.scene.poses.values():
             rotations = np.tile(to_matrices(turned(pose, rests)), (num_shapes, 1, 1))
@@ -39,4 +39,4 @@ class HypothesisTable:
     def hypotheses(self, num_hypotheses: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Orientations at rest, unit quaternions ``wxyz`` ``(N, 4)``, and sizes ``(N,)``."""
         rests = self.scene.presentation.rests(num_hypotheses)
-        return rests, sizes_of(self.scene.variation.size, num_hypotheses)
+        return rests, sizes(self.scene.variation.size, num_hypotheses)

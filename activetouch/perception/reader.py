@@ -34,7 +34,7 @@ class Reading(NamedTuple):
     Attributes:
         logits: log p(image | shape) up to a constant of each image, ``(N, K)`` float64.
         features: the backbone's, before the head, ``(N, F)`` float32; F is 768 for Tiny.
-        embeddings: of the images, ``(N, D)`` float32; the logits where the card has no embedding.
+        embeddings: of the images, ``(N, D)`` float32; the features where the card has no embedding.
     """
 
     logits: NDArray[np.float64]
@@ -93,7 +93,7 @@ class TactileReader:
         ]
         embeddings, features = (np.concatenate(column) for column in zip(*parts, strict=True))
         if self.hypotheses is None:
-            return Reading(embeddings.astype(np.float64), features, embeddings)
+            return Reading(embeddings.astype(np.float64), features, features)
         return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
 
     def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> NDArray[np.float32]:

@@ -176,9 +176,7 @@ class RigidBodyModel(ArrayModel):
             raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
         found = np.asarray(batch.features[0], np.float64)
         rows = _references(data)
-        model = cls(
-            data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, found[rows], batch.logits[0][rows]
-        )
+        model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, found[rows], batch.logits[0][rows])
         return model.at(_fit_temperature(model, batch, data))
 
     def at(self, temperature: float) -> RigidBodyModel:
@@ -315,7 +313,11 @@ def _fit_temperature(model: RigidBodyModel, batch: TouchBatch, data: LabelledTou
     weights = np.zeros((len(chosen), len(model.shape_labels), model.num_hypotheses), np.float32)
     sums = []
     for step in range(length):
-        one = TouchBatch(data.poses[chosen[:, step, None]], batch.logits[0][chosen[:, step, None]], batch.features[0][chosen[:, step, None]])
+        one = TouchBatch(
+            data.poses[chosen[:, step, None]],
+            batch.logits[0][chosen[:, step, None]],
+            batch.features[0][chosen[:, step, None]],
+        )
         weights = weights + model.log_weights(one).astype(np.float32)
         sums.append(weights)
 

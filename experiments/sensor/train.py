@@ -127,7 +127,7 @@ class Train:
             _require_objects(self.objects, manifest, data)
         import torch
 
-        from activetouch.perception.export import export_reader
+        from activetouch.perception.export import export_reader, fixed_hypotheses
         from activetouch.perception.training import Trainer
 
         torch.set_num_threads(self.threads)
@@ -148,7 +148,8 @@ class Train:
         run_to_the_end(trainer, out / "tensorboard")
         classifier = trainer.finish()
         classifier.save(out / CLASSIFIER_FILE)
-        export_reader(classifier, manifest.image_shape).save(out / READER_FILE)
+        hypotheses = fixed_hypotheses(classifier, train) if recipe.embedding else None
+        export_reader(classifier, manifest.image_shape, hypotheses).save(out / READER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
         print(f"kept epoch {kept}, wrote {out / READER_FILE}")
 

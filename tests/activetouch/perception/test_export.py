@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import torch
 
+from activetouch.distributions import Uniform
 from activetouch.errors import WrongScene
-from activetouch.hypotheses import rotations, sizes
+from activetouch.hypotheses import quaternions, sizes
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader
 from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
 from activetouch.perception.reader import TactileReader
+from activetouch.poses import to_matrices
 
 pytestmark = pytest.mark.torch
 
@@ -40,7 +42,7 @@ def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape
         found, expected = reader.read(images[:number]), single.read(images[:number])
         np.testing.assert_allclose(found.logits, expected.logits, atol=1e-4)
         np.testing.assert_allclose(found.features, expected.features, atol=1e-4)
-        np.testing.assert_array_equal(found.embeddings, found.logits.astype(np.float32))
+        np.testing.assert_array_equal(found.embeddings, found.features)
     parameters = sum(p.numel() for p in single.network.parameters())
     assert (tmp_path / "reader.safetensors").stat().st_size < 2 * parameters + 150_000  # half precision
     assert reader.card == replace(single.card, image_shape=image_shape)
@@ -75,7 +77,7 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
         torch.nn.Linear(width, width), torch.nn.GELU(), torch.nn.Linear(width, embedding),
     ).half().float()  # fmt: skip
     layers = tuple((layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in list(g)[::2])
-    turns, scales = rotations(50).astype(np.float32), sizes(50, 0.9, 1.1).astype(np.float32)
+    turns, scales = to_matrices(quaternions(50)).astype(np.float32), sizes(Uniform(0.9, 1.1), 50).astype(np.float32)
     hypotheses = HypothesisEmbedding(card, layers, turns, scales)
     reader = replace(export_reader(single, (16, 16)), hypotheses=hypotheses)
     reader = replace(reader, card=replace(card, image_shape=(16, 16)))
@@ -94,7 +96,7 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
     np.testing.assert_allclose(found, expected[1], atol=1e-5)
     images = rng.integers(0, 255, (4, 16, 16)).astype(np.uint8)
     reading = reader.read(images)
-    np.testing.assert_allclose(reading.embeddings, single.read(images).embeddings, atol=1e-4)
+    np.testing.assert_allclose(reading.embeddings, single.read(images).logits, atol=1e-4)
     scores = np.einsum("nd,kmd->nkm", reading.embeddings.astype(float), expected.astype(float))
     np.testing.assert_allclose(reading.logits, np.log(np.exp(scores).mean(axis=2)), atol=1e-4)
     for wrong in (np.full(50, 3), np.full(50, -1)):

@@ -59,4 +59,4 @@ def test_cells_have_the_stated_spread():
     moved = jittered(still, np.deg2rad(5.0), torch.Generator().manual_seed(0))
     assert torch.allclose(moved.norm(dim=1), torch.ones(len(moved)), atol=1e-5)
     angles = 2 * moved[:, 1:] / moved[:, :1]
-    assert np.rad2deg(angles.std(dim=0)).numpy() == pytest.approx([5.0] * 3, rel=0.03)
+    assert np.rad2deg(angles.std(dim=0).numpy()) == pytest.approx([5.0] * 3, rel=0.03)
