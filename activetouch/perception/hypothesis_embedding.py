@@ -15,6 +15,7 @@ from activetouch.perception.card import ClassifierCard
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
+_IMAGES = 64  # whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
 
 
@@ -97,9 +98,13 @@ class HypothesisEmbedding:
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
         """Log p(image | shape) / p(image), ``(N, K)``: the mean ratio over the fixed hypotheses of each shape."""
-        scores = embeddings @ self._fixed.T
-        by_shape = scores.reshape(len(embeddings), len(self.card.shape_labels), -1).astype(np.float64)
-        return logsumexp(by_shape, axis=2) - np.log(by_shape.shape[2])
+        num_shapes = len(self.card.shape_labels)
+        logits = np.empty((len(embeddings), num_shapes))
+        for first in range(0, len(embeddings), _IMAGES):
+            some = slice(first, first + _IMAGES)
+            scores = (embeddings[some] @ self._fixed.T).reshape(-1, num_shapes, len(self.sizes))
+            logits[some] = logsumexp(scores, axis=2)
+        return logits - np.log(len(self.sizes))
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""
