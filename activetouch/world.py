@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from activetouch.errors import LabelMismatch, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene, WorldObject
 from activetouch.scene_description import in_words, require_scene, scene_fields
@@ -202,6 +203,8 @@ class TactileSensor:
                 SceneShift,
                 stacklevel=2,
             )
+        if reader.hypotheses is not None:
+            model = model.with_hypotheses(HypothesisTable(reader, scene))
         return cls(scene, reader, model, shift=shift)
 
     @classmethod

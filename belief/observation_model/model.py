@@ -21,6 +21,13 @@ from belief.validation import require_count
 _BLOCK = 1 << 16  # logits per block, unless one sequence has more
 
 
+class Embeds(Protocol):
+    """Embeds hypotheses about an object: what a reader and a scene give to a model that is fitted to them."""
+
+    def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
+        """Embedded hypotheses ``(P, K, N, D)``, N of each shape."""
+
+
 class ObservationModel(Protocol):
     """A likelihood of touches: all methods that trackers and planners call.
 
@@ -181,6 +188,14 @@ class ArrayModel(FrozenArrays, ABC):
         if wanted not in self._tables:
             self._tables[wanted] = self._tabulate(wanted, np.random.default_rng(0))
         return self._tables[wanted]
+
+    def with_hypotheses(self, embed: Embeds) -> ArrayModel:
+        """The model, completed with the hypotheses that a reader embeds, where it works with any.
+
+        Args:
+            embed: embeds as many hypotheses of each shape as asked for, in every pose.
+        """
+        return self
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
         """Weight of the summed log-likelihoods of n touches in one pose; vectorised environments store such sums.

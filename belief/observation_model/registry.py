@@ -19,6 +19,7 @@ from belief.observation_model.baselines.plda import PLDAModel
 from belief.observation_model.baselines.signature import SignatureModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.model import ArrayModel
+from belief.observation_model.rigid_body import RigidBodyModel
 from belief.references import BadReference, Reference, entry_point_names, find
 
 Fit = Callable[..., ArrayModel]
@@ -39,16 +40,19 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
         "ratio": RatioModel.fit,
     }
 )
-"""The function that fits each observation model, by name."""
+"""The observation models that need no more than touches, by name, as the function that fits them."""
+
+JOINT_MODELS: Mapping[str, Fit] = MappingProxyType({"rigid body": RigidBodyModel.fit})
+"""Those that need a reader that embeds hypotheses too: they take the argument ``embed``."""
 
 
 def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
-    """The classes of a registry, by default :data:`OBSERVATION_MODELS`, by their names in files.
+    """The classes of a registry, by default all of this package, by the names that their files bear.
 
     >>> kinds()["ratio"].__name__
     'RatioModel'
     """
-    all_fits = (OBSERVATION_MODELS if fits is None else fits).values()
+    all_fits = ({**OBSERVATION_MODELS, **JOINT_MODELS} if fits is None else fits).values()
     found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in all_fits]
     return {kind.name: kind for kind in found if inspect.isclass(kind) and issubclass(kind, ArrayModel)}
 
@@ -110,7 +114,7 @@ def fit_named(name: str) -> Fit:
     >>> fit_named("gaussian") == GaussianModel.fit
     True
     """
-    found, reference = find("observation model", name, OBSERVATION_MODELS, ENTRY_POINTS)
+    found, reference = find("observation model", name, {**OBSERVATION_MODELS, **JOINT_MODELS}, ENTRY_POINTS)
     fit: Any = found.fit if inspect.isclass(found) and hasattr(found, "fit") else found
     if not callable(fit):
         raise BadReference(f"{name} is not an observation model: it has no function fit")

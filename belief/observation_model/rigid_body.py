@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.model import ArrayModel
+from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.problem import Floats, Touch
@@ -33,13 +33,6 @@ Floats32 = NDArray[np.float32]
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
 _FITTED_ON = 400  # objects, at most, for the temperature
-
-
-class Embeds(Protocol):
-    """Embeds hypotheses in every pose: what a reader and a scene give for :meth:`RigidBodyModel.with_hypotheses`."""
-
-    def __call__(self, num_hypotheses: int) -> Floats32:
-        """Embedded hypotheses ``(P, K, N, D)``, N of each shape."""
 
 
 class Diagnostics(NamedTuple):
@@ -181,8 +174,7 @@ class RigidBodyModel(ArrayModel):
 
     def at(self, temperature: float) -> RigidBodyModel:
         """The model at another temperature."""
-        arrays = (self.references, self.reference_logits)
-        return RigidBodyModel(self.shape_labels, self.hypotheses, self.num_hypotheses, temperature, *arrays)
+        return replace(self, temperature=temperature)
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with its table of hypotheses.
@@ -192,8 +184,7 @@ class RigidBodyModel(ArrayModel):
             num_hypotheses: N, of each shape; as many as the model was fitted with by default.
         """
         number = self.num_hypotheses if num_hypotheses is None else num_hypotheses
-        arrays = (self.references, self.reference_logits)
-        return RigidBodyModel(self.shape_labels, embed(number), number, self.temperature, *arrays)
+        return replace(self, hypotheses=embed(number), num_hypotheses=number)
 
     @property
     def num_poses(self) -> int:
@@ -312,13 +303,11 @@ def _fit_temperature(model: RigidBodyModel, batch: TouchBatch, data: LabelledTou
     truth = data.shapes[chosen[:, 0]]
     weights = np.zeros((len(chosen), len(model.shape_labels), model.num_hypotheses), np.float32)
     sums = []
-    for step in range(length):
-        one = TouchBatch(
-            data.poses[chosen[:, step, None]],
-            batch.logits[0][chosen[:, step, None]],
-            batch.features[0][chosen[:, step, None]],
+    for rows_of_step in chosen.T:
+        touched = (data.poses[rows_of_step, None], batch.logits[0][rows_of_step, None])
+        weights = weights + model.log_weights(TouchBatch(*touched, batch.features[0][rows_of_step, None])).astype(
+            np.float32
         )
-        weights = weights + model.log_weights(one).astype(np.float32)
         sums.append(weights)
 
     def loss(log_temperature: float) -> float:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +14,26 @@ import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import CollectionPlan, Manifest
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
+from activetouch.scene_description import in_words
 from activetouch.world import READER_FILE, write_observation_model
-from belief import Touch
 from belief.calibration import TemperatureScaling
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
-from belief.observation_model.registry import OBSERVATION_MODELS, fit_named, require_readable
+from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit, fit_named, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
-from experiments.command_line.arguments import Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
-from experiments.scene_choice import in_file_names, named_scene, repeats_folder, training_folder
+from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
-from experiments.sensor.scores import read_logits
+from experiments.sensor.scores import read_touches, regrouped
 from experiments.sensor_choice import open_collection, require_collection
 
 
@@ -64,13 +68,17 @@ class Calibrate:
     anyway: bool = False
     """Use a collection of another scene than the reader's."""
 
-    def run(self) -> None:
-        """Choose, fit, write, and print the evaluation."""
+    def run(self, scene: Scene | None = None) -> None:
+        """Choose, fit, write, and print the evaluation.
+
+        Args:
+            scene: of the collection, where a program recorded it; that of the manifest by default.
+        """
         check_arguments(self)
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
-        candidates = {name: fit_named(name) for name in self.observation_model or OBSERVATION_MODELS}
+        chosen_from = {name: fit_named(name) for name in self.observation_model}
         require_writable(out)
         trained = self.reader if self.reader is not None else training_folder(self.scene) / READER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
@@ -79,16 +87,16 @@ class Calibrate:
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         _require_enough(manifest, data)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
-        logits = read_logits(reader, calibration.images, "reading calibration touches")
-        test_logits = read_logits(reader, test.images, "reading test touches")
+        known = read_touches(reader, calibration, "reading calibration touches")
+        tested = read_touches(reader, test, "reading test touches")
         print("choosing the observation model by cross-validation …")
         choice = choose_observation_model(
-            [Touch(int(pose), row) for pose, row in zip(calibration.poses, logits, strict=True)],
+            known.sequence(0),
             calibration.shapes,
             calibration.object_ids,
             shape_labels=manifest.shape_labels,
             num_poses=len(manifest.pose_labels),
-            candidates=candidates,
+            candidates=_candidates(chosen_from, reader, scene if scene is not None else _scene(manifest)),
         )
         require_readable(choice.model)
         evaluation = {
@@ -96,7 +104,7 @@ class Calibrate:
             "cross_validated_nll": dict(choice.losses),
             "rounds": manifest.plan.repeats,
             "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
-            **evaluate(choice.model, test_logits, test, np.random.default_rng(self.seed)),
+            **evaluate(choice.model, tested, test, np.random.default_rng(self.seed)),
         }
         reader.save(out / READER_FILE)
         write_observation_model(out, choice.model, manifest.scene)
@@ -108,6 +116,27 @@ class Calibrate:
                 f"measure it, record several rounds{again(manifest, data)}"
             )
         print(f"wrote {out}")
+
+
+def _scene(manifest: Manifest) -> Scene | None:
+    """The scene of a collection that the command line chose; None where a program did."""
+    return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice).named.scene
+
+
+def _candidates(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
+    """The observation models to choose from: those asked for, or all that the reader and the scene allow.
+
+    Raises:
+        BadArgument: a model works with hypotheses, which this reader does not embed.
+    """
+    joint = {name: fit for name, fit in (asked or JOINT_MODELS).items() if name in JOINT_MODELS}
+    others = {name: fit for name, fit in (asked or OBSERVATION_MODELS).items() if name not in JOINT_MODELS}
+    if reader.hypotheses is None or scene is None:
+        if asked and joint:
+            raise BadArgument(f"{in_words(joint)} needs a reader of a named scene, trained with --recipe contrast")
+        return others
+    embed = cache(HypothesisTable(reader, scene))
+    return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
 
 
 class TooFewObjects(ActiveTouchError, ValueError):
@@ -134,18 +163,23 @@ def again(manifest: Manifest, data: Path) -> str:
     return f": {replace(manifest, plan=CollectionPlan(train=0, repeats=6)).command(out)}"
 
 
-def evaluate(model: ArrayModel, logits: np.ndarray, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:
+def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.random.Generator) -> dict[str, Any]:
     """Accuracy and calibration of single touches, and of an object's first round of poses fused.
 
     Intervals of single-touch figures resample objects, because touches of one object err together.
+
+    Args:
+        model: to be evaluated.
+        touches: all as one sequence.
+        truth: what they are of.
+        rng: of the intervals.
     """
+    logits = touches.logits[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
     raw = TemperatureScaling().predict_proba(logits)
-    alone = TouchBatch(truth.poses[:, None], logits[:, None])
-    calibrated = np.exp(log_posteriors(model, alone))
+    calibrated = np.exp(log_posteriors(model, regrouped(touches, (-1, 1))))
     right, low, high = cluster_bootstrap(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
-    by_object = TouchBatch(truth.poses.reshape(num_objects, -1), logits.reshape(num_objects, -1, logits.shape[1]))
-    fused = np.exp(log_posteriors(model, by_object.first(num_poses)))
+    fused = np.exp(log_posteriors(model, regrouped(touches, (num_objects, -1)).first(num_poses)))
     object_shapes = truth.shapes.reshape(num_objects, -1)[:, 0]
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
     confusion = confusion_matrix(raw, truth.shapes)

@@ -70,5 +70,5 @@ def make_sensor(
         changes = Changes(**{"seed": seed, **change})
         Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **sizes).run()
     if not (folder / "evaluation.json").exists():
-        Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run()
+        Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run(named.scene)
     return TactileSensor.load(folder, named.scene)

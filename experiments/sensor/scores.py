@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet
-from activetouch.perception.reader import ImageReader, Reading
+from activetouch.perception.reader import ImageReader, Reading, TactileReader
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from belief.statistics import cluster_bootstrap
+from belief.touch_batch import TouchBatch
 from experiments.parallel import progress_bar
 
 
@@ -38,6 +39,19 @@ class Scores:
 def read_logits(reader: ImageReader, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
     """Logits ``(N, K)`` of many images, with a progress bar."""
     return np.concatenate([reading.logits for reading in readings(reader, images, what)])
+
+
+def read_touches(reader: TactileReader, touches: TouchSet, what: str) -> TouchBatch:
+    """What a reader makes of recorded touches, as one sequence, with a progress bar."""
+    logits, embeddings = zip(*((r.logits, r.embeddings) for r in readings(reader, touches.images, what)), strict=True)
+    kept = np.concatenate(embeddings)[None] if reader.hypotheses is not None else None
+    return TouchBatch(touches.poses[None], np.concatenate(logits)[None], kept)
+
+
+def regrouped(touches: TouchBatch, shape: tuple[int, int]) -> TouchBatch:
+    """The same touches in other sequences: so many, each so long; one of the two may be -1."""
+    features = None if touches.features is None else touches.features.reshape(*shape, touches.features.shape[-1])
+    return TouchBatch(touches.poses.reshape(shape), touches.logits.reshape(*shape, touches.num_shapes), features)
 
 
 def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
