@@ -240,8 +240,7 @@ class RigidBodyModel(ArrayModel):
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
-        marginal = logsumexp(self._reference_log_ratios, axis=3) - np.log(self.num_hypotheses)
-        log_posteriors = marginal - logsumexp(marginal, axis=2, keepdims=True)
+        log_posteriors = self.reference_logits - logsumexp(self.reference_logits, axis=2, keepdims=True)
         shares = np.exp(log_posteriors)
         shares /= shares.sum(axis=1, keepdims=True)
         return OutcomeTable(smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1]))
