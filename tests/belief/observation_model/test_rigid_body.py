@@ -1,0 +1,215 @@
+"""The joint model over shape, orientation and size keeps Bayes' rule, at the extremes too."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.special import log_softmax, logsumexp
+from scipy.stats import kstest
+
+from belief import Touch
+from belief.observation_model import read_observation_model
+from belief.observation_model.check import check_observation_model
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.touch_batch import TouchBatch
+
+P, K, N, D = 3, 2, 40, 4
+SPREAD = 1.5
+"""Standard deviation of what is felt, around what a body shows in a pose."""
+
+
+class World:
+    """Bodies that show a point of the plane in each pose; a touch feels it with Gaussian noise, so ratios are exact."""
+
+    def __init__(self, rng, num_hypotheses=N):
+        self.points = 2.0 * rng.normal(size=(P, K, num_hypotheses, 2))
+
+    def embed(self, num_hypotheses):
+        points = self.points[:, :, :num_hypotheses]
+        norms = np.square(points).sum(axis=-1, keepdims=True)
+        return np.concatenate([points, norms, np.ones_like(norms)], axis=-1).astype(np.float32)
+
+    def touch(self, shape, body, pose, rng):
+        felt = self.points[pose, shape, body] + SPREAD * rng.normal(size=2)
+        return Touch(pose, np.zeros(K), np.array([*(felt / SPREAD**2), -0.5 / SPREAD**2, 0.0]))
+
+    def model(self, rng, temperature=1.0):
+        found = [[self.touch(i % K, i % N, pose, rng).features for i in range(60)] for pose in range(P)]
+        labels, blank = tuple("ab"), np.zeros((P, 60, K))
+        unnamed = RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), blank)
+        marginal = [logsumexp(unnamed.log_ratios(p, some), axis=2) for p, some in enumerate(unnamed.references)]
+        return RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), np.array(marginal))
+
+
+@pytest.fixture
+def world(rng):
+    return World(rng)
+
+
+def touches_of(world, shape, body, poses, rng):
+    return [world.touch(shape, body, pose, rng) for pose in poses]
+
+
+def posterior(log_likelihood):
+    return np.exp(log_softmax(log_likelihood))
+
+
+def test_the_likelihood_is_the_mean_over_bodies_of_the_product_over_touches(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 1, 7, [0, 2, 2, 1], rng)
+    felt = np.array([touch.features[:2] * SPREAD**2 for touch in touches])
+    points = world.points[[touch.pose for touch in touches]]  # (n, K, N, 2)
+    densities = np.exp(-0.5 * np.square((felt[:, None, None] - points) / SPREAD).sum(axis=-1))
+    expected = densities.prod(axis=0).mean(axis=1)
+    np.testing.assert_allclose(posterior(model.log_likelihood(touches)), expected / expected.sum(), rtol=1e-4)
+
+
+def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 0, 3, [0, 1, 2, 0, 0], rng)
+    evidence = model.start()
+    for touch in touches:
+        evidence = evidence.update(touch)
+    assert evidence.num_touches == 5
+    expected = posterior(evidence.log_likelihood)
+    for order in (range(5), (4, 2, 0, 1, 3)):
+        shuffled = [touches[i] for i in order]
+        np.testing.assert_allclose(posterior(model.log_likelihood(shuffled)), expected, atol=1e-6)
+
+
+def test_no_touches_say_nothing(world, rng):
+    model = world.model(rng)
+    assert not model.start().log_likelihood.any()
+    assert not model.log_likelihood([]).any()
+
+
+def test_one_hypothesis_of_each_shape_makes_touches_independent(rng):
+    world = World(rng, num_hypotheses=1)
+    model = RigidBodyModel(("a", "b"), world.embed(1), 1, 1.0, np.zeros((P, 5, D)), np.zeros((P, 5, K)))
+    touches = touches_of(world, 0, 0, [0, 1, 1], rng)
+    apart = sum(model.log_likelihood([touch]) for touch in touches)
+    np.testing.assert_allclose(posterior(model.log_likelihood(touches)), posterior(apart), atol=1e-6)
+
+
+def test_its_posterior_is_calibrated_and_ranks_of_bodies_are_uniform(world, rng):
+    """Simulation-based calibration: the true body is as often among the likeliest as the posterior says."""
+    model = world.model(rng)
+    number = 600
+    shapes, bodies = rng.integers(K, size=number), rng.integers(N, size=number)
+    poses = rng.integers(P, size=(number, 4))
+    rows = [touches_of(world, *who, where, rng) for *who, where in zip(shapes, bodies, poses.tolist(), strict=True)]
+    batch = TouchBatch.of(rows)
+    probs = posterior_rows(model.log_likelihood_batch(batch))
+    stated, right = probs.max(axis=1), probs.argmax(axis=1) == shapes
+    assert abs(stated.mean() - right.mean()) < 3 * np.sqrt((stated * (1 - stated)).mean() / number)
+    weights = model.log_weights(batch)[np.arange(number), shapes]  # (number, N)
+    shares = np.exp(log_softmax(weights, axis=1))
+    own = shares[np.arange(number), bodies][:, None]
+    ranks = (shares * (shares > own)).sum(axis=1) + rng.random(number) * own[:, 0]
+    assert kstest(ranks, "uniform").pvalue > 0.01
+
+
+def posterior_rows(log_likelihoods):
+    return np.exp(log_softmax(log_likelihoods, axis=1))
+
+
+def test_a_reader_that_is_too_sure_gets_a_temperature(world, rng):
+    touches, shapes, ids = [], [], []
+    for number in range(120):
+        shape, body = int(rng.integers(K)), int(rng.integers(N))
+        touches += touches_of(world, shape, body, range(P), rng)
+        shapes += [shape] * P
+        ids += [number] * P
+    honest = RigidBodyModel.fit(touches, shapes, ids, embed=world.embed, num_hypotheses=N)
+    sure = RigidBodyModel.fit(
+        [Touch(t.pose, t.logits, 3.0 * t.features) for t in touches], shapes, ids, embed=world.embed, num_hypotheses=N
+    )
+    assert honest.temperature == pytest.approx(1.0, abs=0.3)
+    assert sure.temperature == pytest.approx(3.0 * honest.temperature, rel=0.05)
+
+
+def test_ten_thousand_touches_leave_it_finite_and_as_large_as_one(world, rng):
+    model = world.model(rng)
+    evidence = model.start()
+    for touch in touches_of(world, 1, 5, rng.integers(P, size=10_000).tolist(), rng):
+        evidence = evidence.update(touch)
+    assert np.isfinite(evidence.log_weights).all()
+    assert evidence.log_weights.nbytes == model.start().log_weights.nbytes
+    assert posterior(evidence.log_likelihood)[1] > 0.999
+    assert evidence.diagnostics.most_likely[1] == 5
+    assert evidence.diagnostics.effective_hypotheses[1] == pytest.approx(1.0, abs=0.01)
+
+
+def test_contradiction_after_certainty_is_still_an_answer(world, rng):
+    model = world.model(rng)
+    evidence = model.start()
+    for touch in touches_of(world, 0, 2, [0, 1, 2] * 30, rng) + touches_of(world, 1, 9, [0, 1, 2] * 60, rng):
+        evidence = evidence.update(touch)
+    assert np.isfinite(evidence.log_likelihood).all()
+    assert np.isfinite(posterior(evidence.log_likelihood)).all()
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e4, 1e30])
+def test_embeddings_of_any_size_are_answered(world, rng, scale):
+    model = world.model(rng)
+    touch = world.touch(0, 1, 2, rng)
+    found = model.log_likelihood([Touch(2, touch.logits, scale * touch.features)] * 3)
+    assert np.isfinite(posterior(found)).all()
+
+
+def test_half_precision_embeddings_agree_with_single(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 0, 1, [0, 1, 2], rng)
+    halves = [Touch(t.pose, t.logits, t.features.astype(np.float16)) for t in touches]
+    found, expected = (posterior(model.log_likelihood(some)) for some in (halves, touches))
+    np.testing.assert_allclose(found, expected, atol=5e-3)
+
+
+def test_it_keeps_the_contract_of_observation_models(world, rng):
+    check_observation_model(world.model(rng), rng)
+
+
+def test_sampled_touches_are_of_one_body(world, rng):
+    """Repeats of one pose are of one body, so they are more alike than touches of different objects."""
+    model = world.model(rng)
+    batch = model.sample_batch(0, np.zeros((400, 2), int), rng)
+    first, second = batch.features[:, 0], batch.features[:, 1]
+    assert np.corrcoef(first[:, 0], second[:, 0])[0, 1] > 0.3
+
+
+def test_a_file_brings_it_back_and_the_reader_completes_it(world, rng):
+    rows = [(number % K, number % N, number % P, number // P) for number in range(150)]
+    touches = [world.touch(shape, body, pose, rng) for shape, body, pose, _ in rows]
+    shapes, _, _, ids = np.array(rows).T
+    model = RigidBodyModel.fit(touches, shapes, ids, embed=world.embed, num_hypotheses=N)
+    found = read_observation_model(model.to_json())
+    touches = touches_of(world, 0, 1, [0, 1], rng)
+    with pytest.raises(ValueError, match="with_hypotheses"):
+        found.log_likelihood(touches)
+    found = found.with_hypotheses(world.embed)
+    np.testing.assert_allclose(found.log_likelihood(touches), model.log_likelihood(touches))
+    np.testing.assert_allclose(found.outcome_table(4).probs, model.outcome_table(4).probs)
+    fields = json.loads(model.to_json())
+    assert "hypotheses" not in fields
+
+
+@pytest.mark.parametrize(
+    "features", [None, np.zeros(D - 1), np.full(D, np.nan)], ids=["none", "too few", "not a number"]
+)
+def test_touches_without_their_embedding_are_refused(world, rng, features):
+    with pytest.raises(ValueError, match=r"embedding of 4 numbers|finite"):
+        world.model(rng).start().update(Touch(0, np.zeros(K), features))
+
+
+def test_arrays_that_do_not_fit_are_refused(world):
+    references, logits = np.zeros((P, 5, D)), np.zeros((P, 5, K))
+    for arguments, words in (
+        ((world.embed(N)[:, :1], N, 1.0, references, logits), "hypotheses must be"),
+        ((world.embed(N), N + 1, 1.0, references, logits), "hypotheses must be"),
+        ((world.embed(N), N, 0.0, references, logits), "temperature"),
+        ((world.embed(N), N, np.inf, references, logits), "temperature"),
+        ((None, 0, 1.0, references, logits), "at least one hypothesis"),
+        ((world.embed(N), N, 1.0, references, logits[:, :4]), "reference_logits"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            RigidBodyModel(("a", "b"), *arguments)
