@@ -178,7 +178,7 @@ def test_sampled_touches_are_of_one_body(world, rng):
 
 
 def test_a_file_brings_it_back_and_the_reader_completes_it(world, rng):
-    rows = [(number % K, number % N, number % P, number // P) for number in range(150)]
+    rows = [(number // P % K, number // P % N, number % P, number // P) for number in range(150)]
     touches = [world.touch(shape, body, pose, rng) for shape, body, pose, _ in rows]
     shapes, _, _, ids = np.array(rows).T
     model = RigidBodyModel.fit(touches, shapes, ids, embed=world.embed, num_hypotheses=N)
