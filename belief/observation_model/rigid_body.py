@@ -5,6 +5,18 @@ r"""The joint observation model: all touches of an object are of one rigid body 
 Given shape, orientation and size, touches are independent, so repeats need no discount: they share the hypothesis. The
 log likelihood ratio of a touch is f(o) · g(k, R, s): the touch brings its embedding f, the model holds the embedded
 hypotheses g of each pose. A learned ratio of this form needs no density over images (Hermans, Begy & Louppe 2020).
+
+Two shapes, one pose, two hypotheses of each shape; then a touch that fits the first hypothesis of the mug:
+
+>>> hypotheses = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
+>>> references = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
+>>> model = RigidBodyModel(("mug", "cup"), hypotheses, 2, 1.0, references, reference_logits=np.zeros((1, 2, 2)))
+>>> evidence: RigidBodyEvidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
+>>> (evidence.log_likelihood - evidence.log_likelihood.max()).round(1).tolist()
+[0.0, -3.6]
+>>> diagnostics: Diagnostics = evidence.diagnostics
+>>> diagnostics.most_likely.tolist()
+[0, 1]
 """
 
 from __future__ import annotations
@@ -102,18 +114,6 @@ class RigidBodyModel(ArrayModel):
 
     Raises:
         ValueError: the arrays do not fit each other.
-
-    Example:
-        Two shapes, one pose, hypotheses that are two of the four quadrants each; a touch in the first quadrant:
-
-        >>> corners = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
-        >>> touches = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
-        >>> model = RigidBodyModel(("mug", "cup"), corners, 2, 1.0, touches, np.zeros((1, 2, 2)))
-        >>> evidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
-        >>> (evidence.log_likelihood - evidence.log_likelihood.max()).round(1).tolist()
-        [0.0, -3.6]
-        >>> evidence.diagnostics.most_likely.tolist()
-        [0, 1]
     """
 
     name: ClassVar[str] = "rigid body"
