@@ -24,6 +24,7 @@ from belief.observation_model import (
 )
 from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.tabular import TabularModel
 from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
@@ -69,6 +70,10 @@ HOLDERS = {
     "RatioModel": (
         lambda a, b: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b),
         [np.array([0.5, 0.5]), ROWS[None]],
+    ),
+    "RigidBodyModel": (
+        lambda a, b, c: RigidBodyModel(LABELS, a, 3, 1.0, b, c),
+        [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
     "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),
