@@ -39,8 +39,8 @@ class ConvNeXt:
         widths: channels of each stage.
     """
 
-    depths: tuple[int, int, int, int]
-    widths: tuple[int, int, int, int]
+    depths: tuple[int, ...]
+    widths: tuple[int, ...]
 
     @property
     def num_features(self) -> int:
@@ -99,6 +99,7 @@ class SmallCNN:
 BACKBONES: Mapping[str, Backbone] = MappingProxyType(
     {
         "cnn": SmallCNN((24, 48, 96, 128)),
+        "micro": ConvNeXt((3, 3), (64, 128)),  # two stages, for sensors of few taxels
         "atto": ConvNeXt((2, 2, 6, 2), (40, 80, 160, 320)),
         "femto": ConvNeXt((2, 2, 6, 2), (48, 96, 192, 384)),
         "pico": ConvNeXt((2, 2, 6, 2), (64, 128, 256, 512)),
