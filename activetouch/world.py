@@ -35,6 +35,7 @@ from belief.observation_model import ArrayModel, read_observation_model, read_or
 
 MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
+RIGID_BODY = "-rigid-body"  # at the end of a shipped sensor's name: its observation model is the joint one
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -209,11 +210,22 @@ class TactileSensor:
 
     @classmethod
     def shipped(cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False) -> TactileSensor:
-        """A sensor that comes with the package, by name, on the scene of that name or on another. See :meth:`load`."""
+        """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
+
+        Args:
+            name: of a scene; followed by ``-rigid-body``, the sensor whose belief is about one rigid body.
+            scene: in which to use it.
+            anyway: as in :meth:`load`.
+
+        Raises:
+            UnknownName: there is no such sensor.
+        """
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        return cls.load(MODELS / name, scene if scene is not None else SCENES[name].scene, anyway)
+        return cls.load(
+            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(RIGID_BODY)].scene, anyway
+        )
 
     def __repr__(self) -> str:
         name = self.reader.card.backbone

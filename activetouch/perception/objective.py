@@ -56,7 +56,7 @@ class ShapeObjective:
             absent = [label for label, n in zip(labels, counts, strict=True) if n == 0]
             raise ValueError(f"there is no image of {', '.join(absent)} to learn from")
         weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
-        self._weights = torch.tensor(weights, dtype=torch.float32)
+        self.class_weights = torch.tensor(weights, dtype=torch.float32)
         self._shapes = torch.from_numpy(train.shapes)
         self._bf16 = recipe.bf16
 
@@ -66,7 +66,7 @@ class ShapeObjective:
         """See :class:`Objective`."""
         with torch.autocast("cpu", torch.bfloat16, enabled=self._bf16):
             logits, _ = network(images)
-        return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self._weights)
+        return nn.functional.cross_entropy(logits.float(), self._shapes[rows], weight=self.class_weights)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`Objective`."""

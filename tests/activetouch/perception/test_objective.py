@@ -1,15 +1,23 @@
 """Training by contrast learns ratios of likelihoods, and labels turn with their images."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from activetouch import Quasistatic, Scene
+from activetouch.data.dataset import TouchSet
 from activetouch.perception.augmentation import augment
+from activetouch.perception.card import ClassifierCard
+from activetouch.perception.classifier import TouchClassifier, TouchNetwork
+from activetouch.perception.export import export_reader, fixed_hypotheses
 from activetouch.perception.hypothesis_network import Hypotheses, compose, rotation_matrices
 from activetouch.perception.objective import jittered, turned
+from activetouch.perception.recipe import RECIPES
+from activetouch.perception.training import Trainer
 from activetouch.placement import Placement
-from activetouch.poses import multiply, random_orientation, to_matrix
+from activetouch.poses import multiply, random_orientation, to_matrices, to_matrix, turn
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Symmetry
 
@@ -60,3 +68,78 @@ def test_cells_have_the_stated_spread():
     assert torch.allclose(moved.norm(dim=1), torch.ones(len(moved)), atol=1e-5)
     angles = 2 * moved[:, 1:] / moved[:, :1]
     assert np.rad2deg(angles.std(dim=0).numpy()) == pytest.approx([5.0] * 3, rel=0.03)
+
+
+def test_training_by_contrast_learns_shape_and_orientation_and_goes_on_where_it_stopped(tmp_path):
+    """Bars at three angles: the network must tell the angle, and a body of the other shape, a disc, from them."""
+    train, recipe = bars_and_discs(240), replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, bf16=False)
+    whole, first = (trainer(tmp_path / name, train, recipe) for name in ("whole", "parts"))
+    losses = [whole.run_epoch().calibration_loss for _ in range(recipe.epochs)]
+    assert losses[-1] < losses[0] - 0.5
+    assert whole.reports[-1].calibration_accuracy > 0.95
+    for _ in range(3):
+        first.run_epoch()
+    second = trainer(tmp_path / "parts", train, recipe)
+    assert second.epochs_done == 3
+    assert [second.run_epoch().calibration_loss for _ in range(recipe.epochs - 3)] == losses[3:]
+    reader = export_reader(whole.finish(), (16, 16), fixed_hypotheses(whole.classifier, train))
+    reading = reader.read(train.images)
+    assert (reading.labels == train.shapes).mean() > 0.95
+    bars = np.flatnonzero(train.shapes == 0)
+    rotations = to_matrices(ANGLES)
+    known = reader.embed(np.zeros(3, np.int64), rotations, np.ones(3))
+    found = (reading.embeddings[bars] @ known.T).argmax(axis=1)
+    alike = [np.abs(train.orientations[bars] @ some.T) for some in (ANGLES, multiply(HALF_TURN, ANGLES.T).T)]
+    assert (found == np.maximum(*alike).argmax(axis=1)).mean() > 0.95
+
+
+def test_orientations_related_by_a_symmetry_get_equal_ratios(tmp_path):
+    """A bar turned by half a turn is the same bar: nobody tells the network, and it learns so."""
+    train, recipe = bars_and_discs(240), replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, bf16=False)
+    trained = trainer(tmp_path / "state", train, recipe)
+    for _ in range(recipe.epochs):
+        trained.run_epoch()
+    reader = export_reader(trained.finish(), (16, 16), fixed_hypotheses(trained.classifier, train))
+    twins = multiply(HALF_TURN, ANGLES.T).T
+    bars = reader.read(train.images[train.shapes == 0]).embeddings
+    ratios, of_twins = (
+        bars @ reader.embed(np.zeros(3, np.int64), to_matrices(q), np.ones(3)).T for q in (ANGLES, twins)
+    )
+    spread = ratios.std()
+    assert np.abs(ratios - of_twins).mean() < 0.15 * spread
+
+
+def test_touches_without_orientations_cannot_be_contrasted(tmp_path):
+    train = replace(bars_and_discs(24), orientations=np.full((24, 4), np.nan))
+    with pytest.raises(ValueError, match="do not say in which orientation"):
+        trainer(tmp_path / "state", train, RECIPES["contrast"])
+
+
+ANGLES = np.stack([turn("x", angle) for angle in np.deg2rad([0.0, 60.0, 120.0])])
+"""Orientations of a bar."""
+HALF_TURN = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def bars_and_discs(number) -> TouchSet:
+    """Images of bars, shape 0, at one of three angles or the same plus half a turn, and of discs, shape 1."""
+    rng = np.random.default_rng(0)
+    shapes, which, flipped = np.arange(number) % 2, rng.integers(3, size=number), rng.random(number) < 0.5
+    z, y = np.mgrid[:16, :16] - 7.5
+    angles = np.deg2rad(60.0) * which
+    across = np.cos(angles)[:, None, None] * z - np.sin(angles)[:, None, None] * y
+    inside = np.where((shapes == 0)[:, None, None], np.abs(across) < 1.5, np.hypot(z, y) < 4.0)
+    images = (200 * inside + rng.integers(0, 40, inside.shape)).astype(np.uint8)
+    orientations = np.stack([turn("x", angle + np.pi * flip) for angle, flip in zip(angles, flipped, strict=True)])
+    blank = np.zeros(number)
+    return TouchSet(
+        images, shapes, np.arange(number), blank.astype(int), blank, blank, orientations, orientations, blank + 1.0
+    )
+
+
+def trainer(state, train, recipe):
+    card = ClassifierCard("cnn", 16, ("bar", "disc"), ("p",), embedding=16, log_size_std=0.1)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        network = TouchNetwork(replace(card))
+    recipe = replace(recipe, embedding=16)
+    return Trainer(TouchClassifier(card, network), recipe, train, train, state)

@@ -95,9 +95,9 @@ def test_class_weights_make_all_shapes_count_alike(tmp_path):
     counts = np.bincount(few_discs.shapes)
     assert counts.tolist() == [48, 6]
     weighted = trainer(tmp_path / "a.safetensors", replace(RECIPE, class_weights=True), train=few_discs)
-    np.testing.assert_allclose(weighted.class_weights.numpy() * counts, counts.sum() / 2)
+    np.testing.assert_allclose(weighted.objective.class_weights.numpy() * counts, counts.sum() / 2)
     plain = trainer(tmp_path / "b.safetensors", replace(RECIPE, class_weights=False), train=few_discs)
-    assert plain.class_weights.tolist() == [1.0, 1.0]
+    assert plain.objective.class_weights.tolist() == [1.0, 1.0]
 
 
 def test_a_shape_without_images_is_refused(tmp_path):
