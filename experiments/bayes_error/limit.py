@@ -9,6 +9,7 @@ presses of another shape with the same image up to noise, or, given a collection
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -20,6 +21,7 @@ from experiments.bayes_error.ambiguity import AmbiguitySearch
 from experiments.bayes_error.estimator import Estimator, Findings, LimitStudy
 from experiments.bayes_error.joint_bayes import JointBayes, JointStudy
 from experiments.bayes_error.learned import LearnedBounds
+from experiments.bayes_error.sensor_evidence import sensor_evidence
 from experiments.bayes_error.simulation import SimulatedBayes
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
@@ -40,7 +42,7 @@ class Limit:
     For example:
 
         activetouch limit --scene coarse
-        activetouch limit --scene coarse --touches-per-object 1 2 3 4 6
+        activetouch limit --scene coarse --touches-per-object 1 2 3 4 6 --sensor coarse-rigid-body
         activetouch limit --scene hard --ambiguity.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
     """
@@ -84,8 +86,6 @@ class Limit:
             raise BadArgument(
                 "--bodies, --draws, --objects and --data are for several touches: add --touches-per-object"
             )
-        if most and self.sensor is not None:
-            raise BadArgument(f"--sensor reads one touch and goes without --touches-per-object, got {self.sensor}")
         name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
         folder = self.out if self.out is not None else Path(name)
         require_writable(folder)
@@ -105,7 +105,9 @@ class Limit:
 
     def _several(self, scene: Scene, folder: Path) -> Findings:
         touches = tuple(sorted(set(self.touches_per_object)))
-        return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence"))
+        sensor = open_sensor(self.sensor, self.choice, self.anyway)
+        readers = {"sensor": partial(sensor_evidence, sensor)}
+        return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence", readers))
 
     def estimator(self, scene: Scene) -> Estimator:
         """The estimator for the images of a scene."""

@@ -12,12 +12,13 @@ from activetouch.named_scenes import SCENES
 from activetouch.orientations import Resampled
 from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
+from activetouch.world import TactileSensor
 from experiments.bayes_error.body_bank import BodyBank, force_ratio
 from experiments.bayes_error.image_bank import SensorNoise, log_posterior
 from experiments.bayes_error.joint_bayes import JointBayes
 from experiments.bayes_error.joint_evidence import Evidence
-from experiments.bayes_error.learned_joint import Bodies, embedded_bodies, learned_evidence
 from experiments.bayes_error.limit import Limit
+from experiments.bayes_error.sensor_evidence import sensor_evidence
 from experiments.bayes_error.touched_objects import TouchedObjects, press_objects, touch_orders
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
@@ -94,31 +95,18 @@ def test_scenes_without_a_body_or_a_closed_form_are_refused():
         BodyBank.of(replace(SCENES["paper"].scene, faults=SCENE.faults, press_model=Quasistatic()), 2, 0)
 
 
-class ExactReader:
-    """A reader whose ratio is a known function of image and hypothesis."""
-
-    def __init__(self, rng):
-        self.images, self.hypotheses = rng.normal(size=(16, 3)), rng.normal(size=(11, 3))
-
-    def read(self, images):
-        return type("Reading", (), {"embeddings": images.reshape(len(images), 16) / 255.0 @ self.images})
-
-    def embed(self, shapes, rotations, sizes):
-        inputs = np.column_stack([shapes, rotations.reshape(-1, 9), sizes])
-        return (inputs @ self.hypotheses).astype(np.float32)
-
-
-def test_a_learned_ratio_goes_through_the_same_sums(found, rng):
+def test_a_sensors_evidence_is_that_of_its_observation_model(found):
     touched, _ = found
-    reader, bodies = ExactReader(rng), Bodies.sample(SCENE, 10, rng)
-    table = embedded_bodies(reader, SCENE, bodies)
-    assert table.shape == (6, 4, 10, 3)
-    evidence = learned_evidence(reader, table, touched)
-    n, shape = 23, 2
-    f = reader.read(touched.readings[n]).embeddings  # (P, 3)
-    first, second = touched.orders[n, :2]
-    ratios = np.exp(table[first, shape] @ f[first] + table[second, shape] @ f[second])
-    assert evidence.joint[n, 1, shape] == pytest.approx(np.log(ratios.mean()), abs=1e-5)
+    sensor = TactileSensor.shipped("coarse-rigid-body")
+    evidence = sensor_evidence(sensor, touched)
+    assert evidence.shape == (*touched.orders.shape, 4)
+    n = 23
+    touches = sensor.read(touched.readings[n, touched.orders[n]], touched.orders[n].tolist())
+    for number in (1, 3):
+        expected = sensor.model.log_likelihood(touches[:number])
+        np.testing.assert_allclose(log_posterior(evidence[n, number - 1]), log_posterior(expected), atol=1e-4)
+    right = (evidence.argmax(axis=2) == touched.shapes[:, None]).mean(axis=0)
+    assert right[2] > right[0] + 0.1  # three touches of one body tell more than one
 
 
 def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
