@@ -1,4 +1,4 @@
-"""What vector, Dirichlet and structured matrix scaling share: an affine map of log-probabilities, and its fit."""
+"""Base class of vector, Dirichlet and structured matrix scaling: an affine map of log-probabilities."""
 
 from __future__ import annotations
 
@@ -20,20 +20,18 @@ from belief.problem import Floats
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AffineCalibration(FrozenArrays, Calibration):
-    """Log-probabilities after temperature scaling, times a matrix, plus a bias: p = softmax(W x + b).
+    """An affine map of log-probabilities x after temperature scaling: p = softmax(W x + b).
 
-    First a temperature is fitted, and 1/(n + 2) of the mass spread evenly; x is the logarithm of that, so it is of
-    moderate size whatever the scale of the logits, no single row can dominate, and no prediction is zero. Then W and b
-    are fitted with ridge penalties that draw them to the identity and to zero: with few data, or where the data say
-    nothing, it is temperature scaling that is left. The penalties make the optimum exist, finite and unique, for any
-    labels: with shapes missing or separable, with one row.
+    First a temperature is fitted, and 1/(n + 2) of the probability is spread evenly over the shapes; so x is of moderate
+    size for logits of any scale. Then W and b are fitted with ridge penalties towards the identity and zero. The optimum
+    is finite and unique for any labels. With few or uninformative data the result is temperature scaling.
 
     Attributes:
-        temperature: the first step, with the spread mass as its floor.
+        temperature: the first step, with the spread probability as its floor.
         coefficients: (W | b), ``(K, K + 1)``; None before the fit.
 
     Raises:
-        ValueError: a strength of a penalty that is not above zero, coefficients of the wrong shape or not finite.
+        ValueError: a penalty that is not positive, or coefficients of the wrong shape or not finite.
 
     Example:
         >>> from belief.calibration import VectorScaling
@@ -64,11 +62,11 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     @abstractmethod
     def penalty(self, num_rows: int, num_shapes: int) -> Floats:
-        """Weight of the square of each entry of (W - I | b), ``(K, K + 1)``; infinite where it stays zero."""
+        """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``; infinite for entries fixed at zero."""
 
     @property
     def status(self) -> Status:
-        """That of the temperature. With none but ``ok`` does W matter; b then fits the shares of the shapes."""
+        """Status of the temperature; unless it is ``ok``, W has no effect and b fits the frequencies of the shapes."""
         return self.temperature.status
 
     @property
@@ -87,7 +85,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         return None if self.coefficients is None else len(self.coefficients)
 
     def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
-        """See :meth:`Calibration.fit`; Newton's method, to a gradient of rounding errors."""
+        """See :meth:`Calibration.fit`; Newton's method until the gradient is at rounding errors."""
         z, y = labelled_logits(logits, labels)
         temperature = replace(TemperatureScaling().fit(z, y), floor=1.0 / (len(y) + 2))
         unsolved = replace(self, temperature=temperature, coefficients=np.eye(z.shape[1], z.shape[1] + 1))
@@ -106,7 +104,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         return scores
 
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
-        """See :meth:`Calibration.objective`; the temperature is taken as it is."""
+        """See :meth:`Calibration.objective`; for the fitted temperature."""
         z, y = labelled_logits(logits, labels)
         coefficients = self._fitted()
         self._check_shapes(z.shape[1])
@@ -143,7 +141,7 @@ class AffineCalibration(FrozenArrays, Calibration):
 
 
 def structured_penalty(num_shapes: int, diagonal: float, off_diagonal: float, bias: float) -> Floats:
-    """One penalty for each part of (W | b), ``(K, K + 1)``.
+    """Penalties on (W | b), ``(K, K + 1)``, one for each part.
 
     >>> structured_penalty(2, diagonal=1.0, off_diagonal=2.0, bias=3.0)
     array([[1., 2., 3.],

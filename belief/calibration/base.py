@@ -1,4 +1,4 @@
-"""The interface of calibrations: fit, predict, objective, and serialisation."""
+"""The base class of calibrations."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "ant
 
 
 class Calibration(ABC):
-    """Turns a classifier's logits into probabilities that can be believed.
+    """A map from a classifier's logits to calibrated probabilities.
 
-    Calibrations are immutable: :meth:`fit` returns a new one. An unfitted calibration is the plain softmax. A constant
-    added to all logits of a row changes nothing; logits may have any scale that a float can hold.
+    Calibrations are immutable: :meth:`fit` returns a new one. An unfitted calibration is the softmax. A constant added
+    to all logits of a row has no effect; logits may have any scale.
 
-    To add one, write a class with these members and enter it in :data:`belief.calibration.CALIBRATIONS`.
+    To add one, derive a class and enter it in :data:`belief.calibration.CALIBRATIONS`.
 
     Attributes:
-        name: what it is called in files and tables.
+        name: name in files and tables.
 
     Example:
         >>> from belief.calibration import TemperatureScaling
@@ -40,16 +40,16 @@ class Calibration(ABC):
     @property
     @abstractmethod
     def status(self) -> Status:
-        """What fitting found, see :class:`~belief.calibration.TemperatureScaling`."""
+        """Status of the fit, see :class:`~belief.calibration.TemperatureScaling`."""
 
     @property
     @abstractmethod
     def num_shapes(self) -> int | None:
-        """K; None if it takes any number."""
+        """K; None if it is valid for any number."""
 
     @abstractmethod
     def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
-        """The calibration that makes the labels most likely, penalties included; a new object.
+        """A calibration that minimises :meth:`objective` on these data.
 
         Args:
             logits: ``(n, K)``, any float type, finite.
@@ -64,7 +64,7 @@ class Calibration(ABC):
         """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite.
 
         Raises:
-            ValueError: empty, NaN or infinite logits, or a K that was not fitted.
+            ValueError: empty, NaN or infinite logits, or another K than in the fit.
         """
 
     def predict_proba(self, logits: ArrayLike) -> Floats:
@@ -74,22 +74,22 @@ class Calibration(ABC):
 
     @abstractmethod
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:
-        """What :meth:`fit` minimises [nats], on these data with these parameters, and its gradient, ``(num_free,)``.
+        """The objective of :meth:`fit` [nats] on these data, and its gradient, ``(num_free,)``.
 
-        At the end of a fit no entry of the gradient exceeds 1e-8, unless the status says that there is no optimum.
+        After a fit no entry of the gradient exceeds 1e-8, unless the status states that there is no optimum.
         """
 
     @abstractmethod
     def to_fields(self) -> dict[str, Any]:
-        """Everything that makes this object, as JSON types."""
+        """All parameters, as JSON types."""
 
     @classmethod
     @abstractmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """The object from :meth:`to_fields`."""
+        """The calibration of fields from :meth:`to_fields`."""
 
     def to_json(self, shape_labels: Sequence[str]) -> str:
-        """The calibration as JSON text, exact to the last bit, with the names of the shapes it is for."""
+        """The calibration as exact JSON text, with the names of its shapes."""
         return write_json(self, shape_labels)
 
     @classmethod
@@ -98,9 +98,9 @@ class Calibration(ABC):
 
         Args:
             text: the JSON text.
-            shape_labels: names of the shapes, in the order of the logits it will be given.
+            shape_labels: names of the shapes, in the order of the logits.
 
         Raises:
-            ValueError: the text is no such calibration, or one for other shapes or another order of them.
+            ValueError: the text is not such a calibration, or is for other shapes or another order.
         """
         return read_json(text, {cls.name: cls.from_fields}, shape_labels)

@@ -1,4 +1,4 @@
-"""Choose between calibrations by how well they predict objects they have not seen."""
+"""Choice of a calibration by cross-validation on whole objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from belief.validation import require_count
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What :func:`choose_calibration` found.
+    """Result of :func:`choose_calibration`.
 
     >>> logits, labels = [[0.0, 1.0], [1.0, 0.0], [1.0, 0.0], [0.0, 2.0]], [0, 1, 0, 1]
     >>> choice = choose_calibration(logits, labels, object_ids=[1, 2, 3, 4], num_folds=2)
@@ -25,9 +25,9 @@ class Choice:
     True
 
     Attributes:
-        calibration: the best, fitted to all the data.
+        calibration: the best candidate, fitted to all data.
         name: its name among the candidates.
-        losses: mean NLL of touches out of fold [nats] by candidate; also the others', so that a narrow win shows.
+        losses: mean cross-validated NLL of a touch [nats], by candidate.
     """
 
     calibration: Calibration
@@ -42,25 +42,24 @@ def choose_calibration(
     candidates: Mapping[str, Calibration] | None = None,
     num_folds: int = 5,
 ) -> Choice:
-    """The candidate with the least cross-validated NLL; of equals, the first.
+    """The candidate with the least cross-validated NLL; the first of equal ones.
 
-    Folds are made of whole objects (touches of one object err alike) and follow from the ids alone: no chance is in it.
+    Folds consist of whole objects, because touches of one object have correlated errors, and depend only on the ids.
 
     Args:
         logits: ``(n, K)``.
         labels: true shape indices, ``(n,)``.
-        object_ids: which object each touch is of, ``(n,)``.
-        candidates: unfitted calibrations by any names; by default one of each kind in :data:`CALIBRATIONS`. To choose
-            a strength, enter one kind several times.
-        num_folds: number of folds, at most the number of objects.
+        object_ids: object of each touch, ``(n,)``.
+        candidates: unfitted calibrations by name; by default one of each class in :data:`CALIBRATIONS`.
+        num_folds: from 2 to the number of objects.
 
     Raises:
-        ValueError: bad logits or labels, no candidates, more folds than objects, or an object of two shapes.
+        ValueError: invalid logits or labels, no candidates, more folds than objects, or an object with two shapes.
 
     Example:
         >>> rng = np.random.default_rng(0)
         >>> labels = np.arange(2000) % 2
-        >>> logits = 2.0 * np.eye(2)[labels] + rng.normal(size=(2000, 2)) - [0.0, 1.5]        # shy of the second
+        >>> logits = 2.0 * np.eye(2)[labels] + rng.normal(size=(2000, 2)) - [0.0, 1.5]  # biased against the second
         >>> choice = choose_calibration(logits, labels, object_ids=np.arange(2000))
         >>> {name: round(loss, 3) for name, loss in choice.losses.items()}
         {'temperature': 0.366, 'vector': 0.193, 'structured_matrix': 0.193, 'dirichlet': 0.197}
@@ -81,7 +80,7 @@ def choose_calibration(
             held = folds == fold
             fitted = candidate.fit(z[~held], y[~held])
             at_label[held] = fitted.predict_log_proba(z[held])[np.arange(held.sum()), y[held]]
-        with np.errstate(over="ignore"):  # the mean of -1e308's
+        with np.errstate(over="ignore"):  # the mean of values near -1e308
             losses[name] = -float(at_label.mean())
     best = min(losses, key=losses.__getitem__)
     return Choice(candidates[best].fit(z, y), best, losses)

@@ -11,17 +11,16 @@ from belief.problem import Floats
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DirichletCalibration(AffineCalibration):
-    """A full matrix on log-probabilities and a bias, p = softmax(W x + b): right if each shape's p is Dirichlet.
+    """Dirichlet calibration, p = softmax(W x + b): exact if the classifier's p has a Dirichlet density for each shape.
 
-    From Kull et al. 2019, "Beyond temperature scaling: Obtaining well-calibrated multi-class probabilities with
-    Dirichlet calibration", the form and the penalties beside the mean NLL,
+    The form and the penalties, which are added to the mean NLL, are those of Kull et al. 2019, "Beyond temperature
+    scaling: Obtaining well-calibrated multi-class probabilities with Dirichlet calibration":
 
-        off_diagonal · 1 / (K (K - 1)) Σ_{j≠k} W_jk²  +  bias · 1 / K Σ b_k²,
+        off_diagonal · 1 / (K (K - 1)) Σ_{j≠k} W_jk²  +  bias · 1 / K Σ b_k².
 
-    which do not shrink with n: choose strengths by cross-validation, see :func:`choose_calibration`. Ours: x are
-    log-probabilities *after* temperature scaling, so that a strength means the same whatever the scale of the logits,
-    and the diagonal, free in the paper, is drawn to 1 by diagonal · (1 / n) Σ (W_kk - 1)²: without that, there is no
-    optimum where a shape is missing.
+    They do not decrease with n: choose strengths by cross-validation (:func:`choose_calibration`). Unlike the paper, x
+    are log-probabilities *after* temperature scaling, and the diagonal has the penalty diagonal · (1 / n) Σ (W_kk - 1)²,
+    so that an optimum exists also if a shape is missing.
 
     Attributes:
         diagonal_strength: of the penalty on the diagonal, > 0.
@@ -32,10 +31,10 @@ class DirichletCalibration(AffineCalibration):
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> labels = rng.integers(2, size=4000)
-        >>> p = rng.beta(np.array([2.0, 5.0])[labels], np.array([4.0, 3.0])[labels])    # stated for shape 1
-        >>> weak = DirichletCalibration(off_diagonal_strength=1e-3, bias_strength=1e-3)   # there are many touches
+        >>> p = rng.beta(np.array([2.0, 5.0])[labels], np.array([4.0, 3.0])[labels])    # probability of shape 1
+        >>> weak = DirichletCalibration(off_diagonal_strength=1e-3, bias_strength=1e-3)   # n is large
         >>> fitted = weak.fit(np.log(np.stack([1.0 - p, p], axis=1)), labels)
-        >>> fitted.predict_proba(np.log([0.5, 0.5])).round(2).tolist()   # by Bayes' rule 0.568 where one half is stated
+        >>> fitted.predict_proba(np.log([0.5, 0.5])).round(2).tolist()   # Bayes' rule: 0.568
         [0.42, 0.58]
     """
 

@@ -9,7 +9,7 @@ from belief.errors import InvalidArgument
 from belief.problem import Floats
 from belief.validation import as_real, at, checked_indices
 
-_MOST_POSES = 1000  # unless there are more touches than that
+_MOST_POSES = 1000  # or the number of touches, if that is larger
 
 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
@@ -20,8 +20,8 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
         num_poses: P, if it is known.
 
     Raises:
-        InvalidArgument: a pose that is not in [0, P), or a P that is absurd: above 1000, and above the number of
-            touches. Everything that is fitted to poses takes memory for each of them.
+        InvalidArgument: a pose that is not in [0, P), or a P above 1000 and above the number of touches, which would
+            waste memory.
 
     >>> pose_count(np.array([0, 2]), None), pose_count(np.array([0, 2]), 6)
     (3, 6)
@@ -46,12 +46,12 @@ def finite_logits(logits: ArrayLike) -> Floats:
     """Logits as float64, ``(..., K)``.
 
     Raises:
-        ValueError: they are empty, masked, no real numbers, or one is NaN or infinite; the message names its row.
+        ValueError: they are empty, masked or not real numbers, or one is NaN or infinite; the message names its row.
 
     >>> finite_logits([[1, 2]])
     array([[1., 2.]])
     """
-    with np.errstate(over="ignore"):  # a long double may become infinite, and is then refused
+    with np.errstate(over="ignore"):  # a long double may become infinite, which is an error
         z = np.asarray(as_real(logits, "logits"), np.float64)
     if z.ndim == 0 or z.size == 0:
         raise ValueError(f"need logits (..., K), none of the axes empty; got shape {z.shape}")

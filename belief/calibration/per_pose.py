@@ -1,4 +1,4 @@
-"""One calibration for each pose, shrunk towards a common one where touches of the pose are few."""
+"""One calibration per pose, shrunk towards a common one."""
 
 from __future__ import annotations
 
@@ -20,22 +20,20 @@ from belief.validation import checked_indices, unmasked
 
 @dataclass(frozen=True, eq=False)
 class PerPose:
-    """A calibration of every pose, shrunk towards the one of all poses together.
+    """One calibration per pose, shrunk towards the calibration of all poses together.
 
-    The rule: with n touches in a pose, w = n / (n + pooling), log p is proportional to w times the pose's own log p
-    plus (1 - w) times the pooled one's. So a pose without touches is calibrated as all together, one with ``pooling``
-    touches half and half. For temperatures this averages 1/T.
+    For a pose with n touches, log p = w log p_pose + (1 - w) log p_pooled up to a constant, with w = n / (n + pooling).
+    For temperature scaling this averages 1/T.
 
     Attributes:
-        kind: an unfitted calibration, of which every pose gets one.
-        pooling: weight of the pooled calibration, in touches; the default is what
-            :class:`~belief.observation_model.ConfusionModel` pools with.
+        kind: the unfitted calibration.
+        pooling: weight of the pooled calibration, in touches, ≥ 0.
         pooled: fitted to all touches.
-        by_pose: fitted to the touches of each pose, P of them; the pooled one where there are none.
-        num_touches: how many touches each pose had.
+        by_pose: fitted to the touches of each pose, P of them; the pooled one for poses without touches.
+        num_touches: number of touches in each pose.
 
     Raises:
-        ValueError: pooling is negative, or not finite.
+        ValueError: ``pooling`` is negative or not finite.
 
     Example:
         >>> rng = np.random.default_rng(0)
@@ -58,23 +56,23 @@ class PerPose:
         if not 0.0 <= self.pooling < np.inf:
             raise ValueError(f"pooling must be finite and ≥ 0, got {self.pooling}")
         if len(self.by_pose) != len(self.num_touches) or (self.pooled is None) != (not self.by_pose):
-            raise ValueError("a fitted one needs a pooled calibration, one for every pose, and their touches")
+            raise ValueError("a fitted one needs a pooled calibration, one for every pose, and numbers of touches")
         if len({calibration.num_shapes for calibration in self.by_pose} - {self.num_shapes}) > 0:
             raise ValueError(f"poses have calibrations for other numbers of shapes than {self.num_shapes}")
         if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
             raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
     def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
-        """Fit all touches together, and those of each pose; a new object.
+        """The calibration fitted to all touches together and to those of each pose.
 
         Args:
             logits: ``(n, K)``.
             labels: true shape indices, ``(n,)``.
             poses: pose indices, ``(n,)``.
-            num_poses: P; by default one more than the largest pose seen.
+            num_poses: P; by default one more than the largest pose in the data.
 
         Raises:
-            ValueError: bad logits or labels, or poses out of range.
+            ValueError: invalid logits or labels, or poses out of range.
         """
         z, y = labelled_logits(logits, labels)
         p = _poses(poses, len(y))
@@ -85,13 +83,13 @@ class PerPose:
         return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
 
     def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
-        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` read in poses ``(n,)``.
+        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` in poses ``(n,)``.
 
         Raises:
-            ValueError: not fitted, bad logits, or poses out of range.
+            ValueError: not fitted, invalid logits, or poses out of range.
         """
         if self.pooled is None:
-            raise ValueError("poses are known after a fit: call fit first")
+            raise ValueError("there is no calibration yet: call fit first")
         z = finite_logits(logits)
         if z.ndim != 2:
             raise ValueError(f"need logits (n, K), got {z.shape}")
@@ -115,11 +113,11 @@ class PerPose:
 
     @property
     def num_shapes(self) -> int | None:
-        """K; None if it takes any number."""
+        """K; None if it is valid for any number."""
         return None if self.pooled is None else self.pooled.num_shapes
 
     def to_fields(self) -> dict[str, Any]:
-        """Everything that makes this object, as JSON types."""
+        """See :meth:`Calibration.to_fields`."""
         return {
             "kind": _named_fields(self.kind),
             "pooling": self.pooling,
@@ -130,7 +128,7 @@ class PerPose:
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
-        """The object from :meth:`to_fields`."""
+        """See :meth:`Calibration.from_fields`."""
         return cls(
             _calibration(fields["kind"]),
             float(fields["pooling"]),
@@ -140,12 +138,12 @@ class PerPose:
         )
 
     def to_json(self, shape_labels: Sequence[str]) -> str:
-        """As JSON text, exact to the last bit, with the names of the shapes it is for."""
+        """See :meth:`Calibration.to_json`."""
         return write_json(self, shape_labels)
 
     @classmethod
     def from_json(cls, text: str, shape_labels: Sequence[str]) -> PerPose:
-        """From :meth:`to_json`; raises as :meth:`Calibration.from_json`."""
+        """See :meth:`Calibration.from_json`."""
         return read_json(text, {cls.name: cls.from_fields}, shape_labels)
 
 

@@ -1,4 +1,4 @@
-"""Calibrations as JSON text that names its kind and the shapes it is for."""
+"""Calibrations as JSON text with their class and shapes."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from belief.files import sealed_json, unsealed_json
 
 
 class Writable(Protocol):
-    """What goes into a file."""
+    """A calibration that can be written to a file."""
 
     name: ClassVar[str]
 
     @property
     def num_shapes(self) -> int | None:
-        """K; None if it takes any number."""
+        """K; None if it is valid for any number."""
 
     def to_fields(self) -> dict[str, Any]:
-        """Everything that makes the object, as JSON types."""
+        """All parameters, as JSON types."""
 
 
 W = TypeVar("W", bound=Writable)
 
 
 def write_json(calibration: Writable, shape_labels: Sequence[str]) -> str:
-    """JSON text for :func:`read_json`, exact to the last bit, with a SHA-256.
+    """JSON text for :func:`read_json`, exact and with a SHA-256.
 
     >>> from belief.calibration import TemperatureScaling
     >>> write_json(TemperatureScaling(), ["cube", "cone"]).split()[:3]
@@ -38,11 +38,10 @@ def write_json(calibration: Writable, shape_labels: Sequence[str]) -> str:
 
 
 def read_json(text: str, builders: Mapping[str, Callable[[Mapping[str, Any]], W]], shape_labels: Sequence[str]) -> W:
-    """What a text describes, made by the builder for its kind.
+    """The calibration in a text, from the builder for its name.
 
     Raises:
-        ValueError: the text is not such a calibration, was changed since, or is one for other shapes or another order
-            of them.
+        ValueError: the text is not such a calibration, was changed, or is for other shapes or another order.
 
     >>> read_json("[]", {}, ["cube"])
     Traceback (most recent call last):

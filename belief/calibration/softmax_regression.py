@@ -1,13 +1,12 @@
-"""Multinomial logistic regression with a ridge penalty of its own on every coefficient, by Newton's method.
+"""Multinomial logistic regression with an individual ridge penalty on each coefficient, by Newton's method.
 
 With features x (the last of them 1) and coefficients C ``(K, F)``,
 
     objective(C) = mean over rows of -log softmax(C x)_label + Σ_kf penalty_kf (C_kf - centre_kf)².
 
-It is convex, and strictly so where all penalties are above zero: one finite optimum, whatever the labels. An infinite
-penalty holds a coefficient at its centre. Everything is summed over blocks of rows: memory does not grow with them. Of
-many coefficients (45 shapes have 2 070) the Hessian is never formed: steps come from conjugate gradients, which need no
-more than its products with vectors.
+It is strictly convex for positive penalties, with one finite optimum for any labels. An infinite penalty fixes a
+coefficient at its centre. Sums run over blocks of rows to limit memory. For many coefficients (45 shapes have 2 070)
+the steps come from conjugate gradients with Hessian-vector products.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from belief.problem import Floats
 
 _BLOCK = 4096  # rows
 _MAX_STEPS = 100
-_MOST_DENSE = 2000  # free coefficients whose Hessian is formed: 32 MB
+_MOST_DENSE = 2000  # free coefficients up to which the Hessian is formed: 32 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +31,10 @@ class SoftmaxRegression:
     """One problem: data, penalties and centre.
 
     Attributes:
-        features: ``(F, n)``, of moderate size; a row of ones gives intercepts.
+        features: ``(F, n)``; a row of ones gives intercepts.
         labels: ``(n,)``, in [0, K).
-        penalty: ``(K, F)``, above zero; infinite where the coefficient is held at its centre.
-        centre: ``(K, F)``, where there are no data the best coefficients are these.
+        penalty: ``(K, F)``, positive; infinite for coefficients fixed at their centre.
+        centre: optimal coefficients without data, ``(K, F)``.
 
     Example:
         >>> features, labels = np.array([[1.0, 2.0, -1.0], [1.0, 1.0, 1.0]]), np.array([0, 0, 1])
@@ -51,12 +50,12 @@ class SoftmaxRegression:
     centre: Floats
 
     def value_and_gradient(self, coefficients: Floats) -> tuple[float, Floats]:
-        """Objective [nats] and its derivatives in the coefficients that are free, in rising order of (k, f)."""
+        """Objective [nats] and its derivatives in the free coefficients, in ascending order of (k, f)."""
         value, gradient, _ = self._derivatives(coefficients, curvature=False)
         return value, gradient
 
     def solve(self) -> Floats:
-        """Coefficients at the optimum, ``(K, F)``: Newton steps, halved while they do not descend."""
+        """Coefficients at the optimum, ``(K, F)``, by Newton's method with step halving."""
         free = np.isfinite(self.penalty)
         current = self.centre.copy()
         if not free.any():
@@ -66,22 +65,22 @@ class SoftmaxRegression:
         value, gradient, hessian = self._derivatives(current)
         for _ in range(_MAX_STEPS):
             step = -np.linalg.solve(hessian, gradient)
-            promised, length = float(gradient @ step), 1.0
+            expected, length = float(gradient @ step), 1.0
             while True:
                 proposal = current.copy()
                 proposal[free] += length * step
                 proposed = self._derivatives(proposal)
-                # Near the optimum the descent drowns in rounding, and the full step is right.
-                if proposed[0] <= value + 1e-4 * length * promised + 1e-13 * (1.0 + abs(value)):
+                # Near the optimum the descent is below rounding, and the full step is accepted.
+                if proposed[0] <= value + 1e-4 * length * expected + 1e-13 * (1.0 + abs(value)):
                     break
                 length /= 2.0
             current, (value, gradient, hessian) = proposal, proposed
-            if length * np.abs(step).max() < 1e-9:  # the error is of the order of its square
+            if length * np.abs(step).max() < 1e-9:  # the error is of the order of the squared step
                 break
         return current
 
     def _solve_large(self, free: NDArray[np.bool_]) -> Floats:
-        """The same optimum without a Hessian, to a gradient of 1e-10."""
+        """:meth:`solve` without a Hessian, to a gradient of 1e-10."""
         current = self.centre.copy()
         value, gradient = self.value_and_gradient(current)
         for _ in range(_MAX_STEPS):
@@ -90,27 +89,27 @@ class SoftmaxRegression:
                 break
             product = self._curvature(current, free)
             operator = LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
-            # The nearer the optimum, the better the step: so the error falls faster than by a constant factor.
+            # A tolerance that decreases with the gradient gives superlinear convergence.
             step, _ = cg(operator, -gradient, rtol=min(0.1, np.sqrt(largest)), atol=1e-12, M=self._scale(free))
-            promised, length = float(gradient @ step), 1.0
+            expected, length = float(gradient @ step), 1.0
             while True:
                 proposal = current.copy()
                 proposal[free] += length * step
                 proposed = self.value_and_gradient(proposal)
-                if proposed[0] <= value + 1e-4 * length * promised + 1e-13 * (1.0 + abs(value)):
+                if proposed[0] <= value + 1e-4 * length * expected + 1e-13 * (1.0 + abs(value)):
                     break
                 length /= 2.0
             current, (value, gradient) = proposal, proposed
         return current
 
     def _scale(self, free: NDArray[np.bool_]) -> LinearOperator:
-        """Preconditioner: the inverse of the penalties and of what curvature a coefficient has by itself at most."""
+        """Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient."""
         squares = np.square(self.features).mean(axis=1)
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
         return LinearOperator((diagonal.size, diagonal.size), matvec=lambda v: v / diagonal, dtype=np.float64)
 
     def _curvature(self, coefficients: Floats, free: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
-        """The product of the Hessian at these coefficients with a vector of the free ones."""
+        """The function that multiplies the Hessian at these coefficients with a vector of the free ones."""
         num_rows, ridge = len(self.labels), 2.0 * self.penalty[free]
 
         def product(vector: Floats) -> Floats:
@@ -126,7 +125,7 @@ class SoftmaxRegression:
         return product
 
     def _derivatives(self, coefficients: Floats, curvature: bool = True) -> tuple[float, Floats, Floats]:
-        """Objective, gradient and Hessian (empty if not asked for) in the free coefficients."""
+        """Objective, gradient and Hessian (empty without ``curvature``) in the free coefficients."""
         which, feature = np.nonzero(np.isfinite(self.penalty))
         size = len(which) if curvature else 0
         same = which[:size, None] == which[:size]

@@ -1,4 +1,4 @@
-"""Structured matrix scaling: the toolkit's default calibration."""
+"""Structured matrix scaling, the default calibration (decision 0022)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,16 @@ from belief.problem import Floats
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StructuredMatrixScaling(AffineCalibration):
-    """A full matrix and a bias, p = softmax(W x + b), whose parts are penalised by how many numbers they hold.
+    """Structured matrix scaling, p = softmax(W x + b), with penalties proportional to the number of parameters.
 
-    The method of Berta, Holzmüller, Jordan and Bach, "Structured Matrix Scaling for Multi-Class Calibration", arXiv
-    2511.03685. From it: W is split into identity, diagonal and rest; x are log-probabilities after temperature scaling
-    and mixing with the uniform distribution (second version of the paper); the mean NLL is joined by ridge penalties
+    Method: Berta, Holzmüller, Jordan and Bach, "Structured Matrix Scaling for Multi-Class Calibration", arXiv
+    2511.03685, second version, with the defaults of the authors' implementation. x are log-probabilities after
+    temperature scaling and mixing with the uniform distribution. The penalties, which are added to the mean NLL, are
 
-        diagonal · (K / n) Σ (W_kk - 1)²,   off_diagonal · (K (K - 1) / n) Σ_{j≠k} W_jk²,   bias · (K / n) Σ b_k²,
+        diagonal · (K / n) Σ (W_kk - 1)²,   off_diagonal · (K (K - 1) / n) Σ_{j≠k} W_jk²,   bias · (K / n) Σ b_k².
 
-    whose strengths of 1 and exponents of 1 of n and of the numbers of parameters are the defaults of the authors'
-    implementation. So n has to outgrow the number of parameters before they move: with few touches this is temperature
-    scaling. Ours: 1/(n + 2) instead of 1/(n + 1) of uniform mass, as :class:`TemperatureScaling` floors separable data;
-    Newton's method to rounding errors; K = 2 is treated like any K.
+    With few touches the result is therefore temperature scaling. Unlike the paper, the uniform distribution has weight
+    1/(n + 2) instead of 1/(n + 1), as in :class:`TemperatureScaling`, and K = 2 has no special case.
 
     Attributes:
         diagonal_strength: of the penalty on the diagonal, > 0.
@@ -33,7 +31,7 @@ class StructuredMatrixScaling(AffineCalibration):
         >>> import numpy as np
         >>> rng = np.random.default_rng(0)
         >>> labels = rng.integers(3, size=6000)
-        >>> typical = np.array([[3.0, 1.5, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])   # the first is like the second
+        >>> typical = np.array([[3.0, 1.5, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]])   # the first resembles the second
         >>> logits = typical[labels] + rng.normal(size=(6000, 3))
         >>> StructuredMatrixScaling().fit(logits[:9], labels[:9]).weights.round(1).tolist()
         [[1.0, -0.0, -0.0], [-0.0, 1.1, 0.0], [-0.0, 0.0, 1.1]]

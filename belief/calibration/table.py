@@ -15,11 +15,11 @@ CALIBRATIONS: dict[str, type[Calibration]] = {
     calibration.name: calibration
     for calibration in (TemperatureScaling, VectorScaling, StructuredMatrixScaling, DirichletCalibration)
 }
-"""Name to class, the simplest first."""
+"""Classes by name, the simplest first."""
 
 
 def calibration_from_json(text: str, shape_labels: Sequence[str]) -> Calibration:
-    """The calibration, whichever it is, from :meth:`Calibration.to_json`; raises as :meth:`Calibration.from_json`.
+    """The calibration of any class in a text; errors as for :meth:`Calibration.from_json`.
 
     >>> calibration_from_json(TemperatureScaling(2.0, "ok").to_json(["cube", "cone"]), ["cube", "cone"])
     TemperatureScaling(temperature=2.0, status='ok', floor=0.0)

@@ -4,11 +4,11 @@ In the inverse temperature β = 1/T the loss is convex with derivative
 
     d/dβ mean NLL = mean over rows of  E_{p_β}[z] - z_label,        p_β = softmax(β z),
 
-which rises from "mean logit minus label logit" at β = 0 to its limit at β → ∞. Its sign at the two ends tells
-whether an optimum exists at all; what is found is stated in :attr:`TemperatureScaling.status`.
+which increases with β. Its signs at β = 0 and β → ∞ show whether an optimum exists; see
+:attr:`TemperatureScaling.status`.
 
     >>> logits = np.array([[4.0, 0.0], [4.0, 0.0], [4.0, 0.0], [0.0, 4.0]])
-    >>> fitted = TemperatureScaling().fit(logits, np.array([0, 0, 1, 1]))    # sure at 98 %, right at 75 %
+    >>> fitted = TemperatureScaling().fit(logits, np.array([0, 0, 1, 1]))    # confidence 98 %, accuracy 75 %
     >>> fitted.status, fitted.predict_proba(logits)[0].round(3).tolist()
     ('ok', [0.75, 0.25])
 """
@@ -34,9 +34,9 @@ _LARGEST = float(np.finfo(float).max)
 _LEAST = 5e-324  # the smallest number above zero
 _VANISHING = -750.0  # exp of this is 0
 _LOG_BETA = (-700.0, 700.0)  # where e to this power is a float, and so is its inverse
-_SHIFT = 2.0**500  # brings logits of 1e±300 to where neither they nor β leave the range of floats; exact
-_BLOCK = 8192  # rows at a time: what they need stays in the cache
-_ENOUGH = 1 << 15  # rows whose optimum is a good start
+_SHIFT = 2.0**500  # exact factor that brings logits of 1e±300 into a range where β does not overflow
+_BLOCK = 8192  # rows at a time, which fit in the cache
+_ENOUGH = 1 << 15  # rows whose optimum is a good initial value
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,13 @@ class TemperatureScaling(Calibration):
 
     Attributes:
         temperature: T > 0, in units of the logits.
-        status: ``ok``; ``separable``: every label already has the largest logit, T → 0; ``uninformative``: the
-            logits say nothing about the labels, T → ∞ (1 where all are equal); ``anti_informative``: labels tend to
-            have small logits, T → ∞. Where all labels are one shape nothing is special: any of these may come out.
-        floor: probability mass spread evenly over all shapes, so that no prediction is ever zero; 1/(n + 2) when
-            the status is ``separable`` (n right out of n does not prove that the next is right), else 0.
+        status: ``ok``; ``separable``: every label has the largest logit, T → 0; ``uninformative``: the logits do not
+            depend on the labels, T → ∞ (1 if all logits are equal); ``anti_informative``: labels tend to have small
+            logits, T → ∞.
+        floor: probability spread evenly over all shapes; 1/(n + 2) if the status is ``separable``, else 0.
 
     Raises:
-        ValueError: a temperature that is not above zero and finite, a floor outside [0, 1), an unknown status.
+        ValueError: a temperature that is not positive and finite, a floor outside [0, 1), an unknown status.
 
     >>> TemperatureScaling(temperature=2.0, status="ok").predict_proba([2.0, 0.0]).round(3).tolist()
     [0.731, 0.269]
@@ -73,14 +72,13 @@ class TemperatureScaling(Calibration):
 
     @property
     def num_shapes(self) -> None:
-        """None: a temperature serves any number of shapes."""
+        """None: it is valid for any number of shapes."""
         return
 
     def fit(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
-        """See :meth:`Calibration.fit`: the temperature of maximum likelihood, by safeguarded Newton steps in β.
+        """See :meth:`Calibration.fit`: the maximum-likelihood temperature, by safeguarded Newton steps in log β.
 
-        Right to about 1e-15 relative for logits of any scale. About five passes over the data, a tenth of a
-        second for a million rows of four.
+        The relative error is about 1e-15 for logits of any scale.
 
         >>> TemperatureScaling().fit([[0.0, 1e-300], [0.0, 1e-300], [1e-300, 0.0]], [1, 1, 1]).status
         'ok'
@@ -133,7 +131,7 @@ class TemperatureScaling(Calibration):
 
 
 def _fit(gaps: Floats, labels: NDArray[np.intp], unit: float) -> TemperatureScaling:
-    """Fit to gaps ``(K, n)`` of the logits from their row's largest; ``unit`` is one of the gaps' in logits."""
+    """Fit to gaps ``(K, n)`` of the logits below the largest in their row, in units of ``unit`` logits."""
     num_rows = gaps.shape[1]
     scale = -float(gaps.min())
     if scale == 0.0:
@@ -154,10 +152,10 @@ def _fit(gaps: Floats, labels: NDArray[np.intp], unit: float) -> TemperatureScal
 
 
 def _best_beta(gaps: Floats, label_gap: float, beta: float) -> float:
-    """Where the slope is zero, from a first guess; an end of the range where it is zero nowhere in it.
+    """The root of the slope, from an initial value; an end of the range if there is no root in it.
 
-    Newton steps, as long as each is at most half the one before. Else, and where one leaves the bracket, it is halved;
-    as long as one of its ends is open, strides that double. All in log β: logits may be of any scale, and of several.
+    Newton steps in log β as long as each is at most half the one before and stays in the bracket. Otherwise the bracket
+    is halved, or, while one of its ends is open, the stride doubled.
     """
     (low, high), at = _LOG_BETA, math.log(beta)
     before, stride = math.inf, 1.0

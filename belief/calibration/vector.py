@@ -13,12 +13,11 @@ from belief.problem import Floats
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VectorScaling(AffineCalibration):
-    """A scale and a bias for each shape: p = softmax(a * x + b), x being log-probabilities after temperature scaling.
+    """A scale and a bias for each shape: p = softmax(a * x + b), for log-probabilities x after temperature scaling.
 
-    From Guo et al. 2017 the form; from Berta et al. 2025 (arXiv 2511.03685, "structured vector scaling") the log
-    probabilities after temperature scaling in place of logits, and the ridge penalties
-    ``diagonal · (K / n) · Σ (a_k - 1)²`` and ``bias · (K / n) · Σ b_k²`` beside the mean NLL. They are our choice also
-    where a plain maximum of the likelihood is wanted: that does not exist where a shape is missing from the labels.
+    The form is that of Guo et al. 2017. As in "structured vector scaling" (Berta et al. 2025, arXiv 2511.03685), x
+    replaces the logits, and the ridge penalties ``diagonal · (K / n) · Σ (a_k - 1)²`` and ``bias · (K / n) · Σ b_k²``
+    are added to the mean NLL. Without penalties there is no optimum if a shape is missing from the labels.
 
     Attributes:
         diagonal_strength: of the penalty on the scales, > 0.
@@ -27,7 +26,7 @@ class VectorScaling(AffineCalibration):
     Example:
         >>> rng = np.random.default_rng(0)
         >>> labels = rng.integers(3, size=3000)
-        >>> logits = 2.0 * np.eye(3)[labels] + rng.normal(size=(3000, 3)) - [0.0, 0.0, 1.0]   # shy of the third
+        >>> logits = 2.0 * np.eye(3)[labels] + rng.normal(size=(3000, 3)) - [0.0, 0.0, 1.0]   # biased against the third
         >>> VectorScaling().fit(logits, labels).bias.round(2).tolist()
         [-0.47, -0.58, 1.05]
     """
@@ -38,6 +37,6 @@ class VectorScaling(AffineCalibration):
     bias_strength: float = 1.0
 
     def penalty(self, num_rows: int, num_shapes: int) -> Floats:
-        """See :meth:`AffineCalibration.penalty`; nothing off the diagonal."""
+        """See :meth:`AffineCalibration.penalty`; W is diagonal."""
         unit = num_shapes / num_rows
         return structured_penalty(num_shapes, self.diagonal_strength * unit, np.inf, self.bias_strength * unit)
