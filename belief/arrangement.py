@@ -83,17 +83,9 @@ def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | No
 
 
 def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> float:
-    """Log evidence of all touches: log of the mean weight of all draws from the bag.
+    """Log evidence of all touches, the log of the mean weight of all draws from the bag; -inf if it is zero.
 
-    Args:
-        log_weights: as for :func:`arrangement_marginals`.
-        counts: as for :func:`arrangement_marginals`.
-
-    Returns:
-        -inf if every arrangement has weight zero; otherwise finite.
-
-    Raises:
-        ValueError: as :func:`arrangement_marginals`.
+    Arguments and ``ValueError`` are those of :func:`arrangement_marginals`.
 
     >>> round(float(np.exp(log_arrangement_evidence(np.log([[0.8, 0.2], [0.5, 0.5]])))), 3)
     0.25

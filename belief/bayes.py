@@ -129,17 +129,8 @@ def expected_information_gain(belief: ArrayLike, outcome_probs: ArrayLike) -> Fl
 def target_information_gain(belief: ArrayLike, outcome_probs: ArrayLike, target: int) -> Floats:
     """Mutual information of the event "this is the target" and the outcome in each pose [nats].
 
-    Args:
-        belief: b, ``(..., K)``, sums to one.
-        outcome_probs: p(o | pose, y), ``(P, K, M)``, sums to one over the last axis.
-        target: index of the shape sought.
-
-    Returns:
-        ``(..., P)``, each in ``[0, log 2]`` and at most the gain about the full shape.
-
-    Raises:
-        ValueError: NaN, a negative number, a distribution that does not sum to one, shapes that do not fit, or a target
-            out of range.
+    The result ``(..., P)`` is in ``[0, log 2]`` and at most :func:`expected_information_gain`, whose arguments and
+    errors it shares; ``target`` is the index of the target shape.
 
     >>> tells_the_target, tells_the_others = np.eye(3)[[0, 1, 1]], np.eye(3)[[0, 0, 1]]
     >>> target_information_gain([0.5, 0.25, 0.25], [tells_the_target, tells_the_others], target=0).round(3).tolist()

@@ -119,10 +119,7 @@ class MahalanobisScore(FrozenArrays):
         return cls(means, solve_triangular(root, np.eye(x.shape[1]), lower=True).T / scale, float(chosen))
 
     def score(self, features: ArrayLike) -> Floats:
-        """Squared distance of each row to the nearest class mean, ``(n,)``, ≥ 0.
-
-        Args:
-            features: ``(n, D)``.
+        """Squared distance of each row of ``features (n, D)`` to the nearest class mean, ``(n,)``, ≥ 0.
 
         Raises:
             ValueError: empty, not finite, beyond ±1e150, or of another dimension than in the fit.
@@ -138,11 +135,7 @@ class MahalanobisScore(FrozenArrays):
 
 
 def auroc(known_scores: ArrayLike, novel_scores: ArrayLike) -> float:
-    """P(a novel score exceeds a known one) + 0.5 P(they are equal), over all pairs; in [0, 1].
-
-    Args:
-        known_scores: of any shape; infinite ones are allowed.
-        novel_scores: of any shape.
+    """P(a novel score exceeds a known one) + 0.5 P(they are equal), over all pairs of arrays of any shape; in [0, 1].
 
     Raises:
         ValueError: one of them is empty or has NaN.

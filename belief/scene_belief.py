@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import warnings
 from collections.abc import Sequence
 
@@ -53,6 +52,8 @@ class SceneBelief(ReadableScene):
     0.0
     """
 
+    _touches: list[TouchHistory]
+
     def __init__(
         self,
         problem: SearchProblem,
@@ -90,10 +91,7 @@ class SceneBelief(ReadableScene):
 
     def view(self) -> SceneView:
         """A read-only view of the current belief, which later touches do not change."""
-        now = copy.copy(self)
-        now._touches, now._evidence = self._touches.copy(), self._evidence.copy()  # these are changed in place
-        now._on_table = self._on_table.copy()
-        return SceneView(now)
+        return SceneView(self)
 
     def update(self, object_index: int, touches: Sequence[Touch]) -> Belief:
         """Update the belief with new touches of one object and return its posterior.

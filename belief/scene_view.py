@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from belief.arrangement import blank_objects, num_states, prob_shape_absent
 from belief.categorical import Belief
+from belief.frozen import frozen
 from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.problem import Floats
@@ -49,7 +51,7 @@ class ReadableScene:
     _on_table: np.ndarray
     _log_likelihoods: Floats
     _log_marginals: Floats
-    _touches: list[TouchHistory]
+    _touches: Sequence[TouchHistory]
 
     @property
     def num_objects(self) -> int:
@@ -132,10 +134,10 @@ class ReadableScene:
         return index_of("shape", self.labels, shape)
 
 
-class SceneView:
+class SceneView(ReadableScene):
     """A read-only copy of the joint belief; :meth:`belief.scene_belief.SceneBelief.view` makes one.
 
-    Later touches do not change it. It returns copies or read-only values, and its attributes cannot be set.
+    Later touches do not change it. Its arrays are read-only and its attributes cannot be set.
 
     >>> from belief import SceneBelief, SearchProblem
     >>> from belief.synthetic import random_model
@@ -148,58 +150,12 @@ class SceneView:
     (1, 0, [0.25, 0.25, 0.25, 0.25])
     """
 
-    __slots__ = ("__scene",)
-
     def __init__(self, scene: ReadableScene) -> None:
-        object.__setattr__(self, "_SceneView__scene", scene)
+        self.__setstate__({name: getattr(scene, name) for name in ReadableScene.__annotations__})
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the K shapes."""
-        return self.__scene.labels
-
-    @property
-    def num_objects(self) -> int:
-        """N, including known and removed objects."""
-        return self.__scene.num_objects
-
-    @property
-    def state(self) -> ExactState:
-        """See :attr:`ReadableScene.state`."""
-        return self.__scene.state
-
-    def touches(self, object_index: int) -> TouchHistory:
-        """See :meth:`ReadableScene.touches`."""
-        return self.__scene.touches(object_index)
-
-    def marginals(self) -> Floats:
-        """See :meth:`ReadableScene.marginals`."""
-        return self.__scene.marginals()
-
-    def log_marginals(self) -> Floats:
-        """See :meth:`ReadableScene.log_marginals`."""
-        return self.__scene.log_marginals()
-
-    def log_likelihoods(self) -> Floats:
-        """See :meth:`ReadableScene.log_likelihoods`."""
-        return self.__scene.log_likelihoods()
-
-    def belief(self, object_index: int) -> Belief:
-        """See :meth:`ReadableScene.belief`."""
-        return self.__scene.belief(object_index)
-
-    def prob_present(self, target: Name) -> float:
-        """See :meth:`ReadableScene.prob_present`."""
-        return self.__scene.prob_present(target)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        arrays = {name: frozen(value) for name, value in state.items() if isinstance(value, np.ndarray)}
+        self.__dict__.update(state | arrays, _touches=tuple(state["_touches"]))
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise AttributeError(f"a view of a scene is read-only: {name} cannot be set")
-
-    def __getattr__(self, name: str) -> NoReturn:
-        raise AttributeError(
-            f"a view of a scene has no {name!r}; it is read-only and has "
-            f"{', '.join(name for name in dir(type(self)) if not name.startswith('_'))}"
-        )
-
-    def __reduce__(self) -> tuple[type[SceneView], tuple[ReadableScene]]:
-        return SceneView, (self.__scene,)

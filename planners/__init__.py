@@ -1,4 +1,4 @@
-"""Deciders that search by touch: when to stop, where to probe, and the one loop that runs them all."""
+"""Deciders, which choose when to stop and where to probe, and the search loop that runs them."""
 
 from planners.check import check_decider
 from planners.decider import Decider, Decision, InformationState, SequentialDecider

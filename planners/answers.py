@@ -1,4 +1,4 @@
-"""What a decider answered, checked before it is acted on or written down."""
+"""Validation of the decisions of deciders."""
 
 from __future__ import annotations
 
@@ -14,30 +14,29 @@ from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.naming import index_of
 from planners.decider import Decision
 
-_WORKS = "a decider answers Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"
+_WORKS = "a decider returns Decision(Probe(pose)), Decision(Confirm()) or Decision(Reject())"
 
 
 class BadDecision(ActiveTouchError, ValueError):
-    """A decider answered something that is no decision of this search."""
+    """A decider returned something that is not a decision of this search."""
 
 
 def checked_decision(decision: Any, decider: object, problem: SearchProblem) -> Decision:
-    """The decision, with plain numbers in place of numpy's.
+    """The decision with Python numbers in place of numpy's.
 
     Args:
-        decision: what was answered.
-        decider: who did, for the message.
-        problem: what was asked about.
+        decision: result of ``decide``.
+        decider: for the message.
+        problem: the search.
 
     Raises:
-        BadDecision: it is no :class:`Decision`, its action is none, its pose is none of the problem's, or a score is no
-            finite number.
+        BadDecision: it is not a :class:`Decision`, its action or pose is invalid, or a score is not a finite number.
 
     >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1)
     >>> checked_decision("confirm", None, problem)
     Traceback (most recent call last):
     ...
-    planners.answers.BadDecision: the decider NoneType answered 'confirm'; a decider answers Decision(Probe(pose)), \
+    planners.answers.BadDecision: the decider NoneType answered 'confirm'; a decider returns Decision(Probe(pose)), \
 Decision(Confirm()) or Decision(Reject())
     """
     who = f"the decider {type(decider).__name__} answered"
@@ -64,7 +63,7 @@ def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
 
 
 def _is_index(pose: Any) -> bool:
-    """Whether it is a whole number, of whatever type."""
+    """Whether it is an integer of any type except bool."""
     try:
         return not isinstance(pose, bool) and operator.index(pose) is not None
     except TypeError:

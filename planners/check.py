@@ -1,4 +1,4 @@
-"""Check that a decider keeps the contract that searches and comparisons rely on."""
+"""Check of the contract of deciders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COMPOSITIONS = (Composition.DISTINCT, Composition.INDEPENDENT)
 
 
 class _Asked:
-    """Asks a decider twice, with the same chance, and compares the answers."""
+    """A decider that calls another one twice with equal generators and compares the decisions."""
 
     def __init__(self, decider: Decider) -> None:
         self._decider = decider
@@ -32,7 +32,7 @@ class _Asked:
         second = self._decider.decide(info, again)
         if isinstance(first, Decision) and first != second:
             raise BrokenContract(
-                f"asked twice with the same information and the same rng, it answers {first} and then {second}: "
+                f"for the same information state and the same rng it returns {first} and then {second}: "
                 "decide must depend on nothing else"
             )
         return first
@@ -45,24 +45,24 @@ def check_decider(
     num_searches: int = 20,
     touch_limit: int = 60,
 ) -> list[Episode]:
-    """Try a decider of one's own in searches among synthetic objects.
+    """Check that a decider keeps the contract of :class:`Decider`, in searches among synthetic objects.
 
-    Checked are that it answers decisions, that an answer depends on the information state and ``rng`` alone, that its
-    scores can be written as JSON, that it can be sent to another process, and that some search ends before the limit.
+    The checks are: valid decisions; decisions that depend only on the information state and ``rng``; scores that JSON
+    can represent; the decider can be pickled; some search ends before the touch limit.
 
     Args:
         decider: to be checked.
         rng: draws objects and touches.
-        model: what touches come from; a random one of four shapes in three poses by default.
-        num_searches: of them half among distinct shapes, half among independent ones.
+        model: source of the touches; by default a random model with four shapes and three poses.
+        num_searches: half of them among distinct shapes, half among independent ones.
         touch_limit: of each search.
 
     Returns:
-        The searches, to be looked at.
+        The searches.
 
     Raises:
-        BrokenContract: the first promise that is not kept.
-        BadDecision: an answer is no decision.
+        BrokenContract: the first rule that the decider violates.
+        BadDecision: a decision is invalid.
 
     >>> from planners.registry import make_decider
     >>> rng = np.random.default_rng(0)

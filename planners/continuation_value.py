@@ -32,7 +32,7 @@ _CONFIRM = 1.0 - _REJECT
 
 @dataclass(frozen=True, eq=False)
 class ContinuationValue:
-    """Values of the rest of a search, by object and by whether a target was rejected.
+    """Continuation values by object and by whether a target was rejected.
 
     Attributes:
         values: w(i, m), before any touch of object i, ``(N + 1, 2)``; the last row is for all objects rejected.
@@ -48,7 +48,7 @@ class ContinuationValue:
 
         Args:
             problem: the search.
-            target: index of the shape sought.
+            target: index of the target shape.
             table: p(outcome | pose, shape).
             repeats: discounts the value of repeated poses.
 
@@ -69,7 +69,7 @@ class ContinuationValue:
         for index in reversed(range(problem.num_objects)):
             for missed, chance in enumerate(chances[index].tolist()):
                 reject_target, reject_other = values[index + 1, 1], values[index + 1, missed]
-                if chance in (0.0, 1.0):  # the answer is known
+                if chance in (0.0, 1.0):  # no touch is needed
                     values[index, missed] = 1.0 if chance else reject_other
                     continue
                 prior = (1.0 - chance) * others
@@ -95,7 +95,7 @@ def target_chances(problem: SearchProblem, target: int) -> Floats:
 
     Args:
         problem: the search.
-        target: index of the shape sought.
+        target: index of the target shape.
 
     >>> target_chances(SearchProblem(tuple("abcd"), ("p",), num_objects=3), target=0).round(3).tolist()
     [[0.25, 0.0], [0.333, 0.0], [0.5, 0.0]]

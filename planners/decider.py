@@ -1,9 +1,6 @@
-"""What every decider sees and answers: one signature for thresholds, planners and learned policies.
+"""The interface of deciders: from an :class:`InformationState` to a :class:`Decision`.
 
-A decider gets an :class:`InformationState`, all it may use and nothing more (never the true shape), and answers
-with a :class:`Decision`: the action, and the scores that led to it. The commonest decider is a
-:class:`SequentialDecider`: a stopping rule asked first, and a probe selector for when it does not stop, so that
-"these poses with that stop" is a constructor call.
+A :class:`SequentialDecider` combines a stopping rule with a probe selector.
 """
 
 from __future__ import annotations
@@ -21,25 +18,23 @@ from belief.observation_model import OutcomeTable
 
 
 class BadState(ActiveTouchError, TypeError):
-    """An information state was to be made of something else than it takes."""
+    """An argument of an information state has the wrong type."""
 
 
 @dataclass(frozen=True, eq=False)
 class InformationState:
-    """Everything a decider may base its action on.
+    """Everything that a decider may base its action on; immutable.
 
     Attributes:
         problem: the search.
         target: index of the shape sought.
         belief: about the current object, given all touches of all objects.
-        history: touches of the current object, oldest first; becomes a :class:`belief.TouchHistory`.
-        object_index: how many objects were rejected before this one.
-        scene: the joint belief about all objects as it is now, for deciders that plan beyond the current one.
-
-    Nothing in it changes when more is felt, and nothing in it can be changed.
+        history: touches of the current object, oldest first; stored as a :class:`belief.TouchHistory`.
+        object_index: number of objects rejected before this one.
+        scene: the joint belief about all objects, for deciders that plan beyond the current one.
 
     Raises:
-        BadState: the scene is a :class:`belief.SceneBelief`, which can be changed; its :meth:`view` is for deciders.
+        BadState: ``scene`` is not a :class:`belief.SceneView`.
     """
 
     problem: SearchProblem
@@ -52,15 +47,15 @@ class InformationState:
     def __post_init__(self) -> None:
         if not isinstance(self.scene, SceneView | None):
             raise BadState(
-                f"a decider reads a SceneView, got {type(self.scene).__name__}; the method view() of a SceneBelief "
-                f"makes one, and InformationState.of takes the SceneBelief itself"
+                f"scene must be a SceneView, got {type(self.scene).__name__}; the method view() of a SceneBelief "
+                f"returns one, and InformationState.of takes the SceneBelief itself"
             )
         if not isinstance(self.history, TouchHistory):
             object.__setattr__(self, "history", TouchHistory(self.history))
 
     @classmethod
     def of(cls, problem: SearchProblem, target: int, scene: SceneBelief, object_index: int) -> InformationState:
-        """What a decider sees of a scene when it is at an object."""
+        """The information state at an object of a scene."""
         return cls(problem, target, scene.belief(object_index), scene.touches(object_index), object_index, scene.view())
 
     @property
@@ -70,39 +65,39 @@ class InformationState:
 
     @property
     def uses(self) -> NDArray[np.int64]:
-        """How often the current object was touched in each pose, ``(P,)``.
+        """Number of touches of the current object in each pose, ``(P,)``.
 
         >>> problem = SearchProblem(("cube", "cone"), ("front", "side", "top"), num_objects=1)
         >>> touches = [Touch(pose, np.zeros(2)) for pose in (0, 2, 2)]
         >>> InformationState(problem, 0, Belief.uniform(("cube", "cone")), touches).uses.tolist()
         [1, 0, 2]
         """
-        assert isinstance(self.history, TouchHistory), "made one at construction"
+        assert isinstance(self.history, TouchHistory), "converted at construction"
         return self.history.uses(self.problem.num_poses)
 
     @property
     def num_left(self) -> int:
-        """Objects not yet rejected, the current one included."""
+        """Objects not yet rejected, including the current one."""
         return self.problem.num_objects - self.object_index
 
 
 @dataclass(frozen=True)
 class Decision:
-    """An action and why: named numbers that the choice was made on, recorded with every episode."""
+    """An action, and named scores that explain it and are recorded with the episode."""
 
     action: Probe | Confirm | Reject
     scores: Mapping[str, float] = field(default_factory=dict)
 
 
 class TableMismatch(ActiveTouchError, ValueError):
-    """A decider's table is about other numbers of poses or shapes than the search."""
+    """A decider's table has other numbers of poses or shapes than the search."""
 
 
 def require_fit(table: OutcomeTable, problem: SearchProblem) -> None:
-    """Raise :class:`TableMismatch` unless a table has the problem's poses and shapes."""
+    """Raise :class:`TableMismatch` unless a table has the problem's numbers of poses and shapes."""
     if (table.num_poses, table.num_shapes) != (problem.num_poses, problem.num_shapes):
         raise TableMismatch(
-            f"the decider's table is about {table.num_poses} poses and {table.num_shapes} shapes, the search has "
+            f"the decider's table has {table.num_poses} poses and {table.num_shapes} shapes, the search has "
             f"{problem.num_poses} and {problem.num_shapes}; make the decider from the outcome_table() of its model"
         )
 
@@ -111,11 +106,11 @@ class Decider(Protocol):
     """Chooses the next action."""
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """The action for this information state; ``rng`` is the only source of chance."""
+        """The decision for this information state; ``rng`` is the only source of randomness."""
 
 
 class StoppingRule(Protocol):
-    """Decides when enough is known about the current object."""
+    """Decides when to stop touching the current object."""
 
     def stop(self, info: InformationState) -> Decision | None:
         """CONFIRM or REJECT, or None to go on probing."""
@@ -130,11 +125,11 @@ class ProbeSelector(Protocol):
 
 @dataclass(frozen=True)
 class SequentialDecider:
-    """Ask the stopping rule; where it does not stop, probe as the selector says.
+    """Follows a stopping rule, and probes by a selector where it does not stop.
 
     Attributes:
-        stopping: when to confirm or reject.
-        probing: which pose otherwise.
+        stopping: decides when to confirm or reject.
+        probing: chooses the next pose otherwise.
     """
 
     stopping: StoppingRule

@@ -1,4 +1,4 @@
-"""What happened in a search: a list of steps and how it ended. Scores are computed from it, never stored."""
+"""Record of a search: its steps and its outcome."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Outcome(StrEnum):
     EXHAUSTED = "exhausted"
     """Every object was rejected."""
     TRUNCATED = "truncated"
-    """The touch limit was reached; a higher limit or a lower confirm threshold would let it finish."""
+    """The touch limit was reached."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,10 @@ class Step:
     """One decision.
 
     Attributes:
-        object_index: the object it was about.
-        belief: about that object, when deciding.
+        object_index: the current object.
+        belief: about that object, before the decision.
         decision: the action and its scores.
-        touch: what a probe felt; None for CONFIRM and REJECT, and for the probe the touch limit did not allow.
+        touch: result of a probe; None for CONFIRM, REJECT, and a probe beyond the touch limit.
     """
 
     object_index: int
@@ -49,11 +49,11 @@ class Episode:
     """One search.
 
     Attributes:
-        seed: what it was seeded with.
+        seed: of the episode.
         target: index of the shape sought.
         arrangement: true shape of every object, in order of visit.
         steps: all decisions, oldest first.
-        outcome: how it ended.
+        outcome: how the search ended.
     """
 
     seed: tuple[int, ...]
@@ -63,8 +63,8 @@ class Episode:
     outcome: Outcome
 
     def __repr__(self) -> str:
-        told = f"target {self.target}", f"arrangement {self.arrangement}", f"{self.num_touches} touches"
-        return one_line(Episode, f"seed {self.seed}", self.outcome.value, *told)
+        facts = f"target {self.target}", f"arrangement {self.arrangement}", f"{self.num_touches} touches"
+        return one_line(Episode, f"seed {self.seed}", self.outcome.value, *facts)
 
     @property
     def num_touches(self) -> int:
@@ -73,26 +73,26 @@ class Episode:
 
     @property
     def confirmed_shape(self) -> int | None:
-        """True shape of the object that was confirmed; None if none was."""
+        """True shape of the confirmed object; None if none was confirmed."""
         if self.outcome is not Outcome.CONFIRMED:
             return None
         return self.arrangement[self.steps[-1].object_index]
 
     @property
     def success(self) -> bool:
-        """Whether an object of the target shape was confirmed, or rightly none when there was none."""
+        """Whether a target was confirmed, or all objects were rejected and none was a target."""
         if self.outcome is Outcome.CONFIRMED:
             return self.confirmed_shape == self.target
         return self.outcome is Outcome.EXHAUSTED and self.target not in self.arrangement
 
     def reward(self, problem: SearchProblem) -> float:
-        """Return of the search, :meth:`belief.problem.SearchProblem.reward`; truncation counts as failure."""
+        """Return of the search by :meth:`belief.problem.SearchProblem.reward`; truncation counts as failure."""
         shape = self.confirmed_shape
         present = self.target in self.arrangement or self.outcome is Outcome.TRUNCATED
         return problem.reward(shape, self.target, self.num_touches, present)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and strings, for one line of JSON; floats keep their last bit."""
+        """Fields as JSON types, with exact floats."""
         return {
             "seed": list(self.seed),
             "target": self.target,
@@ -103,7 +103,7 @@ class Episode:
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], shape_labels: tuple[str, ...]) -> Episode:
-        """The episode from :meth:`to_dict`."""
+        """The episode of fields from :meth:`to_dict`."""
         return cls(
             tuple(fields["seed"]),
             fields["target"],

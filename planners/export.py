@@ -1,11 +1,8 @@
-r"""Touch problems as files of Cassandra's ``.pomdp`` format, for other solvers: pomdp-solve, SARSOP, POMDPs.jl.
+r"""Touch problems in Cassandra's ``.pomdp`` format, for other solvers: pomdp-solve, SARSOP, POMDPs.jl.
 
-A file holds everything as plain numbers: discount, states, actions, observations, the start, and full tables
-T(s' | a, s), O(o | a, s') and R(s, a). States are those of :mod:`planners.pomdp.stages` and one that is terminal:
-absorbing, and worth nothing. Labels are made of letters, digits, ``-`` and ``_`` and begin with a letter, which all
-parsers of the format take.
-
-Many solvers want a discount below one. Ours may be one; such a problem exported with .999 is nearly the same.
+A file holds the discount, states, actions, observations, the start, and full tables T(s' | a, s), O(o | a, s') and
+R(s, a). The states are those of :mod:`planners.pomdp.stages` and a terminal one with reward zero. Many solvers need a
+discount below one; a problem with discount 1 may be exported with 0.999 instead.
 
 >>> from planners.solve import TouchProblem
 >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -38,12 +35,12 @@ _SEAL = "# sha256 of the lines below: "
 
 
 class BadPomdp(CorruptFile):
-    """A ``.pomdp`` file is damaged, was changed after it was written, or uses what is not read here."""
+    """A ``.pomdp`` file is damaged, was changed after it was written, or uses unsupported features."""
 
 
 @dataclass(frozen=True, eq=False)
 class TabularPomdp:
-    """A decision process as arrays.
+    """A partially observable Markov decision process as arrays.
 
     Attributes:
         discount: γ.
@@ -69,7 +66,7 @@ def as_pomdp(
     shape_labels: Sequence[str] | None = None,
     pose_labels: Sequence[str] | None = None,
 ) -> TabularPomdp:
-    """A touch problem as the arrays of a decision process.
+    """A touch problem as arrays.
 
     Args:
         problem: one object, or a small search.
@@ -77,7 +74,7 @@ def as_pomdp(
         pose_labels: names of the P poses; ``pose_0`` and so on by default.
 
     Raises:
-        InvalidArgument: another number of names, or tables too large to be of use as text.
+        InvalidArgument: a wrong number of names, or tables with more than four million entries.
 
     >>> from planners.solve import SearchTouchProblem
     >>> pomdp = as_pomdp(SearchTouchProblem(np.full((1, 2, 2), 0.5), 2, "distinct", target=0, touch_cost=0.1))
@@ -93,7 +90,7 @@ def as_pomdp(
     if num_actions * num_states * (num_states + num_outcomes + 1) > _MAX_NUMBERS:
         raise InvalidArgument(
             f"{num_states} states, {num_actions} actions and {num_outcomes} outcomes make a file of more than "
-            f"{_MAX_NUMBERS} numbers; export fewer objects, or planners.solve it here"
+            f"{_MAX_NUMBERS} numbers; export fewer objects, or use planners.solve"
         )
     end, starts = num_states - 1, np.concatenate([[0], np.cumsum(sizes)])
     transitions = np.zeros((num_actions, num_states, num_states))
@@ -130,8 +127,7 @@ def to_pomdp(
 ) -> str:
     """The text of a ``.pomdp`` file; arguments and errors are those of :func:`as_pomdp`.
 
-    Numbers are written so that they read back to the last bit. The first line is a comment with a SHA-256 of the
-    others, which :func:`read_pomdp` checks where it is there.
+    Numbers are exact. The first line is a comment with a SHA-256 of the others, which :func:`read_pomdp` checks.
 
     >>> from planners.solve import TouchProblem
     >>> text = to_pomdp(TouchProblem(np.full((1, 2, 2), 0.5), [0.5, 0.5], target=0, touch_cost=0.05))
@@ -160,16 +156,14 @@ def to_pomdp(
 
 
 def read_pomdp(text: str) -> TabularPomdp:
-    """The arrays of a ``.pomdp`` file, as far as :func:`to_pomdp` uses the format.
+    """The arrays of a ``.pomdp`` file in the subset of the format that :func:`to_pomdp` uses.
 
-    That is: labels, not numbers of them, in the preamble; ``T`` and ``O`` of an action as a matrix or ``identity`` or
-    ``uniform``; ``R: action : state : * : * value``, actions and states by label or ``*``.
-
-    A file that :func:`to_pomdp` wrote carries a digest, and must match it; to edit one, remove its first line.
+    The subset is: labels in the preamble; ``T`` and ``O`` of an action as a matrix, ``identity`` or ``uniform``;
+    ``R: action : state : * : * value`` with labels or ``*``. To edit a file, remove its first line, the digest.
 
     Raises:
-        BadPomdp: a line that is none of these, which the message quotes; numbers that are not finite; tables that are
-            no distributions, or have more than four million entries; or a file that was changed after it was written.
+        BadPomdp: any other line, which the message quotes; numbers that are not finite; rows that are not
+            distributions; tables with more than four million entries; or a file that does not match its digest.
     """
     try:
         return _read(text)
@@ -216,7 +210,7 @@ def _read(text: str) -> TabularPomdp:
         if kind == "R" and len(fields) == 4:
             target, value = fields[3].split()
             if (fields[2], target) != ("*", "*"):
-                raise BadPomdp(f"rewards may not depend on what follows here, got R: {' : '.join(fields)}")
+                raise BadPomdp(f"rewards may not depend on the next state or observation, got R: {' : '.join(fields)}")
             if not np.isfinite(float(value)):
                 raise BadPomdp(f"rewards must be finite, got R: {' : '.join(fields)}")
             rewards[np.ix_(_chosen(fields[0], actions), _chosen(fields[1], states))] = float(value)
@@ -227,7 +221,7 @@ def _read(text: str) -> TabularPomdp:
             raise BadPomdp(f"not understood: {kind} : {' : '.join(fields)}")
     start = np.array(preamble["start"], np.float64)
     if start.shape != (len(states),):
-        raise BadPomdp(f"start must give {len(states)} probabilities, one a state, got {len(start)}")
+        raise BadPomdp(f"start must give {len(states)} probabilities, one per state, got {len(start)}")
     for name, probs in (("start", start), ("T", transitions), ("O", observed)):
         if not ((probs >= 0.0).all() and np.allclose(probs.sum(axis=-1), 1.0, atol=1e-6)):
             raise BadPomdp(f"{name} has rows that are no distributions")
@@ -237,7 +231,7 @@ def _read(text: str) -> TabularPomdp:
 
 
 def legal_labels(labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels as parsers take them, still different from each other.
+    """Different labels of letters, digits, ``-`` and ``_`` that begin with a letter, as all parsers require.
 
     >>> legal_labels(["cube face", "cube.face", "45°"])
     ('cube_face', 'cube_face_2', 'x45_')
@@ -285,7 +279,7 @@ def _chosen(label: str, labels: Sequence[str]) -> list[int]:
 
 
 def _matrix(body: list[str], num_rows: int, num_columns: int) -> Floats:
-    """The matrix that the next lines hold, which are taken from ``body``."""
+    """The matrix in the next lines, which are removed from ``body``."""
     if body and body[0] == "identity" and num_rows == num_columns:
         body.pop(0)
         return np.eye(num_rows)

@@ -71,7 +71,7 @@ class PointBased:
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:
-        """All that a policy depends on besides the search."""
+        """The settings on which a policy depends besides the search."""
         return self.table.sha256, repr(self.repeats), tuple(self.rounds)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:

@@ -1,19 +1,16 @@
 r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Veness 2010).
 
-The search as pomdp-py sees it: a state is (object, its shape, whether a target was given away), or the end. CONFIRM and
-a last REJECT lead to the end; an earlier REJECT brings the next object, which is the target with the chance that
-drawing without putting back gives it, or else any of the other shapes: that no two of *these* are alike is left out.
-One object by itself is a search of one (paper §5.8). Every decision plans anew from the belief it is given. In the tree
-all touches are fresh; at its root only the poses used least may be probed in, because repeats are not (decision 0006).
+A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
+an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
+differ from each other is ignored. Every decision plans anew from the given belief. In the tree all touches are
+independent; at its root only the least used poses are allowed (decision 0006).
 
-Leaves of the tree are valued by rollouts. pomdp-py's own rollout acts at random: from any belief it sooner or later
-confirms something wrong, so touching hardly seems worth its price, and the planner stops far too early. An *informed*
-rollout looks at the state and does what is right for it. That is far too optimistic, but the same for all actions that
-go on; CONFIRM is valued as it is.
+Leaves are valued by rollouts. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to
+have no value and the planner stops too early. An *informed* rollout takes the right action for the sampled state. It is
+too optimistic by the same amount for all actions that continue the search.
 
-Only this module needs pomdp-py, whose wheels exist for Linux and Python 3.11 and 3.12; elsewhere it is the extra
-``pomdp``. It draws from Python's global generator, which is seeded for the time of a plan and put back after; plans of
-several threads take turns, so that each is a function of the information state and ``rng`` alone.
+Only this module needs pomdp-py, the extra ``pomdp``. It draws from Python's global generator, which is seeded for each
+plan and restored afterwards; plans of several threads run one after the other.
 
 >>> from belief import Belief
 >>> table = OutcomeTable(np.array([[[0.9, 0.1], [0.1, 0.9]]]))
@@ -31,6 +28,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pomdp_py
@@ -42,26 +40,26 @@ from belief.problem import Action, Floats
 from planners.continuation_value import prob_missed, target_chances
 from planners.decider import Decision, InformationState, require_fit
 
-_ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is the process's
+_ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is global to the process
 
 END = SimpleState("end")
 NOTHING = SimpleObservation("nothing")
 CONFIRM, REJECT = SimpleAction("confirm"), SimpleAction("reject")
 _EXPLORATION = 0.5  # of UCB1; returns lie in about [-1, 1]
-_DEPTH = 12  # steps ahead beyond the two that every object left may need
+_DEPTH = 12  # planning depth, plus two for each remaining object
 
 
 class Rules:
-    """A search as tables that the models draw from.
+    """A search as tables from which the pomdp-py models draw.
 
     Attributes:
         problem: the search.
-        target: index of the shape sought.
-        actions: ours by pomdp-py's; CONFIRM and REJECT first, so that of equally good actions one of these is taken.
-        states: all, by object, shape and whether a target was given away.
-        outcomes: what probes observe.
+        target: index of the target shape.
+        actions: our actions by pomdp-py's; CONFIRM and REJECT come first and win ties.
+        states: all states, by object, shape and whether a target was rejected.
+        outcomes: observations of probes.
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
-        shape_probs: of object i before it is touched, ``(N, 2, K)``.
+        shape_probs: p(shape) of object i before it is touched, by whether a target was rejected, ``(N, 2, K)``.
     """
 
     def __init__(self, problem: SearchProblem, target: int, table: OutcomeTable) -> None:
@@ -82,12 +80,12 @@ class Rules:
         return bool(state.data[1] == self.target)
 
     def is_missed(self, state: SimpleState) -> bool:
-        """Whether a target was given away, should the current object be rejected."""
+        """Whether a target is among the rejected objects after the current one is rejected."""
         return bool(state.data[2] or self.is_target(state))
 
 
 class TransitionModel(pomdp_py.TransitionModel):
-    """Probes change nothing; REJECT brings the next object."""
+    """Probes do not change the state; REJECT brings the next object."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
         self._rules, self._rng = rules, rng
@@ -117,18 +115,18 @@ class TransitionModel(pomdp_py.TransitionModel):
         return float(rules.shape_probs[index, missed, next_state.data[1]])
 
     def get_all_states(self) -> list[SimpleState]:
-        """Every state; the end comes last."""
+        """All states; the end comes last."""
         return [*self._rules.states.values(), END]
 
 
 class ObservationModel(pomdp_py.ObservationModel):
-    """Probes observe an outcome, other actions nothing."""
+    """Probes give an outcome, other actions no observation."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator) -> None:
         self._rules, self._rng = rules, rng
 
     def sample(self, next_state: SimpleState, action: SimpleAction) -> SimpleObservation:
-        """What is observed."""
+        """A sampled observation."""
         pose = self._rules.poses.get(action.name)
         if pose is None or next_state is END:
             return NOTHING
@@ -144,7 +142,7 @@ class ObservationModel(pomdp_py.ObservationModel):
         return float(self._rules.outcome_probs[pose, next_state.data[1], observation.data])
 
     def get_all_observations(self) -> list[SimpleObservation]:
-        """Every observation."""
+        """All observations."""
         return [*self._rules.outcomes, NOTHING]
 
 
@@ -155,7 +153,7 @@ class RewardModel(pomdp_py.RewardModel):
         self._rules = rules
 
     def sample(self, state: SimpleState, action: SimpleAction, next_state: SimpleState) -> float:
-        """The reward, which is no matter of chance."""
+        """The reward, which is deterministic."""
         rules = self._rules
         if state is END:
             return 0.0
@@ -169,32 +167,32 @@ class RewardModel(pomdp_py.RewardModel):
 
 
 class RandomRollout(pomdp_py.RolloutPolicy):
-    """Acts at random: what pomdp-py does by itself, kept to show that it fails."""
+    """Random actions, the default of pomdp-py; for comparison."""
 
     def __init__(self, rules: Rules, rng: np.random.Generator, now: Sequence[SimpleAction] | None = None) -> None:
         self._rules, self._rng = rules, rng
         self._all = list(rules.actions)
-        self._now = self._all if now is None else list(now)  # what there is to choose from before anything was done
+        self._now = self._all if now is None else list(now)  # the actions at the root
 
     def get_all_actions(
         self, state: SimpleState | None = None, history: tuple[object, ...] | None = None
     ) -> list[SimpleAction]:
-        """Every action that makes sense now, every one at all later; at the end one is as good as another."""
+        """The allowed actions: those of the root before any action, all later, CONFIRM at the end."""
         if state is END:
             return [CONFIRM]
         return self._all if history else self._now
 
     def sample(self, state: SimpleState) -> SimpleAction:
-        """Any action."""
+        """A random action."""
         return self._all[int(self._rng.random() * len(self._all))]
 
     def rollout(self, state: SimpleState, history: tuple[object, ...]) -> SimpleAction:
-        """Any action."""
+        """A random action."""
         return self.sample(state)
 
 
 class InformedRollout(RandomRollout):
-    """Knows the state and does what is right for it: confirms the target, rejects anything else, touches nothing."""
+    """Confirms the target and rejects any other shape, by the sampled state."""
 
     def rollout(self, state: SimpleState, history: tuple[object, ...]) -> SimpleAction:
         """CONFIRM or REJECT."""
@@ -203,69 +201,70 @@ class InformedRollout(RandomRollout):
 
 @dataclass(frozen=True, eq=False)
 class Pouct:
-    """POUCT from the belief as a histogram.
+    """POUCT, with the belief as a histogram.
 
     Attributes:
         table: p(outcome | pose, shape).
-        simulations: of each decision; its price and its quality.
+        simulations: number per decision.
         rollout: values the leaves of the tree.
 
     Raises:
-        ValueError: fewer simulations than it takes to try every action once.
+        ValueError: too few simulations to try every action once.
     """
+
+    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POUCT
 
     table: OutcomeTable
     simulations: int = 1000
     rollout: type[RandomRollout] = InformedRollout
 
     def __post_init__(self) -> None:
-        _require_enough(self.simulations, self.table)
+        least = self.table.num_poses + 3  # the first simulation creates the root; the others try every action
+        if self.simulations < least:
+            raise ValueError(f"{self.table.num_poses} poses need at least {least} simulations, got {self.simulations}")
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
         rules = Rules(info.problem, info.target, self.table)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
-        agent = make_agent(rules, pomdp_py.Histogram(belief_histogram(rules, info)), policy, rng)
-        planner = pomdp_py.POUCT(**_settings(info, self.simulations, agent))
+        agent = make_agent(rules, self._belief(belief_histogram(rules, info), rng), policy, rng)
+        planner = self._planner(
+            max_depth=_DEPTH + 2 * info.num_left,
+            num_sims=self.simulations,
+            discount_factor=1.0,
+            exploration_const=_EXPLORATION,
+            rollout_policy=agent.policy_model,
+        )
         return _plan(planner, agent, rules, info, rng)
+
+    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
+        return pomdp_py.Histogram(histogram)
 
 
 @dataclass(frozen=True, eq=False)
-class Pomcp:
-    """POMCP from particles, resampled from the belief in every decision, as many as simulations.
+class Pomcp(Pouct):
+    """POMCP, with the belief as particles, drawn anew for every decision, as many as simulations.
 
     Attributes and errors are those of :class:`Pouct`.
     """
 
-    table: OutcomeTable
-    simulations: int = 1000
-    rollout: type[RandomRollout] = InformedRollout
+    _planner: ClassVar[type[pomdp_py.Planner]] = pomdp_py.POMCP
 
-    def __post_init__(self) -> None:
-        _require_enough(self.simulations, self.table)
-
-    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """See :class:`planners.decider.Decider`."""
-        rules = Rules(info.problem, info.target, self.table)
-        policy = self.rollout(rules, rng, _root_actions(rules, info))
-        histogram = belief_histogram(rules, info)
+    def _belief(self, histogram: dict[SimpleState, float], rng: np.random.Generator) -> pomdp_py.GenerativeDistribution:
         states, probs = list(histogram), np.array(list(histogram.values()))
         drawn = rng.choice(len(states), size=self.simulations, p=probs / probs.sum())
-        particles = pomdp_py.Particles([states[index] for index in drawn.tolist()])
-        agent = make_agent(rules, particles, policy, rng)
-        planner = pomdp_py.POMCP(**_settings(info, self.simulations, agent))
-        return _plan(planner, agent, rules, info, rng)
+        return pomdp_py.Particles([states[index] for index in drawn.tolist()])
 
 
 def make_agent(
     rules: Rules, belief: pomdp_py.GenerativeDistribution, policy: pomdp_py.PolicyModel, rng: np.random.Generator
 ) -> pomdp_py.Agent:
-    """An agent of pomdp-py, for its planners and whatever else takes one; its models draw from ``rng``."""
+    """An agent for pomdp-py's planners; its models draw from ``rng``."""
     return pomdp_py.Agent(belief, policy, TransitionModel(rules, rng), ObservationModel(rules, rng), RewardModel(rules))
 
 
 def belief_histogram(rules: Rules, info: InformationState) -> dict[SimpleState, float]:
-    """The belief as probabilities of states; states of probability zero are left out."""
+    """The belief as probabilities of states, without states of probability zero."""
     missed = prob_missed(info)
     counts = info.problem.counts
     histogram: dict[SimpleState, float] = {}
@@ -280,7 +279,7 @@ def belief_histogram(rules: Rules, info: InformationState) -> dict[SimpleState, 
 def _shape_probs(problem: SearchProblem, target: int) -> Floats:
     chances = target_chances(problem, target)[..., None]  # (N, 2, 1)
     others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
-    if not others.any():  # there is nothing else to be
+    if not others.any():  # no other shape has a positive prior
         chances, others = np.ones_like(chances), others
     others /= others.sum() if others.any() else 1.0
     probs = (1.0 - chances) * others
@@ -292,18 +291,8 @@ def _draw(cumulative: list[float], rng: np.random.Generator) -> int:
     return min(bisect_right(cumulative, rng.random() * cumulative[-1]), len(cumulative) - 1)
 
 
-def _settings(info: InformationState, simulations: int, agent: pomdp_py.Agent) -> dict[str, object]:
-    return {
-        "max_depth": _DEPTH + 2 * info.num_left,
-        "num_sims": simulations,
-        "discount_factor": 1.0,
-        "exploration_const": _EXPLORATION,
-        "rollout_policy": agent.policy_model,
-    }
-
-
 def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
-    """What makes sense now: not to confirm what is ruled out, nor to repeat a pose while another is fresher."""
+    """Actions at the root: no CONFIRM of a target with probability zero, and only the least used poses."""
     uses = info.uses
     all_used = len(info.history) >= max(info.problem.touch_limit // info.problem.num_objects, 1)
     return [
@@ -337,9 +326,3 @@ def _seeded_global_random(seed: int) -> Iterator[None]:
             yield
         finally:
             random.setstate(before)
-
-
-def _require_enough(simulations: int, table: OutcomeTable) -> None:
-    least = table.num_poses + 3  # the first simulation only makes the root; the others try every action
-    if simulations < least:
-        raise ValueError(f"{table.num_poses} poses need at least {least} simulations, got {simulations}")

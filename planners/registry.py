@@ -1,7 +1,7 @@
-"""The registry of deciders: every decider that a comparison can name, and how to name one of your own.
+"""The registry of deciders.
 
-To add a decider, write it in its own file and add a line to :data:`DECIDERS`. A decider of your own needs neither: name
-it ``module:attribute``, or offer it from an installed package by an entry point of the group ``activetouch.deciders``.
+To add a decider, write it in its own file and add a line to :data:`DECIDERS`. A user's own decider is named
+``module:attribute``, or offered by an installed package as an entry point of the group ``activetouch.deciders``.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from planners.threshold_rule import ThresholdRule
 from planners.value_of_information import ValueOfInformation
 
 ENTRY_POINTS = "activetouch.deciders"
-"""Group of entry points by which installed packages offer deciders."""
+"""Entry-point group of deciders in installed packages."""
 
 Builder = Callable[..., Decider]
-"""Makes a decider. It is given ``table``, ``model`` and ``policies`` (see :func:`make_decider`) by parameter name if it
-has such parameters; its other parameters are settings, which have defaults."""
+"""Returns a decider. It gets ``table``, ``model`` and ``policies`` of :func:`make_decider` if it has parameters with
+these names; its other parameters are settings with defaults."""
 
 
 class WrongType(ActiveTouchError, TypeError):
-    """A decider was to be made from something else than it takes."""
+    """An argument of :func:`make_decider` has the wrong type."""
 
 
 def _tree_search() -> ModuleType:
@@ -51,12 +51,12 @@ def _tree_search() -> ModuleType:
 
 
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
-    """A builder of a sequential decider, whose settings are those of its stopping rule.
+    """A builder of a sequential decider with the settings of its stopping rule.
 
     Args:
-        summary: of the decider, in one line.
-        stopping: makes the rule from its settings.
-        probing: makes the probe selector from what it needs of ``table`` and ``model``.
+        summary: one line about the decider.
+        stopping: returns the rule for its settings.
+        probing: returns the probe selector for ``table`` or ``model`` or both.
     """
     rule, selector = inspect.signature(stopping).parameters, inspect.signature(probing).parameters
 
@@ -159,16 +159,16 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "point_based": _point_based,
     }
 )
-"""Builds a decider by name."""
+"""Builders of deciders by name."""
 
 TRAINED: Mapping[str, str] = MappingProxyType({"ppo": "paper", "ppo_posterior": "posterior", "ppo_confident": "paper"})
-"""Those that follow trained policies, and what the policies see (a key of :data:`belief.policy_state.ENCODINGS`)."""
+"""Deciders that follow trained policies, with the state of these (a key of :data:`belief.policy_state.ENCODINGS`)."""
 
 _GIVEN = ("table", "model", "policies")
 
 
 def summary_of(name: str) -> str:
-    """First line of the description of a decider of the registry.
+    """The one-line description of a decider in the registry.
 
     >>> summary_of("point_based")
     'Point-based value iteration on the whole search: the default planner.'
@@ -177,23 +177,23 @@ def summary_of(name: str) -> str:
 
 
 def find_decider(name: str) -> tuple[Any, Reference]:
-    """What a name leads to, and its settings; nothing is made yet.
+    """The builder or object of a decider, which is not called yet, and its parsed name.
 
     Args:
         name: as for :func:`make_decider`.
 
     Raises:
-        UnknownName: there is none of that name; the message suggests the nearest.
-        BadReference: the name cannot be read, or its module cannot be imported.
+        UnknownName: there is no such name; the message suggests the nearest.
+        BadReference: the name is malformed, or its module cannot be imported.
     """
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
-        raise BadReference(f"{name}: {given[0]} is no setting; deciders are given it")
+        raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")
     return found, reference
 
 
 def trained_state(name: str) -> str | None:
-    """What the policies see that a decider of the registry follows; None if it follows none.
+    """Key of the state of the policies that a decider follows; None if it follows none.
 
     >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
     ('paper', None)
@@ -211,19 +211,18 @@ def make_decider(
     """Make a decider from its name.
 
     Args:
-        name: a key of :data:`DECIDERS`, a name that an installed package offers, or ``module:attribute`` of your own;
-            with settings in brackets where wanted, such as ``information_gain(confirm=0.97)``.
+        name: a key of :data:`DECIDERS`, an entry point, or ``module:attribute``; optionally with settings in brackets,
+            such as ``information_gain(confirm=0.97)``.
         table: p(outcome | pose, shape) of single touches.
-        model: the observation model itself; some deciders need it.
-        policies: folder of trained policies; some deciders need it.
-        simulations: of each decision, for deciders that search a tree, unless the name sets it; their own default
-            where None.
+        model: the observation model, which some deciders need.
+        policies: folder of trained policies, which some deciders need.
+        simulations: number per decision of tree-search deciders; the name may also set it.
 
     Raises:
-        UnknownName: there is none of that name; the message suggests the nearest.
-        BadReference: the name cannot be read, its settings do not fit, or it leads to something that is no decider.
+        UnknownName: there is no such name; the message suggests the nearest.
+        BadReference: the name is malformed, its settings do not fit, or it refers to something that is not a decider.
         MissingPackage: it needs a package that is not installed.
-        WrongType: an argument is something else than it should be, such as a model in place of its table.
+        WrongType: an argument has the wrong type, such as a model in place of its table.
 
     >>> import numpy as np
     >>> table = OutcomeTable(np.full((2, 3, 4), 0.25))
@@ -255,10 +254,10 @@ def make_decider(
             raise
         raise BadReference(f"{name} cannot be made: {error!r}") from error
     if not callable(getattr(made, "decide", None)):
-        raise BadReference(f"{name} is no decider: it is {_what(made)}, and has no method decide(info, rng)")
+        raise BadReference(f"{name} is not a decider: it is {_what(made)}, and has no method decide(info, rng)")
     return made
 
 
 def _what(value: object) -> str:
-    """A value that was given, in few words."""
+    """A short description of a value."""
     return f"{value!r}" if isinstance(value, str | int | float | None) else f"an object of class {type(value).__name__}"

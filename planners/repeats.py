@@ -1,7 +1,7 @@
-"""What one more touch in a pose that was used before is worth, in touches of a pose that is new.
+"""Discounts of repeated touches: the value of one more touch in a used pose, as a fraction of a new touch's value.
 
-Touches of one object in one pose repeat each other, so a table of single touches overstates what the next will tell.
-How much is a property of the observation model: :func:`repeat_discount` reads it there.
+Touches of one object in one pose are correlated, so a table of single touches overstates the information of a repeat.
+:func:`repeat_discount` takes the discount from the observation model (decision 0021).
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from belief.problem import Floats
 
 
 class RepeatDiscount(Protocol):
-    """Prices repeats."""
+    """Discounts the value of touches in used poses."""
 
     def weights(self, uses: ArrayLike) -> Floats:
-        """Share of a fresh touch's worth that the next touch in each pose has, in [0, 1].
+        """Value of the next touch in each pose as a fraction of the value of a new touch, in [0, 1].
 
         Args:
-            uses: how often the object was touched in each pose, ``(..., P)``.
+            uses: touches of the object in each pose, ``(..., P)``.
 
         Returns:
-            ``(..., P)``; zero takes a pose out of the running.
+            ``(..., P)``; a pose with weight zero is not used.
         """
 
 
 @dataclass(frozen=True)
 class LeastUsedFirst:
-    """Only poses used least compete: what to do when nothing is known about repeats (decision 0006).
+    """Allows only the least used poses, for models without a repeat correlation (decision 0006).
 
     >>> LeastUsedFirst().weights([2, 1, 1]).tolist()
     [0.0, 1.0, 1.0]
@@ -46,17 +46,18 @@ class LeastUsedFirst:
 
 @dataclass(frozen=True)
 class CorrelatedRepeats:
-    """Touches in one pose correlate by ρ: the n-th adds what n touches are worth beyond n - 1.
+    """Discount by the correlation ρ of touches in one pose.
 
-    Worth is counted in independent touches, :func:`belief.observation_model.repeat_discount.effective_touches`.
+    The weight of the n-th touch is the difference of
+    :func:`~belief.observation_model.repeat_discount.effective_touches` for n and n - 1 touches.
 
     Attributes:
         correlation: ρ, in [0, 1].
 
     Raises:
-        ValueError: the correlation is none.
+        ValueError: ``correlation`` is out of range.
 
-    >>> CorrelatedRepeats(0.5).weights([0, 1, 2]).round(3).tolist()        # 1, 4/3 and 3/2 touches in all
+    >>> CorrelatedRepeats(0.5).weights([0, 1, 2]).round(3).tolist()        # effective touches: 1, 4/3, 3/2
     [1.0, 0.333, 0.167]
     """
 
@@ -74,12 +75,12 @@ class CorrelatedRepeats:
 
 
 def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floats:
-    """Worth of an object's first touch, its second, …, if no pose is used again before all others were; ``(P times,)``.
+    """Weights of an object's first, second, … touch if the poses are used in turn, ``(P times,)``.
 
     Args:
-        repeats: prices repeats.
+        repeats: the discount.
         num_poses: P.
-        times: how often each pose is used.
+        times: number of uses of each pose.
 
     >>> weights_in_turn(CorrelatedRepeats(0.5), 2, 2).round(3).tolist()
     [1.0, 1.0, 0.333, 0.333]

@@ -1,10 +1,8 @@
-"""The one search loop that every decider runs, one episode at a time or many in lockstep.
+"""The search loop for all deciders, one episode at a time or many in lockstep (decision 0007).
 
-Chance is keyed: the generator of a touch depends on (episode seed, object, pose, how often that pose was used), not on
-what was done before. Two deciders that make the same touch of the same episode therefore get the same touch, which
-is what makes comparisons paired.
-
-In lockstep, all episodes that want a touch get theirs in one call, so that a network reads many images at once.
+The generator of a touch depends only on (episode seed, object, pose, number of earlier uses of that pose). Two deciders
+that make the same touch in the same episode get the same result, so comparisons are paired. In lockstep, the touches of
+all episodes are made in one call, so that a network processes many images at once.
 """
 
 from __future__ import annotations
@@ -25,20 +23,20 @@ from planners.episode import Episode, Outcome, Step
 
 
 class World(Protocol):
-    """What can be touched: objects that come one after the other."""
+    """A sequence of objects to touch."""
 
     @property
     def arrangement(self) -> tuple[int, ...]:
-        """True shape of every object, in order of visit; for scoring only, no decider sees it."""
+        """True shape of every object, in order of visit; for scoring only."""
 
     def touch(self, pose: int, rng: np.random.Generator) -> Touch:
         """Touch the current object."""
 
     def advance(self) -> None:
-        """Put the current object aside and bring the next."""
+        """Go to the next object."""
 
     def reset(self) -> None:
-        """Bring the first object; every search begins with it."""
+        """Go to the first object."""
 
 
 WorldT = TypeVar("WorldT", bound=World)
@@ -46,7 +44,7 @@ WorldT = TypeVar("WorldT", bound=World)
 
 @dataclass(frozen=True, eq=False)
 class TouchRequest(Generic[WorldT]):
-    """A touch some episode is waiting for."""
+    """A touch for which an episode waits."""
 
     world: WorldT
     pose: int
@@ -64,20 +62,20 @@ def search(
     model: ObservationModel,
     seed: int | Sequence[int],
 ) -> Episode:
-    """Search until something is confirmed, nothing is left, or the touch limit is reached.
+    """Search until an object is confirmed, all are rejected, or the touch limit is reached.
 
     Args:
-        world: the objects; visited in their order.
-        decider: who chooses.
-        problem: the rules.
-        target: label or index of the shape sought.
-        model: turns touches into evidence.
-        seed: of the episode, a number or several; the same seed gives the same episode.
+        world: the objects, which are visited in order.
+        decider: chooses the actions.
+        problem: the search.
+        target: label or index of the target shape.
+        model: likelihood of touches.
+        seed: of the episode, one number or several; the same seed gives the same episode.
 
     Raises:
         UnknownName: no shape has the target's name.
-        BadDecision: the decider answers something that is no decision.
-        ImpossibleObservation: a touch contradicts everything still believed in.
+        BadDecision: the decider returns an invalid decision.
+        ImpossibleObservation: a touch has likelihood zero for every possible shape.
     """
     return search_lockstep([world], decider, problem, [target], model, [seed])[0]
 
@@ -91,19 +89,9 @@ def search_lockstep(
     seeds: Sequence[int | Sequence[int]],
     touch_many: TouchMany[WorldT] | None = None,
 ) -> list[Episode]:
-    """:func:`search` for many episodes at once, their touches served together.
+    """:func:`search` for many episodes at once, in the order of ``worlds``, ``targets`` and ``seeds``.
 
-    Args:
-        worlds: one an episode.
-        decider: who chooses, in all episodes.
-        problem: the rules.
-        targets: label or index of the shape sought in each episode.
-        model: turns touches into evidence.
-        seeds: one an episode.
-        touch_many: serves the touches that all unfinished episodes wait for; one by one without.
-
-    Returns:
-        The episodes, in the order of ``worlds``.
+    ``touch_many`` makes the touches of all waiting episodes; by default they are made one by one.
     """
     loops = [
         _loop(world, decider, problem, index_of("target", problem.shape_labels, target), model, seed_words(seed))
@@ -135,7 +123,7 @@ def _loop(
     model: ObservationModel,
     seed: tuple[int, ...],
 ) -> Generator[TouchRequest[WorldT], Touch | None, Episode]:
-    """One episode as a coroutine: yields the touches it wants, is sent them, returns the episode."""
+    """One episode as a coroutine: yields touch requests, receives touches, and returns the episode."""
     arrangement = tuple(int(shape) for shape in world.arrangement)
     if len(arrangement) != problem.num_objects:
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
@@ -158,7 +146,7 @@ def _loop(
                 return end(Outcome.TRUNCATED)
             repeat = int(info.uses[action.pose])
             touch = yield TouchRequest(world, action.pose, touch_rng(seed, object_index, action.pose, repeat))
-            assert touch is not None, "a waiting episode is only ever resumed with its touch"
+            assert touch is not None, "a waiting episode is resumed with its touch"
             scene.update(object_index, [touch])
             num_touches += 1
         steps.append(Step(object_index, info.belief, decision, touch))

@@ -1,4 +1,4 @@
-"""A decider whose stopping is replaced by a stopping rule."""
+"""A decider with its stopping replaced by a stopping rule."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planners.decider import Decider, Decision, InformationState, ProbeSelector,
 
 @dataclass(frozen=True)
 class StopOverride:
-    """Takes the poses of any decider, and stops when a stopping rule says so.
+    """Follows the poses of any decider, and stops by a stopping rule.
 
     The error rates of the rule hold for every decider, because they do not depend on which poses are probed.
 

@@ -1,6 +1,6 @@
 """Stopping rules on the posterior probability of the target: fixed thresholds, and Wald's sequential test.
 
-The paper's own rule, which looks at single classifier outputs, is in :mod:`planners.threshold_rule`.
+The paper's rule, which uses single classifier outputs, is in :mod:`planners.threshold_rule`.
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ from planners.decider import Decision, InformationState
 
 @dataclass(frozen=True)
 class PosteriorThresholds:
-    """Confirm or reject when the posterior of the target is beyond a threshold: Wald's sequential test.
+    """Confirm or reject when the posterior of the target passes a threshold.
 
-    When the target is certainly on the table and only one object is left, it is confirmed untouched: rejecting it
-    could only fail.
+    The last object is confirmed without a touch if some object must be a target, because rejecting it always fails.
 
     Attributes:
         confirm: posterior at or above which to confirm.
         reject: posterior at or below which to reject.
-        max_touches: touches of one object after which the likelier decision is taken.
+        max_touches: touches of one object after which the more probable decision is taken.
     """
 
     confirm: float = 0.99
@@ -51,26 +50,25 @@ class PosteriorThresholds:
 
 @dataclass(frozen=True)
 class SequentialTest:
-    """Wald's sequential probability ratio test of "the target" against "another shape", for promised error rates.
+    """Wald's (1945) sequential probability ratio test of "the target" against "another shape", for given error rates.
 
-    An object is confirmed once touches have multiplied the odds of the target by ``(1 - β) / α``, and rejected once
-    they have multiplied them by ``β / (1 - α)`` (Wald 1945). Odds before touching are those of any one object of the
-    problem, so these are thresholds on the posterior. What that promises of an object tested with that prior, if the
-    observation model is right and the test is not cut off:
+    An object is confirmed when its touches have multiplied the odds of the target by ``(1 - β) / α``, and rejected when
+    they have multiplied them by ``β / (1 - α)``. For the prior odds of the problem these are thresholds on the
+    posterior (decision 0030). For a correct observation model and without ``max_touches``:
 
-    - a confirmation is wrong with probability at most ``1 - confirm``, a rejection at most ``reject``
-      (:meth:`thresholds`), whatever the poses: these hold for every object of a search;
-    - another shape is confirmed with probability at most ``α / (1 - β)``, the target rejected with probability at most
-      ``β / (1 - α)``, and the two do not add up to more than α + β. In a coupled search these hold for the first
-      object only, as later ones come with odds of their own.
+    - a confirmation is wrong with probability at most ``1 - confirm``, and a rejection with probability at most
+      ``reject`` (:meth:`thresholds`), for every object of a search and any poses;
+    - another shape is confirmed with probability at most ``α / (1 - β)``, the target is rejected with probability at
+      most ``β / (1 - α)``, and their sum is at most α + β. This holds for objects with the prior odds, in a search
+      among distinct shapes only for the first one.
 
     Attributes:
         false_confirm: α, in (0, 1).
         false_reject: β, in (0, 1); α + β < 1.
-        max_touches: touches of one object after which the likelier decision is taken, and the promise is off.
+        max_touches: touches of one object after which the more probable decision is taken.
 
     Raises:
-        InvalidArgument: rates out of range, or a number of touches that is none.
+        InvalidArgument: a rate or ``max_touches`` is out of range.
 
     >>> [round(float(prob), 4) for prob in SequentialTest(0.01, 0.05).thresholds(0.25)]
     [0.0166, 0.9694]
@@ -92,10 +90,10 @@ class SequentialTest:
         """Posteriors of the target at or below which to reject, and at or above which to confirm.
 
         Args:
-            prior_prob: of the target before any touch, in [0, 1]; where it is 0 or 1 there is nothing to test.
+            prior_prob: of the target before any touch, in [0, 1]; the thresholds for 0 and 1 are 0 and 1.
 
         Raises:
-            InvalidArgument: it is no probability.
+            InvalidArgument: it is not a probability.
         """
         if not 0.0 <= prior_prob <= 1.0:
             raise InvalidArgument(f"prior_prob must be a probability, in [0, 1], got {prior_prob!r}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from belief import SceneView, SearchProblem
 from belief.problem import Floats
-from planners.pomdp.stages import Stage, StagedProblem
+from planners.pomdp.stages import StagedProblem, stages_by_missed
 
 
 def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int, touch_cost: float) -> StagedProblem:
@@ -28,10 +28,6 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
     """
     counts = np.array(problem.counts, np.float64)
     num_shapes, num_targets, others = problem.num_shapes, counts[target], np.delete(counts, target)
-    shapes = np.tile(np.arange(num_shapes), 2)
-    missed = np.arange(2 * num_shapes) >= num_shapes
-    is_target = shapes == target
-    confirm = np.where(is_target, 1.0, -1.0)
 
     def next_shape(num_gone: int, targets_left: float) -> Floats:
         """Distribution over the shape of the object after ``num_gone`` others, ``(K,)``."""
@@ -41,13 +37,11 @@ def stages_by_target(problem: SearchProblem, outcome_probs: Floats, target: int,
         found = np.insert((1.0 - prob) * other_probs, target, prob)
         return np.asarray(found / found.sum()) if found.sum() else np.eye(num_shapes)[target]
 
-    stages = []
-    for number in range(1, problem.num_objects):
-        moves = np.zeros((2 * num_shapes, 2 * num_shapes))
-        moves[~(missed | is_target), :num_shapes] = next_shape(number, num_targets)
-        moves[missed | is_target, num_shapes:] = next_shape(number, max(num_targets - 1.0, 0.0))
-        stages.append(Stage(shapes, confirm, np.zeros(2 * num_shapes), moves))
-    stages.append(Stage(shapes, confirm, np.where(missed | is_target, -1.0, 1.0)))
+    later = [
+        (next_shape(number, num_targets), next_shape(number, max(num_targets - 1.0, 0.0)))
+        for number in range(1, problem.num_objects)
+    ]
+    stages = stages_by_missed(num_shapes, target, later)
     initial = np.concatenate([problem.prior_probs, np.zeros(num_shapes)])
     return StagedProblem(tuple(stages), initial, outcome_probs, touch_cost, 1.0)
 

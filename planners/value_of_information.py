@@ -30,7 +30,7 @@ from planners.continuation_value import ContinuationValue
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
-_TIE = 1e-12  # differences that rounding can make
+_TIE = 1e-12  # differences below this are rounding
 
 _Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int]
 
@@ -43,14 +43,14 @@ class ValueOfInformation:
         table: p(outcome | pose, shape).
         depth: touches to look ahead, 1 or 2.
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
-        max_touches: of one object; by default an equal share of the problem's touch limit, so that searches are never
-            cut off, not even where touches cost nothing.
+        max_touches: of one object; by default an equal share of the problem's touch limit, so that no search is
+            truncated.
 
     Raises:
-        InvalidArgument: another depth, or a number of touches that is none.
+        InvalidArgument: ``depth`` or ``max_touches`` is out of range.
 
-    Two poses, each of which tells one of the two bits by which four shapes differ: one alone cannot find the target
-    often enough to be worth anything, so looking one touch ahead gives up at once.
+    In this example each of two poses shows one of the two bits that distinguish four shapes. A single touch has no
+    value, so with depth 1 the decider rejects at once.
 
     >>> from belief import Belief
     >>> bits = OutcomeTable(np.array([np.eye(2)[[0, 0, 1, 1]], np.eye(2)[[0, 1, 0, 1]]]))

@@ -1,7 +1,7 @@
 """Calibration of a classifier's probabilities.
 
-The default is :class:`StructuredMatrixScaling` (decision 0022): with few touches it equals temperature scaling, with many
-it also corrects confusions of single shapes. :func:`choose_calibration` compares calibrations by cross-validation;
+The default is :class:`StructuredMatrixScaling` (decision 0022): with few touches it equals temperature scaling, with
+many it also corrects confusions of single shapes. :func:`choose_calibration` compares calibrations by cross-validation;
 :class:`PerPose` fits one calibration per pose, with shrinkage.
 """
 

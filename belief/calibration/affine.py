@@ -22,9 +22,9 @@ from belief.problem import Floats
 class AffineCalibration(FrozenArrays, Calibration):
     """An affine map of log-probabilities x after temperature scaling: p = softmax(W x + b).
 
-    First a temperature is fitted, and 1/(n + 2) of the probability is spread evenly over the shapes; so x is of moderate
-    size for logits of any scale. Then W and b are fitted with ridge penalties towards the identity and zero. The optimum
-    is finite and unique for any labels. With few or uninformative data the result is temperature scaling.
+    First a temperature is fitted, and 1/(n + 2) of the probability is spread evenly over the shapes; so x is of
+    moderate size for logits of any scale. Then W and b are fitted with ridge penalties towards the identity and zero.
+    The optimum is finite and unique for any labels. With few or uninformative data the result is temperature scaling.
 
     Attributes:
         temperature: the first step, with the spread probability as its floor.

@@ -1,14 +1,13 @@
-"""How good probabilities are: proper scores and calibration errors, for ``probs (n, K)`` and ``labels (n,)``.
+"""Proper scores and calibration errors of predicted distributions ``probs (n, K)`` for labels ``(n,)``.
 
-A model is calibrated if, of all predictions with 90 % confidence, nine in ten are right. Every estimate of the
-calibration error is positive by chance. Print the null quantile beside it: the error of a perfectly calibrated model on
-as many rows.
+Estimates of the calibration error are positive by chance. Compare them with the null quantile: the error of a perfectly
+calibrated model with the same predictions.
 
     >>> import numpy as np
     >>> rng = np.random.default_rng(0)
     >>> logits = 2.0 * rng.normal(size=(600, 3))
     >>> probs = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
-    >>> labels = (rng.random(600)[:, None] > probs.cumsum(axis=1)).sum(axis=1)     # calibrated: drawn from them
+    >>> labels = (rng.random(600)[:, None] > probs.cumsum(axis=1)).sum(axis=1)  # drawn from probs
     >>> error = expected_calibration_error(probs, labels)
     >>> error < null_quantile(probs, expected_calibration_error, rng, num_resamples=200)
     True

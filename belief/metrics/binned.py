@@ -1,11 +1,11 @@
-"""Binned calibration errors: the gap between mean confidence and share right, in bins of similar confidence.
+"""Binned calibration errors: the gap between mean confidence and accuracy in bins of similar confidence.
 
-With the gap of a bin ``gap_b = mean confidence - share right`` and its share of the rows ``w_b = n_b / n``
+With the gap of a bin ``gap_b = mean confidence - accuracy`` and its fraction of the rows ``w_b = n_b / n``,
 
     ECE = Σ_b w_b |gap_b|                                                      (Naeini et al. 2015, Guo et al. 2017)
 
-of the top shape; classwise, the mean over the shapes k of the same with p_k against "it is k" (Kull et al. 2019). The
-debiased error takes off what chance adds to the square of each gap (Kumar et al. 2019).
+for the top shape. The classwise error is the mean over shapes k of the same for p_k and the event "the label is k"
+(Kull et al. 2019). The debiased error subtracts the variance of each gap from its square (Kumar et al. 2019).
 """
 
 from __future__ import annotations
@@ -27,17 +27,16 @@ def expected_calibration_error(
 ) -> float:
     """Mean gap between confidence and accuracy of the top shape over confidence bins (lo, hi]; in [0, 1].
 
-    Empty bins count nothing. Positive even for a perfectly calibrated model, by chance (Kumar et al. 2019).
+    It is positive by chance even for a perfectly calibrated model (Kumar et al. 2019).
 
     Args:
         probs: ``(n, K)``.
         labels: ``(n,)``.
         num_bins: bins over [0, 1].
-        binning: bins of equal ``width``, or of equal ``mass`` (as many rows in each, equal confidences together).
+        binning: bins of equal ``width``, or of equal ``mass``: the same number of rows in each, up to ties.
 
     Raises:
-        ValueError: rows that are no distributions, labels out of range, nothing at all, an unknown binning, fewer than
-            one or more than a million bins.
+        ValueError: as :func:`~belief.metrics.inputs.checked_pair` and :func:`bin_edges`.
 
     >>> round(expected_calibration_error([[0.9, 0.1], [0.9, 0.1]], [0, 1]), 3)
     0.4
@@ -53,17 +52,9 @@ def classwise_calibration_error(
 ) -> float:
     """Mean over the shapes k of the calibration error of p_k as the probability that it is k; in [0, 1].
 
-    Sees what the top shape hides: probabilities of the other shapes, which a search for one target lives on. It is
-    small where K is large, as most p_k are near zero.
-
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
-        num_bins: bins over [0, 1], of every shape.
-        binning: as for :func:`expected_calibration_error`, for every shape by itself.
-
-    Raises:
-        ValueError: as :func:`expected_calibration_error`.
+    Unlike the error of the top shape it includes the probabilities of all shapes, which a search for one target uses.
+    It is small for large K, because most p_k are near zero. Arguments and errors are those of
+    :func:`expected_calibration_error`; each shape has separate bins.
 
     >>> round(classwise_calibration_error([[0.9, 0.1], [0.9, 0.1]], [0, 1]), 3)
     0.4
@@ -71,33 +62,24 @@ def classwise_calibration_error(
     p, y = checked_pair(probs, labels)
     gaps = p.copy()
     gaps[np.arange(len(y)), y] -= 1.0
-    cells = bin_index(p, num_bins, binning) + num_bins * np.arange(p.shape[1])  # bins of their own for every shape
+    cells = bin_index(p, num_bins, binning) + num_bins * np.arange(p.shape[1])  # separate bins for each shape
     return float(np.abs(np.bincount(cells.ravel(), gaps.ravel())).sum() / p.size)
 
 
 def debiased_calibration_error(
     probs: ArrayLike, labels: ArrayLike, num_bins: int = 15, binning: Binning = "mass"
 ) -> float:
-    """Root mean square gap of the top shape with the part due to chance taken off; in (-1, 1].
+    """Root mean square gap of the top shape without the part due to chance; in (-1, 1].
 
-    Chance adds to the square of a bin's mean gap the variance of that mean, which the variance s_b² of the gaps within
-    the bin (with divisor n_b - 1) estimates without bias:
+    The expected square of a bin's mean gap includes the variance of that mean. The variance s_b² of the gaps within the
+    bin (with divisor n_b - 1) gives an unbiased estimate of it:
 
-        E² = Σ_b (n_b / n) (gap_b² - s_b² / n_b),        returned: √E², or -√-E² where E² is negative.
+        E² = Σ_b (n_b / n) (gap_b² - s_b² / n_b),        returned: √E², or -√-E² if E² is negative.
 
-    Where all confidences of a bin are equal this is the debiased estimator of Kumar et al. (2019), for which
-    s_b² / n_b = ȳ_b (1 - ȳ_b) / (n_b - 1). A *negative* value says that the model errs less than chance alone would
-    have it; it is not cut off at zero, so that E² of a calibrated model averages zero. A bin of one row counts nothing,
-    as its noise is unknown.
+    For equal confidences within each bin this is the debiased estimator of Kumar et al. (2019). Negative values are
+    kept, so that E² of a calibrated model has mean zero. Bins of one row are left out, as their variance is unknown.
 
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
-        num_bins: bins over [0, 1].
-        binning: as for :func:`expected_calibration_error`; equal ``mass`` avoids bins of one row.
-
-    Raises:
-        ValueError: as :func:`expected_calibration_error`.
+    Arguments and errors are those of :func:`expected_calibration_error`; ``mass`` avoids bins of one row.
 
     >>> round(debiased_calibration_error([[0.9, 0.1]] * 4, [0, 0, 1, 1]), 3)  # √(0.16 - 0.25/3)
     0.277
@@ -115,18 +97,18 @@ def debiased_calibration_error(
 
 
 def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int64]:
-    """The bin in [0, num_bins) that each value lies in; bins are open below and closed above, but for the first.
+    """Index in [0, num_bins) of the bin (lo, hi] of each value; the first bin also includes its lower edge.
 
     Args:
-        values: in [0, 1], ``(n,)`` or ``(n, J)``, whose columns are binned by themselves.
+        values: in [0, 1], ``(n,)``, or ``(n, J)`` with separate bins for each column.
         num_bins: bins over [0, 1].
-        binning: of equal ``width``, or between quantiles of the values (``mass``).
+        binning: ``width`` for equal width, ``mass`` for quantiles of the values.
 
     Returns:
         Of the shape of the values.
 
     Raises:
-        ValueError: an unknown binning; fewer than one or more than a million bins.
+        ValueError: as :func:`bin_edges`.
 
     >>> bin_index(np.array([0.0, 0.5, 0.51, 1.0]), 2, "width").tolist()
     [0, 0, 1, 1]
@@ -137,13 +119,16 @@ def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int
     if binning == "mass":
         return np.maximum(np.searchsorted(edges, values) - 1, 0)
     index = np.minimum((values * num_bins).astype(np.int64), num_bins - 1)  # five times as fast as a search
-    index -= values <= edges[index]  # on an edge, or rounded over one
+    index -= values <= edges[index]  # on an edge, or across one by rounding
     index += values > edges[index + 1]
     return np.maximum(index, 0)
 
 
 def bin_edges(values: Floats, num_bins: int, binning: Binning) -> Floats:
-    """Where the bins of :func:`bin_index` begin and end, ``(num_bins + 1,)``, non-decreasing.
+    """Edges of the bins of :func:`bin_index`, ``(num_bins + 1,)``, non-decreasing.
+
+    Raises:
+        ValueError: an unknown binning; fewer than one or more than a million bins.
 
     >>> bin_edges(np.array([0.3, 0.4, 0.9]), 2, "mass").tolist()
     [0.3, 0.4, 0.9]

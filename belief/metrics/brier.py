@@ -13,11 +13,7 @@ from belief.problem import Floats
 
 
 def brier_score(probs: ArrayLike, labels: ArrayLike) -> float:
-    """Mean over rows of the squared distance to the one-hot label, summed over shapes; in [0, 2].
-
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
+    """Mean squared distance of ``probs (n, K)`` to the one-hot ``labels (n,)``, summed over shapes; in [0, 2].
 
     >>> round(brier_score([[0.5, 0.5], [0.9, 0.1]], [0, 0]), 4)
     0.26
@@ -34,12 +30,11 @@ class BrierDecomposition:
 
     Attributes:
         reliability: mean squared gap between the predicted and the observed frequency of a bin; 0 is best.
-        resolution: variance of the observed frequency between bins, up to ``uncertainty``; more is better.
-        uncertainty: variance of the labels themselves, which no prediction changes.
-        within_bin_variance: of the predictions that share a bin.
-        within_bin_covariance: twice the covariance of predictions and labels that share a bin; what the predictions
-            tell beyond their bin. Negative if they mislead there.
-        shapes: the same for each of the K shapes, where this is their sum; else empty.
+        resolution: variance of the observed frequency between bins, at most ``uncertainty``; more is better.
+        uncertainty: variance of the labels, independent of the predictions.
+        within_bin_variance: variance of the predictions within bins.
+        within_bin_covariance: twice the covariance of predictions and labels within bins.
+        shapes: the terms of each of the K shapes if this is their sum; else empty.
 
     >>> BrierDecomposition(0.01, 0.2, 0.25, 0.0, 0.0).score
     0.06
@@ -62,21 +57,11 @@ class BrierDecomposition:
 def brier_decomposition(
     probs: ArrayLike, labels: ArrayLike, num_bins: int = 15, binning: Binning = "width"
 ) -> BrierDecomposition:
-    """How much of the Brier score is miscalibration, and how much is lack of information.
+    """Decomposition of the Brier score into miscalibration and lack of information.
 
-    Murphy's (1973) reliability - resolution + uncertainty of "it is shape k" for every k, over bins of p_k, with
-    the two terms within bins of Stephenson et al. (2008), without which the sum is exact only if all p_k in a bin are
-    equal.
-
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
-        num_bins: bins over [0, 1], of every shape.
-        binning: bins of equal ``width``, or of equal ``mass``.
-
-    Raises:
-        ValueError: rows that are no distributions, labels out of range, nothing at all, an unknown binning, fewer than
-            one or more than a million bins.
+    Murphy's (1973) reliability - resolution + uncertainty of the event "the label is k" for every k, over bins of p_k,
+    with the two terms within bins of Stephenson et al. (2008), which make the sum exact. Arguments and errors are those
+    of :func:`~belief.metrics.binned.classwise_calibration_error`.
 
     >>> parts = brier_decomposition([[0.8, 0.2]] * 4 + [[0.4, 0.6]] * 4, [0, 0, 0, 1, 1, 1, 1, 0])
     >>> round(parts.reliability, 4), round(parts.resolution, 4), round(parts.uncertainty, 4), round(parts.score, 4)

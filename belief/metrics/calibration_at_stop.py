@@ -1,7 +1,7 @@
-"""Calibration at stopping: the stated confidence of searches when they stop, and how many of them are right.
+"""Calibration at stopping: stated confidence and accuracy of searches at their end, by number of touches.
 
-Scores are given for each number of touches. Touches of one object have correlated errors, so a model that treats them
-as independent is well calibrated after one touch and overconfident after several; an average over all hides that.
+Touches of one object have correlated errors, so a model that treats them as independent may be calibrated after one
+touch and overconfident after several. An average over all numbers of touches does not show that.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ from belief.validation import as_real, unmasked
 
 @dataclass(frozen=True)
 class StopScore:
-    """Stated confidence and share right of the episodes that stopped after one number of touches, or of all.
+    """Stated confidence and accuracy of the episodes that stopped after a number of touches, or of all.
 
     Attributes:
-        num_touches: at which they stopped; None for all episodes together.
-        count: how many they are, ≥ 1.
-        mean_stated: mean of their stated confidence.
-        share_right: how many of them were right.
-        low: lower Clopper-Pearson bound of that share.
-        high: upper Clopper-Pearson bound.
+        num_touches: at the stop; None for all episodes together.
+        count: number of episodes, ≥ 1.
+        mean_stated: mean stated confidence.
+        share_right: fraction of correct answers.
+        low, high: Clopper-Pearson bounds of that fraction.
 
     >>> StopScore(num_touches=2, count=50, mean_stated=0.97, share_right=0.8, low=0.66, high=0.9).is_consistent
     False
@@ -42,16 +41,16 @@ class StopScore:
 
     @property
     def is_consistent(self) -> bool:
-        """Whether the mean stated confidence lies in the interval for the share right."""
+        """Whether the mean stated confidence lies in the interval [low, high]."""
         return self.low <= self.mean_stated <= self.high
 
 
 @dataclass(frozen=True)
 class CalibrationAtStop:
-    """Stated confidence and share right at the stop, by number of touches; prints as a table.
+    """Stated confidence and accuracy at the stop, by number of touches; prints as a table.
 
     Attributes:
-        by_num_touches: one score for each number of touches that occurred, in rising order.
+        by_num_touches: one score for each number of touches that occurs, in ascending order.
         overall: of all episodes.
         confidence: of the intervals.
 
@@ -80,12 +79,12 @@ class CalibrationAtStop:
 def calibration_at_stop(
     stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike, confidence: float = 0.95
 ) -> CalibrationAtStop:
-    """Compare the stated confidence of searches with how often they are right, by number of touches.
+    """Compare the stated confidence of searches with their accuracy, by number of touches.
 
     Args:
         stated: stated confidence, the posterior probability of the answer at the stop, ``(n,)``, in [0, 1].
-        correct: whether the answer was right, ``(n,)``, booleans or 0 and 1.
-        num_touches: after which it stopped, ``(n,)``, integers ≥ 0.
+        correct: whether the answer was correct, ``(n,)``, booleans or 0 and 1.
+        num_touches: number of touches at the stop, ``(n,)``, integers ≥ 0.
         confidence: of the intervals, in (0, 1).
 
     Raises:

@@ -26,13 +26,13 @@ def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class ShapeScore:
-    """How well one shape is recognised; a ratio without cases is 0.
+    """Precision, recall and F1 of one shape; a ratio without cases is 0.
 
     Attributes:
-        precision: share of what was taken for it that was it.
-        recall: share of it that was recognised.
+        precision: fraction of its predictions that are correct.
+        recall: fraction of its rows that are predicted correctly.
         f1: harmonic mean of the two.
-        support: how many there were.
+        support: number of its rows.
 
     >>> ShapeScore(precision=0.5, recall=1.0, f1=2 / 3, support=3).support
     3
@@ -57,11 +57,11 @@ def shape_scores(confusion: ArrayLike) -> list[ShapeScore]:
         raise ValueError(f"need counts (K, K) with K ≥ 1, got {counts.shape}")
     if not (np.isfinite(counts).all() and (counts >= 0).all()):
         raise ValueError(f"counts must be finite and ≥ 0, got {counts.tolist()}")
-    right, taken, there = np.diag(counts), counts.sum(axis=0), counts.sum(axis=1)
+    right, predicted, true = np.diag(counts), counts.sum(axis=0), counts.sum(axis=1)
     scores = []
     for k in range(len(counts)):
-        precision = right[k] / taken[k] if taken[k] else 0.0
-        recall = right[k] / there[k] if there[k] else 0.0
-        f1 = 2 * right[k] / (taken[k] + there[k]) if taken[k] + there[k] else 0.0
-        scores.append(ShapeScore(float(precision), float(recall), float(f1), int(there[k])))
+        precision = right[k] / predicted[k] if predicted[k] else 0.0
+        recall = right[k] / true[k] if true[k] else 0.0
+        f1 = 2 * right[k] / (predicted[k] + true[k]) if predicted[k] + true[k] else 0.0
+        scores.append(ShapeScore(float(precision), float(recall), float(f1), int(true[k])))
     return scores

@@ -1,4 +1,4 @@
-"""Validation of the probabilities and labels that metrics take."""
+"""Validation of the arguments of metrics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def checked_probs(probs: ArrayLike) -> Floats:
         probs: ``(n, K)``, n ≥ 1, K ≥ 1; rows sum to one within 2e-3.
 
     Raises:
-        ValueError: empty, not two-dimensional, or a row that is no distribution; names the first such row.
+        ValueError: empty, not two-dimensional, or a row that is not a distribution; the message names the row.
 
     >>> float(checked_probs([[0.5, 0.501]]).sum())
     1.0
@@ -35,14 +35,14 @@ def checked_probs(probs: ArrayLike) -> Floats:
 
 
 def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """Predicted distributions and true shapes that belong together.
+    """Predicted distributions and true shapes, checked.
 
     Args:
         probs: ``(n, K)``, as for :func:`checked_probs`.
         labels: shape indices in [0, K), integers, ``(n,)``.
 
     Raises:
-        ValueError: as :func:`checked_probs`; labels of another number, that are no integers, or out of range.
+        ValueError: as :func:`checked_probs`; another number of labels, or labels that are not integers in [0, K).
 
     >>> checked_pair([[0.5, 0.5]], [1])[1].tolist()
     [1]
@@ -54,7 +54,7 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
 
 
 def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Confidence in the most probable shape, and whether it is the true one; ties go to the first shape.
+    """Confidence in the most probable shape, and whether it is correct; of equal probabilities the first is taken.
 
     Args:
         probs: checked, ``(n, K)``.

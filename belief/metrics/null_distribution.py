@@ -20,21 +20,21 @@ _BLOCK = 2_000_000  # labels held in memory at a time
 def null_quantile(
     probs: ArrayLike, metric: Metric, rng: np.random.Generator, quantile: float = 0.95, num_resamples: int = 1000
 ) -> float:
-    """What a *perfectly calibrated* model with these predictions scores by chance.
+    """Quantile of a metric for a perfectly calibrated model with these predictions.
 
-    Labels are drawn from the predicted probabilities, so that the only error is that of n being finite. A model whose
-    calibration error is below the 95 % quantile cannot be told from a calibrated one.
+    Labels are drawn from the predicted probabilities. A model whose calibration error is below the 95 % quantile cannot
+    be distinguished from a calibrated one.
 
     Args:
         probs: ``(n, K)``.
-        metric: a function of ``(probs (n, K), labels (n,))``, such as ``expected_calibration_error``; options by
-            ``functools.partial``.
-        rng: source of the labels.
+        metric: a function of ``(probs (n, K), labels (n,))``, such as ``expected_calibration_error``.
+        rng: draws the labels.
         quantile: in (0, 1).
-        num_resamples: sets of n labels; 1000 of 12 000 take about a second for a binned error.
+        num_resamples: number of sets of n labels.
 
     Raises:
-        ValueError: rows that are no distributions, a quantile outside (0, 1), a metric that returns NaN or infinity.
+        ValueError: as :func:`~belief.metrics.inputs.checked_probs`; a quantile outside (0, 1), or a metric that returns
+            NaN or infinity.
 
     >>> from belief.metrics import expected_calibration_error
     >>> sure, unsure = np.array([[1.0, 0.0]] * 100), np.array([[0.5, 0.5]] * 100)
@@ -50,22 +50,19 @@ def null_quantile(
 
 
 def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
-    """Sets of labels drawn from the probabilities, ``(some of the sets, n)`` at a time.
+    """Sets of labels drawn from the probabilities, in blocks ``(number of sets, n)`` that fit in memory.
 
     Args:
         probs: checked, ``(n, K)``.
-        rng: source of the labels.
+        rng: draws the labels.
         num_resamples: number of sets.
-
-    Returns:
-        Blocks that fit in memory. A shape of probability zero is never drawn.
 
     >>> next(drawn_labels(np.array([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0), 2)).tolist()
     [[1, 0], [1, 0]]
     """
     require_count("num_resamples", num_resamples)
     cumulative = probs.cumsum(axis=1)
-    cumulative /= cumulative[:, -1:]  # to one exactly, whatever the rounding
+    cumulative /= cumulative[:, -1:]  # exactly one at the end
     size = max(1, _BLOCK // len(probs))
     for done in range(0, num_resamples, size):
         uniform = rng.random((min(size, num_resamples - done), len(probs)))
@@ -76,10 +73,10 @@ def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) ->
 
 
 def evaluated(metric: Metric, probs: Floats, labels: NDArray[np.int64]) -> float:
-    """The metric's value, which must be a finite number.
+    """The metric's value.
 
     Raises:
-        ValueError: it is not.
+        ValueError: it is not finite.
 
     >>> evaluated(lambda probs, labels: np.nan, np.eye(2), np.arange(2))
     Traceback (most recent call last):

@@ -1,4 +1,4 @@
-"""The reliability curve: share of right predictions by confidence, with consistency bands."""
+"""The reliability curve: accuracy by confidence, with consistency bands."""
 
 from __future__ import annotations
 
@@ -16,16 +16,14 @@ from belief.statistics.inputs import require_fraction
 
 @dataclass(frozen=True, eq=False)
 class ReliabilityCurve(FrozenArrays):
-    """One entry for each bin that is not empty, in order of confidence, all ``(B,)`` with 1 ≤ B ≤ ``num_bins``.
+    """One entry for each bin that is not empty, in ascending order, all ``(B,)`` with 1 ≤ B ≤ ``num_bins``.
 
     Attributes:
-        lower: edge of the bin, outside it (but for zero).
-        upper: edge of the bin, inside it.
+        lower, upper: edges of the bin (lower, upper].
         count: rows in the bin, ≥ 1.
         mean_confidence: of these rows.
-        accuracy: share of these rows that were right.
-        band_low: a calibrated model's accuracy in the bin lies between this
-        band_high: and this with the probability asked for, at least.
+        accuracy: fraction of these rows that are correct.
+        band_low, band_high: the accuracy of a calibrated model lies between them with at least the given probability.
 
     >>> curve = reliability_curve([[0.9, 0.1], [0.9, 0.1]], [0, 1])
     >>> curve.accuracy.tolist(), curve.is_consistent.tolist()
@@ -56,23 +54,20 @@ def reliability_curve(
 ) -> ReliabilityCurve:
     """Mean confidence against accuracy in bins (lo, hi], with consistency bands (Bröcker and Smith 2007).
 
-    The bands say where the *accuracy* would lie, were the predictions right: a point outside is miscalibrated, whatever
-    the number of rows. They are binomial quantiles at the bin's mean confidence. Exactly, the number right is a sum of
-    tosses with unequal probabilities; that is less spread than the binomial of the same mean (Hoeffding 1956), so that
-    the bands err on the side of calling a point consistent, by little in narrow bins, need no random numbers, and cost
-    the same for a million rows.
+    The bands are binomial quantiles at the bin's mean confidence. They are slightly too wide, because the number of
+    correct rows has unequal probabilities and therefore less spread than the binomial (Hoeffding 1956).
 
     Args:
         probs: ``(n, K)``.
         labels: ``(n,)``.
         num_bins: bins over [0, 1].
-        binning: bins of equal ``width``, or of equal ``mass``.
-        shape: of which shape p_k is compared with "it is k"; by default the top shape of each row.
-        confidence: of each band by itself, in (0, 1).
+        binning: as for :func:`~belief.metrics.binned.expected_calibration_error`.
+        shape: k, to compare p_k with the event "the label is k"; by default the top shape of each row.
+        confidence: of each single band, in (0, 1).
 
     Raises:
-        ValueError: rows that are no distributions, labels or shape out of range, nothing at all, an unknown binning,
-            fewer than one or more than a million bins, a confidence outside (0, 1).
+        ValueError: as :func:`~belief.metrics.inputs.checked_pair` and :func:`~belief.metrics.binned.bin_edges`; a shape
+            or a confidence out of range.
 
     >>> curve = reliability_curve([[0.8, 0.2]] * 10 + [[0.3, 0.7]] * 10, [0] * 20, num_bins=10)
     >>> curve.mean_confidence.round(2).tolist(), curve.accuracy.tolist(), curve.band_low.round(1).tolist()

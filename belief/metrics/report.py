@@ -24,11 +24,11 @@ from belief.metrics.smooth import smooth_calibration_error
 
 @dataclass(frozen=True)
 class CalibrationError:
-    """A calibration error beside what chance makes of it.
+    """A calibration error with its null quantile.
 
     Attributes:
         value: of the model.
-        null_quantile: what a perfectly calibrated model with these predictions stays below in 95 % of cases.
+        null_quantile: 95 % quantile for a perfectly calibrated model with these predictions.
 
     >>> CalibrationError(value=0.03, null_quantile=0.02).exceeds_chance
     True
@@ -39,24 +39,24 @@ class CalibrationError:
 
     @property
     def exceeds_chance(self) -> bool:
-        """Whether a calibrated model would hardly score this."""
+        """Whether the value exceeds the null quantile."""
         return self.value > self.null_quantile
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationReport:
-    """How good a model's probabilities are; prints as a table.
+    """Scores and calibration errors of a model's probabilities; prints as a table.
 
     Attributes:
         num_rows: n.
-        accuracy: share of rows whose top shape is the true one.
+        accuracy: fraction of rows whose top shape is correct.
         negative_log_likelihood: [nats]; infinite if a true shape had probability zero.
         brier: the Brier score (``brier.score``) and its terms.
         ece_width: expected calibration error of the top shape, bins of equal width.
-        ece_mass: the same, bins of as many rows.
-        ece_classwise: mean of the calibration errors of the single shapes.
-        debiased: root mean square error less what chance adds; negative if chance would add more.
-        smooth: smECE, which has no bins.
+        ece_mass: the same, bins of equal mass.
+        ece_classwise: classwise calibration error.
+        debiased: debiased calibration error, which may be negative.
+        smooth: smECE.
         curve: reliability curve of the top shape.
     """
 
@@ -72,7 +72,7 @@ class CalibrationReport:
     curve: ReliabilityCurve
 
     def to_dict(self) -> dict[str, Any]:
-        """Nested plain dictionaries, lists and numbers; strict JSON has no word for an infinite likelihood.
+        """Nested dictionaries, lists and numbers; an infinite likelihood is not valid in strict JSON.
 
         >>> calibration_report([[0.8, 0.2]] * 5, [0, 0, 0, 0, 1], num_resamples=20).to_dict()["curve"]["accuracy"]
         [0.8]
@@ -112,22 +112,21 @@ def calibration_report(
     num_bins: int = 15,
     num_resamples: int = 200,
 ) -> CalibrationReport:
-    """Scores, calibration errors beside what chance makes of them, and the reliability curve.
+    """Scores, calibration errors with their null quantiles, and the reliability curve.
 
     Args:
         probs: ``(n, K)``.
         labels: ``(n,)``.
-        rng: source of the labels behind the 95 % null quantiles; by default one that starts alike at every call, so
-            that equal data give equal reports.
-        num_bins: of the binned errors, of the Brier score's terms and of the curve.
-        num_resamples: sets of labels behind the quantiles, about 7 ms each at n = 12 000.
+        rng: draws the labels for the null quantiles; seed 0 by default.
+        num_bins: of the binned errors, the terms of the Brier score and the curve.
+        num_resamples: sets of labels for the null quantiles, about 7 ms each at n = 12 000.
 
     Raises:
-        ValueError: rows that are no distributions, labels out of range, nothing at all, bins or resamples not positive.
+        ValueError: as :func:`~belief.metrics.inputs.checked_pair`; ``num_bins`` or ``num_resamples`` out of range.
 
     >>> rng = np.random.default_rng(0)
     >>> probs = np.repeat([[0.9, 0.1], [0.6, 0.4]], 500, axis=0)
-    >>> labels = (rng.random(1000) > 0.75).astype(int)       # right in three of four rows, whatever was claimed
+    >>> labels = (rng.random(1000) > 0.75).astype(int)       # accuracy 75 % at any confidence
     >>> print(calibration_report(probs, labels))
     1000 rows, accuracy 0.7330, NLL 0.6672 nats
     Brier 0.4448: reliability 0.0537, resolution 0.0003, uncertainty 0.3914

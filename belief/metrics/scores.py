@@ -9,11 +9,7 @@ from belief.metrics.inputs import checked_pair
 
 
 def accuracy(probs: ArrayLike, labels: ArrayLike) -> float:
-    """Share of rows whose most probable shape is the true one, in [0, 1].
-
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
+    """Fraction of rows of ``probs (n, K)`` whose most probable shape is the label ``(n,)``, in [0, 1].
 
     >>> accuracy([[0.5, 0.5], [0.9, 0.1]], [0, 1])     # a tie goes to the first
     0.5
@@ -23,11 +19,7 @@ def accuracy(probs: ArrayLike, labels: ArrayLike) -> float:
 
 
 def negative_log_likelihood(probs: ArrayLike, labels: ArrayLike) -> float:
-    """Mean of -log p(label) [nats], ≥ 0; infinite if some label had probability zero.
-
-    Args:
-        probs: ``(n, K)``.
-        labels: ``(n,)``.
+    """Mean of -log p(label) [nats] for ``probs (n, K)``, ``labels (n,)``; infinite if a label has probability zero.
 
     >>> round(negative_log_likelihood([[0.5, 0.5], [0.9, 0.1]], [0, 0]), 4)
     0.3993

@@ -55,7 +55,7 @@ class LabelledTouches(FrozenArrays):
         """The data of touches with labels.
 
         Args:
-            touches: at least one.
+            touches: at least one, of objects outside the classifier's training set.
             shapes: true shape index of each, ``(n,)``.
             object_ids: object of each, ``(n,)``, any labels; by default every touch is of another object.
             shape_labels: names of the shapes; by default ``shape_0`` and so on.

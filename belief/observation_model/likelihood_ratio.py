@@ -99,18 +99,9 @@ class RatioModel(ArrayModel):
     ) -> RatioModel:
         """Fit the calibration to all touches, and ρ to cross-fitted posteriors.
 
-        Args:
-            touches: calibration touches of objects outside the classifier's training set, some of them touched several
-                times in one pose (see ``status``).
-            shapes: true shape index of each, ``(n,)``.
-            object_ids: object of each touch, ``(n,)``; by default every touch is of another object.
-            shape_labels: names of the shapes.
-            num_poses: P.
-            calibration: unfitted; structured matrix scaling by default.
-            num_folds: folds of whole objects in which ρ is cross-fitted.
-
-        Raises:
-            ValueError: see :meth:`LabelledTouches.of`.
+        ``calibration`` is unfitted, by default structured matrix scaling. ``num_folds`` is the number of folds of whole
+        objects in which ρ is cross-fitted. Other arguments and errors are those of :meth:`LabelledTouches.of`; some
+        objects should be touched several times in one pose.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
@@ -137,7 +128,6 @@ class RatioModel(ArrayModel):
         return len(self.references)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`."""
         log_ratio = self._log_ratio(batch)
         if batch.num_touches == 1:
             return log_ratio[:, 0]

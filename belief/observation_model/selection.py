@@ -160,14 +160,8 @@ def choose_observation_model(
 ) -> ModelChoice:
     """The candidate with the least :func:`cross_validated_nll`, fitted to all touches.
 
-    Args:
-        touches: calibration touches of objects outside the classifier's training set.
-        shapes: true shape of each, ``(n,)``.
-        object_ids: object of each, ``(n,)``.
-        shape_labels: names of the K shapes.
-        num_poses: P.
-        candidates: functions that fit a model, by name.
-        num_folds: folds of the cross-validation.
+    Candidates are functions that fit a model, by name. Other arguments and errors are those of
+    :func:`cross_validated_nll` and of the candidates.
 
     Example:
         >>> from belief.synthetic import random_model

@@ -1,9 +1,8 @@
 """Intervals and comparisons for success rates, costs and returns.
 
-Use Wilson intervals to show a rate, and Clopper-Pearson intervals where the coverage must be guaranteed. Use McNemar's
-test or the paired bootstrap where two deciders play the same episodes, the cluster bootstrap where groups of values
-have correlated errors, the stratified bootstrap where every stratum counts alike, and a Pareto front where cost and
-quality are traded.
+Use Wilson intervals to show a rate, and Clopper-Pearson intervals for guaranteed coverage. Use McNemar's test or the
+paired bootstrap for two deciders on the same episodes, the cluster bootstrap for groups of values with correlated
+errors, the stratified bootstrap for equally weighted strata, and the Pareto front for trade-offs of cost and quality.
 """
 
 from belief.statistics.bootstrap import cluster_bootstrap, paired_bootstrap, stratified_bootstrap

@@ -24,14 +24,14 @@ def paired_bootstrap(
     """Mean of ``first - second`` over paired episodes, with a percentile bootstrap interval over the pairs.
 
     Args:
-        first: one number an episode, ``(n,)``.
+        first: one number per episode, ``(n,)``.
         second: the same episodes in the same order, ``(n,)``.
-        rng: source of the resamples.
+        rng: draws the resamples.
         confidence: of the interval, in (0, 1).
         num_resamples: bootstrap resamples.
 
     Returns:
-        (mean difference, lower bound, upper bound); where all differences are equal the bounds are that difference.
+        (mean difference, lower bound, upper bound).
 
     Raises:
         ValueError: empty, of different lengths, not finite or beyond ±1e150.
@@ -53,22 +53,10 @@ def cluster_bootstrap(
     confidence: float = 0.95,
     num_resamples: int = 2000,
 ) -> tuple[float, float, float]:
-    """Mean of values that come in clusters, with a percentile bootstrap interval that resamples whole clusters.
+    """Mean of clustered values, with a percentile bootstrap interval that resamples whole clusters.
 
-    Touches of one object err together, so an interval that took them for independent would be too narrow.
-
-    Args:
-        values: ``(n,)``.
-        clusters: to which each belongs, ``(n,)``; any labels.
-        rng: source of the resamples.
-        confidence: of the interval, in (0, 1).
-        num_resamples: bootstrap resamples.
-
-    Returns:
-        (mean, lower bound, upper bound).
-
-    Raises:
-        ValueError: empty, of different lengths, not finite or beyond ±1e150.
+    Values ``(n,)`` have cluster labels ``(n,)`` of any kind, such as the object of a touch: touches of one object have
+    correlated errors. Other arguments, result and errors are those of :func:`paired_bootstrap`.
 
     >>> [round(x, 2) for x in cluster_bootstrap([1, 1, 0, 0], ["a", "a", "b", "b"], np.random.default_rng(0))]
     [0.5, 0.0, 1.0]
@@ -90,26 +78,25 @@ def stratified_bootstrap(
     num_resamples: int = 2000,
     weights: Mapping[Hashable, float] | None = None,
 ) -> tuple[float, float, float]:
-    """Weighted mean of the means of strata, with a percentile bootstrap interval that resamples within each stratum.
+    """Weighted mean of the means of strata, with a percentile bootstrap interval that resamples within strata.
 
-    For a rate in which every target shape counts the same, however many episodes sought it. The make-up of the sample
-    is held fixed, as it was when the episodes were planned. For a comparison of deciders on the same episodes, give the
+    The numbers of values per stratum are held fixed. For a comparison of deciders on the same episodes, pass the
     differences as values.
 
     Args:
         values: ``(n,)``.
-        strata: to which each belongs, ``(n,)``; any labels.
-        rng: source of the resamples.
+        strata: stratum of each value, ``(n,)``; any labels.
+        rng: draws the resamples.
         confidence: of the interval, in (0, 1).
         num_resamples: bootstrap resamples.
-        weights: of every stratum, by label, ≥ 0 and not all zero, scaled here to sum to one; equal ones by default.
+        weights: of each stratum, by label, ≥ 0 and not all zero; they are normalised. Equal by default.
 
     Returns:
-        (weighted mean, lower bound, upper bound). A stratum of one value adds nothing to the width.
+        (weighted mean, lower bound, upper bound).
 
     Raises:
-        ValueError: empty, of different lengths, not finite or beyond ±1e150; weights that are negative, or that name
-            other strata than there are.
+        ValueError: empty, of different lengths, not finite or beyond ±1e150; invalid weights, or weights of other
+            strata.
 
     >>> rng = np.random.default_rng(0)
     >>> [round(x, 2) for x in stratified_bootstrap([1, 1, 1, 1, 0, 1], ["cube"] * 4 + ["cone"] * 2, rng)]
@@ -138,7 +125,7 @@ def _shares(names: list[Hashable], weights: Mapping[Hashable, float] | None) -> 
 
 
 def _resampled_means(values: Floats, rng: np.random.Generator, num_resamples: int) -> Floats:
-    """Means of resamples, ``(num_resamples,)``; drawing is left out where it could change nothing."""
+    """Means of resamples, ``(num_resamples,)``; nothing is drawn if all values are equal."""
     require_count("num_resamples", num_resamples)
     if np.ptp(values) == 0.0:
         return np.full(num_resamples, values[0])
@@ -146,7 +133,7 @@ def _resampled_means(values: Floats, rng: np.random.Generator, num_resamples: in
 
 
 def _index_blocks(size: int, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
-    """Indices of the resamples, ``(some of the resamples, size)`` at a time: a million rows do not fit at once."""
+    """Indices of the resamples, in blocks ``(number of resamples, size)`` that fit in memory."""
     require_count("num_resamples", num_resamples)
     rows = max(1, _BLOCK // size)
     for done in range(0, num_resamples, rows):
@@ -154,13 +141,13 @@ def _index_blocks(size: int, rng: np.random.Generator, num_resamples: int) -> It
 
 
 def _with_bounds(values: Floats, means: Floats, confidence: float) -> tuple[float, float, float]:
-    if np.ptp(values) == 0.0:  # the mean of equal values may round to another
+    if np.ptp(values) == 0.0:  # the mean of equal values may differ by rounding
         return float(values[0]), float(values[0]), float(values[0])
     return float(values.mean()), *_percentiles(means, confidence)
 
 
 def _percentiles(means: Floats, confidence: float) -> tuple[float, float]:
-    """The bounds between which the middle of the resampled means lies."""
+    """Percentiles of the resampled means."""
     tail = (1.0 - confidence) / 2
     low, high = np.quantile(means, [tail, 1.0 - tail])
     return float(low), float(high)

@@ -1,4 +1,4 @@
-"""Validation of the inputs of this package and of :mod:`belief.metrics`."""
+"""Validation of the arguments of :mod:`belief.statistics` and :mod:`belief.metrics`."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
     """The values as float64, if each is finite and at most 1e150 in size.
 
     Args:
-        name: what an error calls them.
+        name: of the argument, for the error.
         values: numbers, of any shape.
 
     Raises:
-        ValueError: masked, no numbers, NaN, infinite or beyond ±1e150; names the first such place.
+        ValueError: masked, not numbers, NaN, infinite or beyond ±1e150; the message names the first such place.
 
     >>> checked_values("costs", [1, 2]).tolist()
     [1.0, 2.0]
@@ -38,14 +38,14 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
 
 
 def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
-    """Right or wrong, one an episode, as booleans; numbers that are all 0 or 1 will do.
+    """Outcomes of episodes as booleans, from booleans or numbers 0 and 1.
 
     Args:
-        name: what an error calls them.
+        name: of the argument, for the error.
         outcomes: ``(n,)``, n ≥ 1.
 
     Raises:
-        ValueError: empty, not one-dimensional, or something other than 0 and 1; names the first such row.
+        ValueError: empty, not one-dimensional, or other values than 0 and 1; the message names the first such row.
 
     >>> checked_outcomes("first", [1, 0]).tolist()
     [True, False]
@@ -54,7 +54,7 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
     if x.dtype.kind not in "fiub":
         raise InvalidArgument(f"{name} must be right (1) or wrong (0), got an array of {x.dtype}")
     if x.ndim != 1 or x.size == 0:
-        raise ValueError(f"{name} must hold one outcome an episode, at least one; got shape {x.shape}")
+        raise ValueError(f"{name} must hold one outcome per episode, at least one; got shape {x.shape}")
     bad = ~((x == 0) | (x == 1))
     if bad.any():
         row = int(np.argmax(bad))
@@ -63,10 +63,10 @@ def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
 
 
 def require_fraction(name: str, value: float) -> None:
-    """Refuse what does not lie strictly between 0 and 1, such as a confidence given in percent.
+    """Check that an argument lies strictly between 0 and 1.
 
     Raises:
-        ValueError: names the value.
+        InvalidArgument: it does not, such as a confidence in percent.
 
     >>> require_fraction("confidence", 95)
     Traceback (most recent call last):
@@ -77,9 +77,9 @@ def require_fraction(name: str, value: float) -> None:
 
 
 def normal_quantile(confidence: float) -> float:
-    """How many standard deviations on either side of the mean hold so much of a normal distribution.
+    """The z for which a standard normal variable lies in [-z, z] with the probability ``confidence``.
 
-    Finite for any confidence below one, also where one plus it rounds to two.
+    It is finite for any confidence below one.
 
     >>> round(normal_quantile(0.95), 2), round(normal_quantile(1 - 1e-16), 2)
     (1.96, 8.29)

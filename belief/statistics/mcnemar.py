@@ -1,4 +1,4 @@
-"""McNemar's test: do two deciders that met the same episodes succeed equally often?"""
+"""McNemar's test for the success rates of two deciders on the same episodes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class McNemar:
     """Outcome of :func:`mcnemar_test`.
 
     Attributes:
-        num_episodes: n, episodes that both met.
+        num_episodes: n.
         first_only: episodes in which only the first was right.
         second_only: episodes in which only the second was right.
-        p_value: exact and two-sided, in [0, 1]; never too small, for claims.
-        mid_p_value: less half the probability of what was seen, on either side, in [0, 1]; closer to its nominal
-            level, and more powerful, where few episodes are discordant (Fagerland et al. 2013).
+        p_value: exact and two-sided, in [0, 1].
+        mid_p_value: p-value minus half the probability of the observed outcome on both sides, in [0, 1]; less
+            conservative with few discordant episodes (Fagerland et al. 2013).
 
     >>> McNemar(num_episodes=10, first_only=3, second_only=1, p_value=0.625, mid_p_value=0.375).difference
     0.2
@@ -34,25 +34,21 @@ class McNemar:
 
     @property
     def difference(self) -> float:
-        """By how much the first succeeds more often, in [-1, 1]."""
+        """Success rate of the first minus that of the second, in [-1, 1]."""
         return (self.first_only - self.second_only) / self.num_episodes
 
 
 def mcnemar_test(first_correct: ArrayLike, second_correct: ArrayLike) -> McNemar:
-    """Are two success rates on the same episodes equal? Only episodes in which one alone was right tell.
+    """Exact test of equal success rates on the same episodes, from booleans or 0 and 1, ``(n,)``, in the same order.
 
-    If they are, the b + c discordant episodes fall to either side like tosses of a fair coin, so that the p-value is
-    that of a binomial test. It is exact for any number; the chi-square approximation is not needed.
-
-    Args:
-        first_correct: whether the first decider was right, ``(n,)``, booleans or 0 and 1.
-        second_correct: the second, on the same episodes in the same order, ``(n,)``.
+    Under equal rates, the b + c episodes in which only one decider was right split as tosses of a fair coin, so the
+    p-value is that of a binomial test.
 
     Returns:
-        Both discordant counts and p-values; p = 1 where nothing is discordant.
+        Discordant counts and p-values; p = 1 without discordant episodes.
 
     Raises:
-        ValueError: empty, of different lengths, or something other than right and wrong.
+        ValueError: empty, of different lengths, or other values than 0 and 1.
 
     >>> result = mcnemar_test([1, 1, 1, 1, 1, 1, 0, 0], [0, 0, 0, 0, 0, 0, 1, 0])
     >>> result.first_only, result.second_only, result.p_value, round(result.mid_p_value, 4)

@@ -1,7 +1,7 @@
 """Pareto fronts of configurations that each have a cost and a success rate.
 
-One configuration dominates another if it costs no more and achieves no less, and is better in one of the two. What no
-other dominates forms the Pareto front: the offers among which a choice is a matter of taste.
+One configuration dominates another if it costs no more and achieves no less, and is better in one of the two. The
+Pareto front is the set of configurations that no other dominates.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from belief.statistics.inputs import checked_values
 
 
 def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:
-    """Which of C configurations no other dominates.
+    """Mask of the Pareto front of C configurations.
 
-    Equal configurations do not dominate each other. Takes C log C comparisons.
+    Equal configurations do not dominate each other.
 
     Args:
         costs: less is better, ``(..., C)``, C ≥ 1.
         qualities: more is better, ``(..., C)``.
 
     Returns:
-        ``(..., C)``, true on the front; every front has one member at least.
+        ``(..., C)``, true on the front.
 
     Raises:
         ValueError: no configurations, shapes that differ, values not finite or beyond ±1e150.
@@ -32,10 +32,10 @@ def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:
     [True, False, True]
     """
     c, q = _checked(costs, qualities)
-    order = np.lexsort((-q, c), axis=-1)  # by cost, the best of equal cost first
+    order = np.lexsort((-q, c), axis=-1)  # by cost, then by descending quality
     c, q = np.take_along_axis(c, order, -1), np.take_along_axis(q, order, -1)
     is_dearer = np.concatenate([np.ones_like(c[..., :1], bool), c[..., 1:] > c[..., :-1]], axis=-1)
-    start = np.maximum.accumulate(np.where(is_dearer, np.arange(c.shape[-1]), 0), axis=-1)  # of those of equal cost
+    start = np.maximum.accumulate(np.where(is_dearer, np.arange(c.shape[-1]), 0), axis=-1)  # of equal cost
     best_so_far = np.concatenate([np.full_like(q[..., :1], -np.inf), np.maximum.accumulate(q, axis=-1)], axis=-1)
     best_of_cheaper = np.take_along_axis(best_so_far, start, -1)
     on_front = (q > best_of_cheaper) & (q == np.take_along_axis(q, start, -1))
@@ -45,16 +45,9 @@ def pareto_front(costs: ArrayLike, qualities: ArrayLike) -> NDArray[np.bool_]:
 
 
 def pareto_probabilities(cost_samples: ArrayLike, quality_samples: ArrayLike) -> Floats:
-    """How often each configuration is on the front, over samples of what all of them truly cost and achieve.
+    """Fraction of samples ``(S, C)`` in which each of C configurations is on the Pareto front, ``(C,)``.
 
-    The samples are, for instance, means over bootstrap resamples of episodes, the same episodes for all configurations.
-
-    Args:
-        cost_samples: ``(S, C)``, S ≥ 1 samples of C ≥ 1 configurations.
-        quality_samples: ``(S, C)``, from the same resamples.
-
-    Returns:
-        ``(C,)``, in [0, 1]; sums to one at least.
+    Samples are, for example, means over bootstrap resamples, with the same episodes for all configurations.
 
     Raises:
         ValueError: empty, shapes that differ, values not finite or beyond ±1e150.

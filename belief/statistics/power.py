@@ -1,7 +1,7 @@
-"""How many paired episodes it takes to settle a difference.
+"""Sample size: number of paired episodes for a significant difference.
 
-Of two success rates on the same episodes only the discordant ones tell, in which one decider alone was right. If they
-make up a share ψ of all and the rates differ by δ, McNemar's test at level α finds it with probability 1 - β after
+If a fraction ψ of the episodes is discordant and the success rates differ by δ, McNemar's test at level α has the power
+1 - β after
 
     n = (z_{α/2} √ψ + z_β √(ψ - δ²))² / δ²                                           (Connor 1987)
 
@@ -22,15 +22,9 @@ LEVEL, POWER = 0.05, 0.8
 
 
 def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = POWER) -> int | None:
-    """Paired episodes, in all, after which McNemar's test probably settles a difference as large as the one seen.
+    """Total number of paired episodes for which McNemar's test detects the observed difference with a given power.
 
-    Args:
-        pairs: what was seen so far.
-        level: α, two-sided.
-        power: 1 - β.
-
-    Returns:
-        n; None where no difference was seen at all, so that no number follows from it.
+    The result is None if the observed difference is zero. ``level`` is the two-sided α.
 
     >>> from belief.statistics import mcnemar_test
     >>> episodes_for_success(mcnemar_test([True] * 97 + [False] * 3, [True] * 95 + [False] * 5))
@@ -44,15 +38,9 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
 
 
 def episodes_for_mean(differences: Sequence[float], level: float = LEVEL, power: float = POWER) -> int | None:
-    """Paired episodes, in all, after which a mean difference as large as the one seen probably stands out from zero.
+    """Total number of paired episodes for which a test detects the observed mean difference with a given power.
 
-    Args:
-        differences: one a pair, as seen so far.
-        level: α, two-sided.
-        power: 1 - β.
-
-    Returns:
-        n; None where the mean difference is zero, or known from one pair only.
+    The result is None if the mean difference is zero, or for fewer than two pairs. ``level`` is the two-sided α.
 
     >>> episodes_for_mean([1.0, 0.0, 1.0, -1.0])
     116
@@ -64,7 +52,7 @@ def episodes_for_mean(differences: Sequence[float], level: float = LEVEL, power:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """P-values corrected for there being several (Holm 1979): the chance of any false claim stays below the level.
+    """P-values with Holm's (1979) correction for multiple tests, which controls the family-wise error rate.
 
     >>> holm([0.01, 0.04, 0.03])
     [0.03, 0.06, 0.06]

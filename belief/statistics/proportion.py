@@ -1,4 +1,4 @@
-"""Intervals for the success rate behind a number of successes."""
+"""Confidence intervals of a proportion."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import math
 
 from belief.statistics.inputs import normal_quantile, require_fraction
 
-_MOST_TRIALS = 10**15  # a float counts no further
+_MOST_TRIALS = 10**15  # below the largest exact integer of a float
 
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson score interval of a proportion: to show (close to nominal coverage).
+    """Wilson score interval of a proportion, whose coverage is close to nominal.
 
     Raises:
-        ValueError: no trials or over 1e15, more successes than trials, fractions of a trial, a confidence outside
-            (0, 1).
+        ValueError: numbers that are not integers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ 1e15, or a confidence
+            outside (0, 1).
 
     >>> [round(x, 3) for x in wilson_interval(53, 100)]
     [0.433, 0.625]
@@ -28,11 +28,11 @@ def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tu
 
 
 def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Clopper-Pearson interval of a proportion: for claims (covers at least ``confidence``).
+    """Clopper-Pearson interval of a proportion, whose coverage is at least ``confidence``.
 
     Raises:
-        ValueError: no trials or over 1e15, more successes than trials, fractions of a trial, a confidence outside
-            (0, 1).
+        ValueError: numbers that are not integers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ 1e15, or a confidence
+            outside (0, 1).
 
     >>> [round(x, 4) for x in clopper_pearson_interval(0, 100)]
     [0.0, 0.0362]
@@ -45,11 +45,10 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
 
 
 def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:
-    some, every = float(successes), float(trials)  # small floats cannot be compared with the largest number of trials
+    some, every = float(successes), float(trials)  # float16 cannot be compared with the largest number of trials
     if not (some.is_integer() and every.is_integer() and 0 <= some <= every and 1 <= every <= _MOST_TRIALS):
         raise ValueError(
-            f"need whole numbers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, "
-            f"got {successes} of {trials}"
+            f"need integers with 0 ≤ successes ≤ trials and 1 ≤ trials ≤ {_MOST_TRIALS:g}, got {successes} of {trials}"
         )
     require_fraction("confidence", confidence)
     return int(successes), int(trials)

@@ -115,8 +115,7 @@ def object_bound(problem: TouchProblem, rng: np.random.Generator, weights: Seque
     Args:
         problem: one object.
         rng: samples the beliefs around which the grid is fine; any grid gives a valid bound.
-        weights: probability that each touch gives new information, see
-            :class:`~planners.pomdp.touch_costs.TouchCosts`.
+        weights: probability that each touch gives new information, see :class:`~planners.pomdp.touch_costs.TouchCosts`.
 
     With outcomes that are right nine times in ten and λ = 0.05, the best policy touches until the outcomes for one
     shape outnumber those for the other by two: V(0.9) = -λ + 0.82 · 0.976 + 0.18 (V(0.9) - λ), and

@@ -15,11 +15,7 @@ from planners.pomdp.touch_costs import TouchCosts
 def search_bound(problem: SearchTouchProblem, rng: np.random.Generator, weights: Sequence[float] = (1.0,)) -> float:
     """Upper bound on the optimal value of a search at its start: the tightest that its size allows.
 
-    Args:
-        problem: the search.
-        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
-        weights: probability that each touch of an object gives new information, see
-            :class:`~planners.pomdp.touch_costs.TouchCosts`.
+    Arguments are those of :func:`~planners.bounds.object.object_bound`, for a search.
 
     >>> perfect = SearchTouchProblem(np.eye(2)[None], 2, "distinct", target=0, touch_cost=0.1)
     >>> round(search_bound(perfect, np.random.default_rng(0)), 6)      # one touch decides between two shapes

@@ -17,14 +17,14 @@ _BLOCK = 4_000_000  # numbers in the largest array
 
 
 class SimplexGrid:
-    """Distributions over K values: all multiples of 1/n, and of 1/2n, 1/4n … around some.
+    """A grid of distributions over K values: all multiples of 1/n, and multiples of 1/2n, 1/4n, … near given ones.
 
-    A distribution is interpolated between the K corners of the finest triangle of which all are there.
+    A distribution is interpolated between the K corners of the finest simplex whose corners are all in the grid.
 
     Args:
         num_parts: K.
         levels: n, and multiples of it for finer grids.
-        around: distributions ``(B, K)`` at which the finer grids have points.
+        around: distributions ``(B, K)`` near which the finer grids have points.
 
     Attributes:
         points: ``(G, K)``.
@@ -51,7 +51,7 @@ class SimplexGrid:
         self.points = np.concatenate(counts)[index] / self._finest
 
     def look_up(self, distributions: Floats) -> tuple[NDArray[np.int64], Floats]:
-        """Indices of the points around each of ``(B, K)``, and the weights of which it is the mean, both ``(B, K)``."""
+        """Indices of the corners around each distribution ``(B, K)``, and its weights of them, both ``(B, K)``."""
         found = [self._look_up(some) for some in _blocks(distributions)]
         columns, weights = zip(*found, strict=True)
         return np.concatenate(columns), np.concatenate(weights)
@@ -71,7 +71,7 @@ class SimplexGrid:
         return columns, weights
 
     def _code(self, counts: NDArray[np.int64]) -> NDArray[Any]:
-        """A number for each point, or a word where numbers would overflow; the last count follows from the others."""
+        """An integer for each point, or bytes if integers would overflow; the last count follows from the others."""
         if (self._finest + 1) ** (self._num_parts - 1) <= np.iinfo(np.int64).max:
             return np.asarray(counts[..., :-1] @ (self._finest + 1) ** np.arange(self._num_parts - 1))
         letters = np.ascontiguousarray(counts[..., :-1], ">u2")
@@ -79,13 +79,13 @@ class SimplexGrid:
 
 
 def _blocks(distributions: Floats) -> list[Floats]:
-    """The rows ``(B, K)`` in parts of which all corners fit in memory; one part, if there are none."""
+    """The rows ``(B, K)`` in blocks whose corners fit in memory; one block if there are no rows."""
     size = max(1, _BLOCK // distributions.shape[1] ** 2)
     return [distributions[first : first + size] for first in range(0, max(len(distributions), 1), size)]
 
 
 def num_points(n: int, num_parts: int) -> int:
-    """Multiples of 1/n among distributions over so many values.
+    """Number of distributions over ``num_parts`` values that are multiples of 1/n.
 
     >>> num_points(2, 3)
     6
@@ -94,9 +94,9 @@ def num_points(n: int, num_parts: int) -> int:
 
 
 def _corners(distributions: Floats, n: int) -> tuple[NDArray[np.int64], Floats]:
-    """Multiples of 1/n around each distribution, as counts ``(B, K, K)``, and their weights in it, ``(B, K)``."""
+    """Corners around each distribution, in multiples of 1/n, ``(B, K, K)``, and its weights of them, ``(B, K)``."""
     num_parts = distributions.shape[1]
-    # Sums from the right turn the simplex into 0 ≤ x_K ≤ … ≤ x_1 = n, in which Freudenthal's cubes are sorted.
+    # Cumulative sums from the right map the simplex to 0 ≤ x_K ≤ … ≤ x_1 = n, the domain of Freudenthal's cubes.
     x = n * np.cumsum(distributions[:, ::-1], axis=1)[:, ::-1]
     x[:, 0] = n
     base = np.floor(np.minimum(x, n) + 1e-12).astype(np.int64)
@@ -104,7 +104,7 @@ def _corners(distributions: Floats, n: int) -> tuple[NDArray[np.int64], Floats]:
     order = np.argsort(-rest, axis=1, kind="stable")
     sorted_rest = np.take_along_axis(rest, order, axis=1)
     rank = np.argsort(order, axis=1)
-    # Corner j has stepped along the j axes of largest rest; the first axis, whose rest is zero, is never needed.
+    # Corner j takes a step along the j axes with the largest remainders.
     corners = base[:, None] + (rank[:, None, :] < np.arange(num_parts)[None, :, None])
     weights = np.empty((len(distributions), num_parts))
     weights[:, 0] = 1.0 - sorted_rest[:, 0]
@@ -114,7 +114,7 @@ def _corners(distributions: Floats, n: int) -> tuple[NDArray[np.int64], Floats]:
 
 
 def _compositions(n: int, num_parts: int) -> NDArray[np.int64]:
-    """All ways to write n as an ordered sum of so many numbers ≥ 0, ``(C, num_parts)``."""
+    """All ordered tuples of ``num_parts`` integers ≥ 0 with sum n, ``(C, num_parts)``."""
     flat = chain.from_iterable(combinations(range(n + num_parts - 1), num_parts - 1))
     size = num_points(n, num_parts)
     bars = np.fromiter(flat, np.int64, size * (num_parts - 1)).reshape(size, num_parts - 1)  # stars and bars

@@ -9,6 +9,7 @@ and whether a target was rejected before; for ``distinct`` ones the shape and th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -77,23 +78,33 @@ def staged(problem: TouchProblem | SearchTouchProblem) -> StagedProblem:
     elif problem.composition is Composition.DISTINCT:
         stages, initial = _distinct(problem)
     else:
-        stages, initial = _independent(problem)
+        prior = problem.prior
+        assert prior is not None, "set at construction"
+        later = [(prior, prior)] * (problem.num_objects - 1)
+        stages = stages_by_missed(problem.num_shapes, problem.target, later)
+        initial = np.concatenate([prior, 0.0 * prior])
     return StagedProblem(tuple(stages), initial, problem.outcome_probs, problem.touch_cost, problem.discount)
 
 
-def _independent(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:
-    num_shapes, prior = problem.num_shapes, problem.prior
-    assert prior is not None, "filled in at construction"
-    shapes = np.tile(np.arange(num_shapes), 2)  # without, then with a rejected target
-    missed = np.arange(2 * num_shapes) >= num_shapes
-    is_target = shapes == problem.target
-    moves = np.zeros((2 * num_shapes, 2 * num_shapes))
-    moves[~(missed | is_target), :num_shapes] = prior
-    moves[missed | is_target, num_shapes:] = prior
-    nothing = np.zeros(2 * num_shapes)
-    going_on = Stage(shapes, _sign(is_target), nothing, moves)
-    last = Stage(shapes, _sign(is_target), _sign(~(missed | is_target)))
-    return [going_on] * (problem.num_objects - 1) + [last], np.concatenate([prior, 0.0 * prior])
+def stages_by_missed(num_shapes: int, target: int, shape_probs: Sequence[tuple[Floats, Floats]]) -> list[Stage]:
+    """Stages with 2K states: the shape of the current object without a rejected target, then with one.
+
+    Args:
+        num_shapes: K.
+        target: index of the target shape.
+        shape_probs: for each object but the first, the distributions over its shape ``(K,)`` if no target was rejected
+            before, and if one was.
+    """
+    shapes = np.tile(np.arange(num_shapes), 2)
+    is_target = shapes == target
+    missed = is_target | (np.arange(2 * num_shapes) >= num_shapes)  # after this object is rejected
+    stages = []
+    for without, after in shape_probs:
+        moves = np.zeros((2 * num_shapes, 2 * num_shapes))
+        moves[~missed, :num_shapes] = without
+        moves[missed, num_shapes:] = after
+        stages.append(Stage(shapes, _sign(is_target), np.zeros(2 * num_shapes), moves))
+    return [*stages, Stage(shapes, _sign(is_target), _sign(~missed))]
 
 
 def _distinct(problem: SearchTouchProblem) -> tuple[list[Stage], Floats]:

@@ -20,8 +20,10 @@ from belief.errors import InvalidArgument
 from belief.problem import Floats
 from planners.pomdp.finite_horizon import finite_horizon_value
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
-from planners.pomdp.stages import StagedProblem
-from planners.solve.policy import SearchPolicy, TouchPolicy, solve_search, solve_touch
+from planners.pomdp.repeat_aware import repeat_aware_vectors
+from planners.pomdp.solver import point_based_value_iteration
+from planners.pomdp.stages import StagedProblem, staged
+from planners.solve.policy import SearchPolicy, TouchPolicy
 from planners.solve.policy_files import load_policy, save_policy
 
 __all__ = [
@@ -77,5 +79,10 @@ def solve(
     if isinstance(problem, TouchProblem):
         if repeat_weights is not None:
             raise InvalidArgument("repeat_weights need a SearchTouchProblem, which may have num_objects = 1")
-        return solve_touch(problem, rng, ROUNDS if rounds is None else rounds)
-    return solve_search(problem, rng, SEARCH_ROUNDS if rounds is None else rounds, repeat_weights)
+        vectors = point_based_value_iteration(staged(problem), rng, ROUNDS if rounds is None else rounds)
+        return TouchPolicy(problem, vectors[0])
+    search = problem if isinstance(problem, StagedProblem) else staged(problem)
+    vectors = point_based_value_iteration(search, rng, SEARCH_ROUNDS if rounds is None else rounds)
+    if repeat_weights is None:
+        return SearchPolicy(problem, tuple((some,) for some in vectors))
+    return SearchPolicy(problem, repeat_aware_vectors(search, vectors, repeat_weights, rng))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Integral
@@ -18,8 +17,6 @@ from planners.bounds.object import object_bound
 from planners.bounds.search import search_bound
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem
-from planners.pomdp.repeat_aware import repeat_aware_vectors
-from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import StagedProblem, stage_belief, staged
 
 _BLOCK = 256  # beliefs whose values under all alpha vectors fit in a processor's cache
@@ -51,8 +48,7 @@ class TouchPolicy:
     def action(self, belief: ArrayLike | Belief) -> NDArray[np.int64]:
         """The best action at beliefs ``(..., K)``; ``(...)``.
 
-        A :class:`belief.Belief` is not checked again, since it was checked when it was made. Where two actions have
-        equal values to seven digits, a batch may get another one than a single belief.
+        If the values of two actions are equal to seven digits, a batch and a single belief may get different ones.
 
         Raises:
             InvalidArgument: a belief is not a distribution over the shapes.
@@ -255,25 +251,6 @@ def checked_beliefs(belief: ArrayLike | Belief, num_states: int) -> Floats:
         if good:
             return beliefs
     raise InvalidArgument(f"a belief must be {num_states} probabilities that sum to one, got {belief!r}")
-
-
-def solve_touch(problem: TouchProblem, rng: np.random.Generator, rounds: Sequence[int]) -> TouchPolicy:
-    """See :func:`planners.solve.solve`."""
-    return TouchPolicy(problem, point_based_value_iteration(staged(problem), rng, rounds)[0])
-
-
-def solve_search(
-    problem: SearchTouchProblem | StagedProblem,
-    rng: np.random.Generator,
-    rounds: Sequence[int],
-    repeat_weights: Floats | None,
-) -> SearchPolicy:
-    """See :func:`planners.solve.solve`."""
-    search = problem if isinstance(problem, StagedProblem) else staged(problem)
-    vectors = point_based_value_iteration(search, rng, rounds)
-    if repeat_weights is None:
-        return SearchPolicy(problem, tuple((some,) for some in vectors))
-    return SearchPolicy(problem, repeat_aware_vectors(search, vectors, repeat_weights, rng))
 
 
 def _summary(what: str, num_vectors: int, low: float, high: float | None) -> str:

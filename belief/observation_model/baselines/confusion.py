@@ -75,20 +75,8 @@ class ConfusionModel(ArrayModel):
         """Count the outcomes of calibration touches.
 
         The counts of each pose are shrunk towards the matrix pooled over all poses (Dirichlet prior of ``pooling``
-        pseudo-counts), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts per outcome).
-
-        Args:
-            touches: calibration touches of objects outside the classifier's training set.
-            shapes: true shape index of each, ``(n,)``.
-            object_ids: ignored, because touches are independent given the shape.
-            shape_labels: names of the shapes; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose in the data.
-            confidence_edges: inner edges of the confidence bins.
-            smoothing: pseudo-counts per outcome of the pooled matrix, > 0.
-            pooling: weight of the pooled matrix in each pose, in touches, ≥ 0.
-
-        Raises:
-            ValueError: as :meth:`LabelledTouches.of`; ``smoothing`` or ``pooling`` out of range.
+        pseudo-counts, ≥ 0), and the pooled matrix towards a uniform one (``smoothing`` pseudo-counts per outcome, > 0).
+        Other arguments and errors are those of :meth:`LabelledTouches.of`; ``object_ids`` has no effect.
         """
         if not 0.0 < smoothing < np.inf or not 0.0 <= pooling < np.inf:
             raise ValueError(f"smoothing must be > 0, pooling ≥ 0, both finite; got {smoothing} and {pooling}")
@@ -107,16 +95,6 @@ class ConfusionModel(ArrayModel):
     def num_poses(self) -> int:
         """P."""
         return len(self.probs)
-
-    def outcomes(self, touches: Sequence[Touch]) -> NDArray[np.int64]:
-        """Outcome index of each touch, ``(n,)``: bin · K + predicted shape.
-
-        Raises:
-            ValueError: no touches, or one that does not fit the model.
-        """
-        batch = TouchBatch.of([touches])
-        self.require_fit(batch)
-        return self.outcomes_of(batch.logits[0])
 
     def outcomes_of(self, logits: Floats) -> NDArray[np.int64]:
         """Outcome indices ``(...)`` of logits ``(..., K)``."""

@@ -84,18 +84,9 @@ class GaussianModel(PoseStatisticsModel):
     ) -> GaussianModel:
         """Fit by maximum likelihood with shrinkage.
 
-        Args:
-            touches: calibration touches of objects outside the classifier's training set.
-            shapes: true shape index of each, ``(n,)``.
-            object_ids: ignored, because touches are independent given the shape.
-            shape_labels: names of the shapes; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose in the data.
-            embedding: from touches to vectors; the logits by default.
-            pooling: weight of the common covariance in that of each shape, in touches; 0 for quadratic, ``inf`` for
-                linear discriminant analysis.
-
-        Raises:
-            ValueError: as :meth:`LabelledTouches.of`; negative pooling.
+        ``pooling`` ≥ 0 is the weight of the common covariance in that of each shape, in touches. The default embedding
+        is that of the logits. Other arguments and errors are those of :meth:`LabelledTouches.of`; ``object_ids`` has no
+        effect.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
@@ -124,7 +115,6 @@ class GaussianModel(PoseStatisticsModel):
         return np.asarray(np.log(np.diagonal(self._whitening, axis1=1, axis2=2)).sum(axis=1))
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`."""
         noise = rng.standard_normal((*poses.shape, self.means.shape[2])) @ np.linalg.cholesky(self.covariances[shape]).T
         return self.embedding.to_touches(poses, self.means[poses, shape] + noise)
 

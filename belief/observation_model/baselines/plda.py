@@ -104,19 +104,9 @@ class PLDAModel(PoseStatisticsModel):
     ) -> PLDAModel:
         """Fit the means as :class:`GaussianModel` does, and the covariances by expectation maximisation.
 
-        Args:
-            touches: calibration touches of objects outside the classifier's training set, some of them touched several
-                times in one pose (see ``status``).
-            shapes: true shape index of each, ``(n,)``.
-            object_ids: object of each touch, ``(n,)``; any labels.
-            shape_labels: names of the shapes; by default ``shape_0`` and so on.
-            num_poses: P; by default one more than the largest pose in the data.
-            embedding: from touches to vectors; the logits by default.
-            pooling: weight of the common covariances in those of each shape, in terms of their sums; by default all
-                shapes have the same covariances.
-
-        Raises:
-            ValueError: as :meth:`LabelledTouches.of`; negative pooling.
+        ``pooling`` ≥ 0 is the weight of the common covariances in those of each shape, in terms of their sums; by
+        default all shapes have the same covariances. The default embedding is that of the logits. Other arguments and
+        errors are those of :meth:`LabelledTouches.of`; some objects should be touched several times in one pose.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         embedding = embedding if embedding is not None else LogitEmbedding.fit(data.batch)
@@ -196,7 +186,6 @@ class PLDAModel(PoseStatisticsModel):
         )
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`."""
         num_sequences, n = poses.shape
         size = self.means.shape[2]
         used, index = np.unique(poses, return_inverse=True)

@@ -94,7 +94,6 @@ class PoseStatisticsModel(ArrayModel):
         return len(self.means)
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`."""
         return self._log_likelihoods_of(PoseStatistics.of(self.embedding(batch), batch.poses))
 
     def statistics_with(self, statistics: PoseStatistics | None, touch: Touch) -> PoseStatistics:

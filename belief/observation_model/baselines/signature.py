@@ -113,7 +113,6 @@ class SignatureModel(ArrayModel):
         return self.repeat_probability**2
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        """See :class:`ArrayModel`."""
         outcomes, every = self.confusion.outcomes_of(batch.logits), np.arange(self.confusion.probs.shape[2])
         total = np.zeros((len(batch), len(self.shape_labels)))
         for pose in np.unique(batch.poses).tolist():
@@ -174,7 +173,6 @@ class SignatureModel(ArrayModel):
         return anew, again - np.where(probs > 0.0, anew, 0.0)
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
-        """See :class:`ArrayModel`."""
         every = np.broadcast_to(np.arange(self.num_poses), (len(poses), self.num_poses))
         signatures = self.confusion.sample_batch(shape, every, rng).logits[np.arange(len(poses))[:, None], poses]
         anew = self.confusion.sample_batch(shape, poses, rng).logits

@@ -138,8 +138,8 @@ def test_a_perfect_model_has_no_error_to_correct(rng):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"probs": [[0.5, 0.5]], "labels": [0]}, "two clusters at least, got 1"),
-        ({"clusters": [1, 1]}, "two clusters at least, got 1"),
+        ({"probs": [[0.5, 0.5]], "labels": [0]}, "at least two clusters, got 1"),
+        ({"clusters": [1, 1]}, "at least two clusters, got 1"),
         ({"clusters": [1, 1, 2]}, "cluster for each of 2 rows"),
         ({"confidence": 95.0}, r"confidence must lie in \(0, 1\), got 95"),
         ({"num_resamples": 0}, "num_resamples must be an integer, at least 1, got 0"),

@@ -87,14 +87,17 @@ def test_samples_have_the_outcome_frequencies_of_the_table(edges, calibration, r
     # Pearson's chi-square on 4 000 samples; a right model fails with probability 1e-4, the seed is fixed.
     table = rng.dirichlet(np.ones(3 * len(edges) + 3), size=(2, 3))
     model = ConfusionModel(LABELS, table, calibration, edges)
-    observed = np.bincount(model.outcomes(model.sample(1, [1] * 4000, rng)), minlength=table.shape[2])
+    observed = np.bincount(
+        model.outcomes_of(np.array([touch.logits for touch in model.sample(1, [1] * 4000, rng)])),
+        minlength=table.shape[2],
+    )
     assert stats.chisquare(observed, table[1, 1] * 4000).pvalue > 1e-4
 
 
 def test_an_outcome_is_bin_times_k_plus_the_predicted_shape():
     model = ConfusionModel(LABELS, np.full((1, 3, 6), 1 / 6), TemperatureScaling(2.0, "ok"), (0.7,))
     logits = 2.0 * np.log([[0.2, 0.6, 0.2], [0.1, 0.1, 0.8], [0.71, 0.19, 0.1], [0.69, 0.2, 0.11]])
-    assert model.outcomes([Touch(0, row) for row in logits]).tolist() == [1, 5, 3, 0]
+    assert model.outcomes_of(np.array(logits)).tolist() == [1, 5, 3, 0]
 
 
 def test_a_million_touches_of_one_object_are_summed_to_rounding(rng):
