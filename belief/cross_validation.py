@@ -51,14 +51,10 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
     """Fold of each touch, ``(n,)``, in [0, num_folds).
 
     Folds are stratified by shape, with objects in ascending order of their ids. The order of the touches has no effect.
-
-    Args:
-        shapes: true shape of each touch, ``(n,)``.
-        object_ids: object of each touch, ``(n,)``.
-        num_folds: from 1 to the number of objects.
+    The first arguments are those of :func:`numbered_objects`; ``num_folds`` is from 1 to the number of objects.
 
     Raises:
-        ValueError: more folds than objects; or as :func:`numbered_objects`.
+        ValueError: ``num_folds`` is out of range; or as :func:`numbered_objects`.
 
     >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
     array([0, 0, 0, 1, 1])

@@ -75,11 +75,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
 
 
 def require_writable(folder: Path) -> None:
-    """Check that files can be written into a folder; leaves no file and creates no folder.
-
-    Raises:
-        CannotWrite: the path is a file or lies in one, the folder is read-only, or the disk is full.
-    """
+    """Raise CannotWrite unless files can be written into a folder; leaves no file and creates no folder."""
     existing = next(parent for parent in (folder, *folder.absolute().parents) if os.path.lexists(parent))
     try:
         with tempfile.TemporaryFile(dir=existing) as file:
@@ -91,11 +87,7 @@ def require_writable(folder: Path) -> None:
 
 
 def require_writable_file(path: Path) -> None:
-    """Check that a file can be written; leaves no file and creates no folder.
-
-    Raises:
-        CannotWrite: as :func:`require_writable`, or the path is a folder.
-    """
+    """Raise CannotWrite unless a file can be written; leaves no file and creates no folder."""
     require_writable(path.parent)
     if path.is_dir():
         raise cannot_write(path, IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR)))
@@ -148,11 +140,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def sealed_json(fields: Mapping[str, Any], indent: int | None = 1) -> str:
-    """JSON text of ``fields`` with their SHA-256, which :func:`unsealed_json` checks.
-
-    Args:
-        fields: JSON types only; finite numbers; no key ``sha256``.
-        indent: as in :func:`json.dumps`; None for a single line.
+    """JSON text of ``fields``, which are JSON types, with their SHA-256, which :func:`unsealed_json` checks.
 
     Raises:
         ValueError: a number is not finite, or a key is ``sha256``.

@@ -15,10 +15,7 @@ from belief.problem import Touch
 class TouchHistory(Sequence[Touch]):
     """An immutable sequence of touches; :meth:`extended` returns a longer one without copying.
 
-    A history and its extensions share one list, of which each shows its first ``len(self)`` touches.
-
-    Args:
-        touches: oldest first.
+    Touches are ordered oldest first. A history and its extensions share one list, of which each shows its first part.
 
     >>> first = TouchHistory([Touch(0, np.zeros(2))])
     >>> longer = first.extended([Touch(2, np.zeros(2)), Touch(2, np.zeros(2))])

@@ -40,11 +40,7 @@ def index_of(kind: str, labels: Sequence[str], name: Name) -> int:
 
 
 def checked_names(name: str, labels: Sequence[str]) -> tuple[str, ...]:
-    """Labels as a tuple: at least one, no two equal.
-
-    Args:
-        name: of the argument, for the error.
-        labels: a sequence of strings.
+    """Labels as a tuple of one or more different strings.
 
     Raises:
         InvalidArgument: it is empty, holds something else than strings, or has a label twice.

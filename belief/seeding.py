@@ -61,10 +61,7 @@ def keyed_words(key: Sequence[int], *, is_fixed_length: bool = False) -> list[in
 
 
 def checked_key(key: Sequence[int]) -> tuple[int, ...]:
-    """The key as a tuple of Python integers.
-
-    Raises:
-        InvalidArgument: a number that is negative or not an integer.
+    """The key as a tuple of Python integers; raises InvalidArgument for a number that is not an integer ≥ 0.
 
     >>> checked_key([3, -1])
     Traceback (most recent call last):

@@ -36,10 +36,7 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
-    """An array of any type without masked entries.
-
-    Raises:
-        InvalidArgument: a masked entry.
+    """An array of any type; raises InvalidArgument for a masked entry.
 
     >>> unmasked(np.ma.masked_equal([3, -1], -1), "labels")
     Traceback (most recent call last):
@@ -53,12 +50,7 @@ def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64]:
-    """Integers in [0, size), as int64.
-
-    Args:
-        name: of the argument, for the error.
-        values: integers of any type, ``(n,)``.
-        size: number of valid indices.
+    """Integers in [0, size), ``(n,)``, as int64.
 
     Raises:
         InvalidArgument: a masked entry, another type, or an index out of range; the message names its row.
@@ -79,10 +71,7 @@ def checked_indices(name: str, values: ArrayLike, size: int) -> NDArray[np.int64
 
 
 def require_count(name: str, value: object, least: int = 1) -> None:
-    """Check that an argument is an integer, at least ``least``.
-
-    Raises:
-        InvalidArgument: it is not.
+    """Raise InvalidArgument unless an argument is an integer, at least ``least``.
 
     >>> require_count("num_folds", 1, least=2)
     Traceback (most recent call last):
@@ -94,10 +83,7 @@ def require_count(name: str, value: object, least: int = 1) -> None:
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
-    """Check that an argument is one of several strings.
-
-    Raises:
-        InvalidArgument: it is not.
+    """Raise InvalidArgument unless an argument is one of several strings.
 
     >>> require_choice("status", "fine", ["ok", "no_repeats"])
     Traceback (most recent call last):
@@ -111,17 +97,10 @@ def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
 def require(
     valid: NDArray[np.bool_], values: NDArray[np.floating], name: str, cause: str, row: tuple[int, ...] = ()
 ) -> None:
-    """Raise an error that names the first invalid row, if there is one.
+    """Raise ValueError with the cause and the first row that is not valid, if there is one.
 
-    Args:
-        valid: mask of the valid numbers, ``(..., K)``, or rows, ``(..., 1)``.
-        values: the numbers, ``(..., K)``.
-        name: of the argument.
-        cause: what is wrong with an invalid row.
-        row: index of ``values`` within the argument, if it is one row of it.
-
-    Raises:
-        ValueError: something is not valid.
+    ``valid`` is a mask of the numbers ``(..., K)`` or of the rows ``(..., 1)``; ``row`` is the index of ``values`` in
+    the argument ``name``.
 
     >>> require(np.array([[True, True], [True, False]]), np.array([[0.5, 0.5], [0.5, np.nan]]), "probs", "NaN")
     Traceback (most recent call last):
@@ -155,12 +134,9 @@ def renormalised(probs: Floats) -> Floats:
 
 
 def normalise_log_probs(log_probs: ArrayLike, name: str = "log_probs", row: tuple[int, ...] = ()) -> Floats:
-    """Log probabilities, normalised from rows whose probabilities sum to one within :data:`SUM_TOLERANCE`.
+    """Log probabilities ``(..., K)``, normalised where the probabilities sum to one within :data:`SUM_TOLERANCE`.
 
-    Args:
-        log_probs: ``(..., K)``.
-        name: of the argument, for the error.
-        row: index of these within the argument, for the error.
+    ``name`` and ``row`` are the argument and the index of these rows in it, for the error.
 
     Raises:
         ValueError: NaN, a positive logarithm, or a row with another sum.

@@ -24,11 +24,6 @@ class BadDecision(ActiveTouchError, ValueError):
 def checked_decision(decision: Any, decider: object, problem: SearchProblem) -> Decision:
     """The decision with Python numbers in place of numpy's.
 
-    Args:
-        decision: result of ``decide``.
-        decider: for the message.
-        problem: the search.
-
     Raises:
         BadDecision: it is not a :class:`Decision`, its action or pose is invalid, or a score is not a finite number.
 

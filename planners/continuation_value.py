@@ -93,10 +93,6 @@ def target_chances(problem: SearchProblem, target: int) -> Floats:
 
     Column 0 is given that no earlier object was a target, column 1 given that exactly one was.
 
-    Args:
-        problem: the search.
-        target: index of the target shape.
-
     >>> target_chances(SearchProblem(tuple("abcd"), ("p",), num_objects=3), target=0).round(3).tolist()
     [[0.25, 0.0], [0.333, 0.0], [0.5, 0.0]]
     """

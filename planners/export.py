@@ -70,8 +70,8 @@ def as_pomdp(
 
     Args:
         problem: one object, or a small search.
-        shape_labels: names of the K shapes; ``shape_0`` and so on by default.
-        pose_labels: names of the P poses; ``pose_0`` and so on by default.
+        shape_labels: names of the shapes; ``shape_0`` and so on by default.
+        pose_labels: names of the poses; ``pose_0`` and so on by default.
 
     Raises:
         InvalidArgument: a wrong number of names, or tables with more than four million entries.

@@ -53,11 +53,7 @@ class PointBased:
     rounds: Sequence[int] = ROUNDS
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
-        """The policy for a search, a function of this decider and the search; solved once per process.
-
-        Args:
-            problem: the search.
-            target: index of the target shape.
+        """The policy for a search, solved once per process.
 
         Raises:
             TableMismatch: the table has other numbers of poses or shapes than the search.

@@ -51,13 +51,7 @@ def _tree_search() -> ModuleType:
 
 
 def _sequential(summary: str, stopping: Callable[..., StoppingRule], probing: Callable[..., ProbeSelector]) -> Builder:
-    """A builder of a sequential decider with the settings of its stopping rule.
-
-    Args:
-        summary: one line about the decider.
-        stopping: returns the rule for its settings.
-        probing: returns the probe selector for ``table`` or ``model`` or both.
-    """
+    """A builder of a sequential decider with the settings of its stopping rule; ``summary`` is its docstring."""
     rule, selector = inspect.signature(stopping).parameters, inspect.signature(probing).parameters
 
     def sequential(**arguments: Any) -> Decider:
@@ -178,9 +172,6 @@ def summary_of(name: str) -> str:
 
 def find_decider(name: str) -> tuple[Any, Reference]:
     """The builder or object of a decider, which is not called yet, and its parsed name.
-
-    Args:
-        name: as for :func:`make_decider`.
 
     Raises:
         UnknownName: there is no such name; the message suggests the nearest.

@@ -20,13 +20,9 @@ class RepeatDiscount(Protocol):
     """Discounts the value of touches in used poses."""
 
     def weights(self, uses: ArrayLike) -> Floats:
-        """Value of the next touch in each pose as a fraction of the value of a new touch, in [0, 1].
+        """Value of the next touch in each pose as a fraction of the value of a new touch, in [0, 1], ``(..., P)``.
 
-        Args:
-            uses: touches of the object in each pose, ``(..., P)``.
-
-        Returns:
-            ``(..., P)``; a pose with weight zero is not used.
+        ``uses (..., P)`` are the touches of the object in each pose. A pose with weight zero is not used.
         """
 
 
@@ -75,12 +71,7 @@ class CorrelatedRepeats:
 
 
 def weights_in_turn(repeats: RepeatDiscount, num_poses: int, times: int) -> Floats:
-    """Weights of an object's first, second, … touch if the poses are used in turn, ``(P times,)``.
-
-    Args:
-        repeats: the discount.
-        num_poses: P.
-        times: number of uses of each pose.
+    """Weights of an object's first, second, … touch if each of P poses is used ``times`` times in turn, ``(P times,)``.
 
     >>> weights_in_turn(CorrelatedRepeats(0.5), 2, 2).round(3).tolist()
     [1.0, 1.0, 0.333, 0.333]

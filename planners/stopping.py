@@ -87,13 +87,10 @@ class SequentialTest:
         require_count("max_touches", self.max_touches)
 
     def thresholds(self, prior_prob: float) -> tuple[float, float]:
-        """Posteriors of the target at or below which to reject, and at or above which to confirm.
-
-        Args:
-            prior_prob: of the target before any touch, in [0, 1]; the thresholds for 0 and 1 are 0 and 1.
+        """Posteriors of the target at or below which to reject, and at or above which to confirm, for a prior.
 
         Raises:
-            InvalidArgument: it is not a probability.
+            InvalidArgument: ``prior_prob`` is not a probability.
         """
         if not 0.0 <= prior_prob <= 1.0:
             raise InvalidArgument(f"prior_prob must be a probability, in [0, 1], got {prior_prob!r}")

@@ -13,11 +13,7 @@ _MOST_POSES = 1000  # or the number of touches, if that is larger
 
 
 def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
-    """P: as given, or one more than the largest pose.
-
-    Args:
-        poses: of all touches, at least one.
-        num_poses: P, if it is known.
+    """P: as given, or one more than the largest of one or more poses.
 
     Raises:
         InvalidArgument: a pose that is not in [0, P), or a P above 1000 and above the number of touches, which would

@@ -104,9 +104,6 @@ def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int
         num_bins: bins over [0, 1].
         binning: ``width`` for equal width, ``mass`` for quantiles of the values.
 
-    Returns:
-        Of the shape of the values.
-
     Raises:
         ValueError: as :func:`bin_edges`.
 

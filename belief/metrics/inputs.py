@@ -10,10 +10,7 @@ from belief.validation import SUM_TOLERANCE, as_real, checked_indices
 
 
 def checked_probs(probs: ArrayLike) -> Floats:
-    """Predicted distributions as float64, each renormalised to sum to one.
-
-    Args:
-        probs: ``(n, K)``, n ≥ 1, K ≥ 1; rows sum to one within 2e-3.
+    """Predicted distributions ``(n, K)`` as float64, renormalised where they sum to one within 2e-3.
 
     Raises:
         ValueError: empty, not two-dimensional, or a row that is not a distribution; the message names the row.
@@ -35,11 +32,7 @@ def checked_probs(probs: ArrayLike) -> Floats:
 
 
 def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[np.int64]]:
-    """Predicted distributions and true shapes, checked.
-
-    Args:
-        probs: ``(n, K)``, as for :func:`checked_probs`.
-        labels: shape indices in [0, K), integers, ``(n,)``.
+    """Predicted distributions ``(n, K)``, as from :func:`checked_probs`, and true shapes ``(n,)`` as int64.
 
     Raises:
         ValueError: as :func:`checked_probs`; another number of labels, or labels that are not integers in [0, K).
@@ -54,14 +47,7 @@ def checked_pair(probs: ArrayLike, labels: ArrayLike) -> tuple[Floats, NDArray[n
 
 
 def top_label(probs: Floats, labels: NDArray[np.int64]) -> tuple[Floats, NDArray[np.bool_]]:
-    """Confidence in the most probable shape, and whether it is correct; of equal probabilities the first is taken.
-
-    Args:
-        probs: checked, ``(n, K)``.
-        labels: checked, ``(n,)``.
-
-    Returns:
-        (confidence ``(n,)``, correct ``(n,)``).
+    """Confidence in the most probable shape, the first of equal ones, and whether it is correct, both ``(n,)``.
 
     >>> confidence, correct = top_label(np.array([[0.2, 0.8]]), np.array([1]))
     >>> confidence.tolist(), correct.tolist()

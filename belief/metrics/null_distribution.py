@@ -50,12 +50,7 @@ def null_quantile(
 
 
 def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) -> Iterator[NDArray[np.int64]]:
-    """Sets of labels drawn from the probabilities, in blocks ``(number of sets, n)`` that fit in memory.
-
-    Args:
-        probs: checked, ``(n, K)``.
-        rng: draws the labels.
-        num_resamples: number of sets.
+    """Sets of labels drawn from checked ``probs (n, K)``, in blocks ``(number of sets, n)`` that fit in memory.
 
     >>> next(drawn_labels(np.array([[0.0, 1.0], [1.0, 0.0]]), np.random.default_rng(0), 2)).tolist()
     [[1, 0], [1, 0]]
@@ -73,10 +68,7 @@ def drawn_labels(probs: Floats, rng: np.random.Generator, num_resamples: int) ->
 
 
 def evaluated(metric: Metric, probs: Floats, labels: NDArray[np.int64]) -> float:
-    """The metric's value.
-
-    Raises:
-        ValueError: it is not finite.
+    """The metric's value; raises ValueError if it is not finite.
 
     >>> evaluated(lambda probs, labels: np.nan, np.eye(2), np.arange(2))
     Traceback (most recent call last):

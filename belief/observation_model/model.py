@@ -198,14 +198,9 @@ class ArrayModel(FrozenArrays, ABC):
         return self
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats | None:
-        """Weight of the summed log-likelihoods of n touches in one pose; vectorised environments store such sums.
+        """Weight of the summed log-likelihoods of n touches in one pose, ``(...)`` for ``num_touches (...)``.
 
-        Args:
-            num_touches: n, ``(...)``.
-
-        Returns:
-            Weights ``(...)``, with which the log-likelihood of an object is the weighted sum over poses; None if it
-            depends on more than these sums.
+        The log-likelihood of an object is the weighted sum over poses; None if it depends on more than these sums.
         """
         return None
 

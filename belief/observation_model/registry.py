@@ -58,10 +58,7 @@ def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
 
 
 def class_named(kind: str) -> type[ArrayModel]:
-    """The class of observation models with a name in files.
-
-    Raises:
-        ValueError: neither the registry nor an installed package has it.
+    """The class of observation models with a name in files; raises ValueError if there is none.
 
     >>> class_named("ratio").__name__
     'RatioModel'
@@ -79,10 +76,7 @@ def class_named(kind: str) -> type[ArrayModel]:
 
 
 def require_readable(model: ArrayModel) -> None:
-    """Check that a file of the model could be read.
-
-    Raises:
-        BadReference: neither the registry nor an installed package has its class.
+    """Raise BadReference unless the registry or an installed package has the class of a model.
 
     >>> from belief.synthetic import random_model
     >>> import numpy as np

@@ -14,11 +14,7 @@ LARGEST_VALUE = 1e150  # sums of a million larger ones, or their squares, overfl
 
 
 def checked_values(name: str, values: ArrayLike) -> Floats:
-    """The values as float64, if each is finite and at most 1e150 in size.
-
-    Args:
-        name: of the argument, for the error.
-        values: numbers, of any shape.
+    """Numbers of any shape as float64, each finite and at most 1e150 in size.
 
     Raises:
         ValueError: masked, not numbers, NaN, infinite or beyond ±1e150; the message names the first such place.
@@ -38,11 +34,7 @@ def checked_values(name: str, values: ArrayLike) -> Floats:
 
 
 def checked_outcomes(name: str, outcomes: ArrayLike) -> NDArray[np.bool_]:
-    """Outcomes of episodes as booleans, from booleans or numbers 0 and 1.
-
-    Args:
-        name: of the argument, for the error.
-        outcomes: ``(n,)``, n ≥ 1.
+    """Outcomes of n ≥ 1 episodes as booleans, from booleans or numbers 0 and 1, ``(n,)``.
 
     Raises:
         ValueError: empty, not one-dimensional, or other values than 0 and 1; the message names the first such row.

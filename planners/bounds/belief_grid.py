@@ -58,12 +58,9 @@ class BeliefGrid:
         self._successors = [self._lead(table) for table in likelihoods]
 
     def bound(self, stop: Floats, start: Floats, costs: TouchCosts) -> Floats:
-        """Upper bounds on the optimal value at each point, for B payoffs of stopping; ``(G, B)``.
+        """Upper bounds on the optimal value at each point, for B payoffs of stopping, ``(G, B)``.
 
-        Args:
-            stop: upper bounds on the value of stopping at each point, ``(G, B)``.
-            start: upper bounds to start from, ``(G, B)``.
-            costs: of touches.
+        ``stop`` are upper bounds on the value of stopping, and ``start`` are initial bounds, both ``(G, B)``.
         """
         value = np.maximum(start, stop)
         cost, discount = costs.lasting

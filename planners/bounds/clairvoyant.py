@@ -23,11 +23,7 @@ def clairvoyant_bound(
 
     The searcher's belief is about the current object only, so every stage is a problem of one object; the last stage is
     solved first. All rejected shapes matter if shapes are distinct; otherwise only whether the target was among them.
-
-    Args:
-        problem: the search.
-        costs: of touches of each object.
-        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
+    ``rng`` samples the beliefs around which grids are fine; any grid gives a valid bound.
     """
     num_shapes, target, prior = problem.num_shapes, problem.target, problem.prior
     assert prior is not None, "filled in at construction"

@@ -43,12 +43,9 @@ _MOST_SHAPES = 6
 
 
 class JointBeliefBound:
-    """The upper bound, computed stage by stage.
+    """The upper bound for a search with discount 1 for which :func:`is_small` holds, computed stage by stage.
 
-    Args:
-        problem: a search with discount 1 for which :func:`is_small` holds.
-        costs: of touches of each object.
-        rng: samples the beliefs around which grids are fine; any grid gives a valid bound.
+    ``rng`` samples the beliefs around which grids are fine; any grid gives a valid bound.
     """
 
     def __init__(self, problem: SearchTouchProblem, costs: TouchCosts, rng: np.random.Generator) -> None:

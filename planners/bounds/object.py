@@ -39,13 +39,7 @@ class ObjectBound:
         self._grid: BeliefGrid | None = None
 
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
-        """Upper bound on the value at a belief.
-
-        Args:
-            belief: about the shape, ``(K,)``.
-            confirm: payoff of CONFIRM for each shape, ``(K,)``.
-            reject: payoff of REJECT for each shape, ``(K,)``.
-        """
+        """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
         belief, payoffs = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
         if len(belief) == 1:
             return float(payoffs.max())

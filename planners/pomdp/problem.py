@@ -140,16 +140,10 @@ class SearchTouchProblem(FrozenArrays):
 
 
 def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, discount: float) -> Floats:
-    """The table as float64.
-
-    Args:
-        outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
-        target: index of a shape.
-        touch_cost: λ, ≥ 0.
-        discount: γ, in (0, 1].
+    """The outcome table ``(P, K, M)`` as float64.
 
     Raises:
-        ValueError: one of them is out of its range; the message names it.
+        ValueError: an argument is out of its range, see :class:`TouchProblem`; the message names it.
     """
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
     if not isinstance(target, Integral) or not 0 <= target < table.shape[1]:
@@ -162,16 +156,10 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:
-    """A probability vector ``(size,)`` that sums to one exactly up to rounding.
-
-    Args:
-        probs: to be checked and normalised.
-        size: number of probabilities.
-        name: of the argument, for messages.
+    """A normalised probability vector ``(size,)``.
 
     Raises:
-        InvalidArgument: another size, text, NaN or negative numbers, or a sum that is not one within float16's
-            rounding.
+        InvalidArgument: another size, or as :func:`~belief.validation.normalise_probs`.
     """
     try:
         values = normalise_probs(probs, name)

@@ -131,21 +131,11 @@ class SearchPolicy:
         return by_touches[min(num_touches, len(by_touches) - 1)]
 
     def belief(self, object_index: int, log_likelihoods: Floats) -> Floats:
-        """Belief about the hidden state at an object; see :func:`planners.pomdp.stages.stage_belief`.
-
-        Args:
-            object_index: of the current object.
-            log_likelihoods: log p(touches of an object | shape), ``(N, K)``.
-        """
+        """Belief about the hidden state at an object; see :func:`planners.pomdp.stages.stage_belief`."""
         return stage_belief(self.search, log_likelihoods, object_index)
 
     def action(self, object_index: int, belief: ArrayLike, num_touches: int = 0) -> int:
-        """The best action; integers as in :class:`TouchPolicy`.
-
-        Args:
-            object_index: of the current object.
-            belief: about its hidden state, ``(n,)``; see :meth:`belief`.
-            num_touches: touches that it has had.
+        """The best action at a belief ``(n,)`` about the hidden state of an object after ``num_touches`` touches.
 
         Raises:
             InvalidArgument: there is no such object, or the belief is not a distribution over its hidden states.
@@ -161,12 +151,8 @@ class SearchPolicy:
     def probe_values(self, object_index: int, belief: Floats, num_touches: int, weights: Floats) -> Floats:
         """Value of one more touch in each pose, by one exact step of look-ahead, ``(P,)``.
 
-        Args:
-            object_index: of the current object.
-            belief: about its hidden state, ``(n,)``.
-            num_touches: touches that it has had.
-            weights: probability that a touch in each pose gives new information, ``(P,)``; the value is -inf where it
-                is zero.
+        ``weights (P,)`` are the probabilities that a touch gives new information; the value is -inf for weight zero.
+        Other arguments are those of :meth:`action`.
         """
         after = self.at(object_index, num_touches + 1)
         joint = np.moveaxis(belief[:, None] * self.search.likelihoods(object_index), 2, 1)  # (P, M, n)
@@ -216,15 +202,10 @@ class SearchPolicy:
 
 
 def checked_beliefs(belief: ArrayLike | Belief, num_states: int) -> Floats:
-    """Beliefs ``(..., n)`` as float64.
-
-    Args:
-        belief: numbers, which are checked, or a :class:`belief.Belief`, of which only the size is.
-        num_states: n.
+    """Beliefs ``(..., num_states)`` as float64.
 
     Raises:
-        InvalidArgument: another number of states, text, negative numbers, NaN, infinity, or a sum that is not one
-            within float16's rounding.
+        InvalidArgument: another number of states, not numbers, a negative number, NaN, or a sum that is not one.
 
     >>> checked_beliefs([0.7, 0.7], 2)
     Traceback (most recent call last):

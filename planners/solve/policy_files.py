@@ -37,11 +37,7 @@ class CorruptPolicy(CorruptFile):
 
 
 def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
-    """Write a policy; a file that cannot be written completely is not written at all.
-
-    Args:
-        path: the file; conventionally ends in ``.npz``.
-        policy: to be written.
+    """Write a policy to a file, conventionally ``.npz``, atomically.
 
     Raises:
         InvalidArgument: it was solved for stages and not for a :class:`SearchTouchProblem`.
@@ -77,11 +73,7 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
 
 
 def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPolicy | SearchPolicy:
-    """Read a policy.
-
-    Args:
-        path: the file.
-        outcome_probs: outcome table ``(P, K, M)`` that the policy must have been solved for; not checked if None.
+    """Read a policy; ``outcome_probs (P, K, M)``, if given, is the table for which it must have been solved.
 
     Raises:
         CorruptPolicy: the file is not a policy, or is damaged.

@@ -103,10 +103,7 @@ def squares_within(scatter: Floats, bases: Floats) -> Floats:
 
 
 def require_means(means: Floats, num_shapes: int, num_components: int) -> None:
-    """Check that means are finite and ``(P, K, D)`` for the given K and D.
-
-    Raises:
-        ValueError: they are not.
+    """Raise ValueError unless means are finite and ``(P, K, D)`` for the given K and D.
 
     >>> require_means(np.zeros((1, 2, 3)), num_shapes=2, num_components=4)
     Traceback (most recent call last):
