@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self, TypeAlias
+from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from belief.calibration.serialisation import read_json, write_json
+from belief.files import sealed_json, unsealed_json
 from belief.problem import Floats
 
 Status: TypeAlias = Literal["unfitted", "ok", "separable", "uninformative", "anti_informative"]
@@ -90,17 +90,41 @@ class Calibration(ABC):
 
     def to_json(self, shape_labels: Sequence[str]) -> str:
         """The calibration as exact JSON text, with the names of its shapes."""
-        return write_json(self, shape_labels)
+        if self.num_shapes not in (None, len(shape_labels)):
+            raise ValueError(f"fitted for {self.num_shapes} shapes, got the names {list(shape_labels)}")
+        return sealed_json({"calibration": self.name, "shape_labels": list(shape_labels), **self.to_fields()})
 
     @classmethod
     def from_json(cls, text: str, shape_labels: Sequence[str]) -> Self:
-        """The calibration from :meth:`to_json`.
+        """The calibration from :meth:`to_json`, for shapes in the order of the logits; errors as :func:`read_json`."""
+        return read_json(text, {cls.name: cls}, shape_labels)
 
-        Args:
-            text: the JSON text.
-            shape_labels: names of the shapes, in the order of the logits.
 
-        Raises:
-            ValueError: the text is not such a calibration, or is for other shapes or another order.
-        """
-        return read_json(text, {cls.name: cls.from_fields}, shape_labels)
+CalibrationT = TypeVar("CalibrationT", bound=Calibration)
+
+
+def read_json(text: str, kinds: Mapping[str, type[CalibrationT]], shape_labels: Sequence[str]) -> CalibrationT:
+    """The calibration in a JSON text, whose class is in ``kinds`` by its name.
+
+    Raises:
+        ValueError: the text is not such a calibration, was changed, or is for other shapes or another order.
+
+    >>> read_json("[]", {}, ["cube"])
+    Traceback (most recent call last):
+    ...
+    ValueError: not the calibration that was asked for: it is list, not a JSON object
+    """
+    try:
+        fields = unsealed_json(text)
+        if fields["calibration"] not in kinds:
+            raise ValueError(f"expected {' or '.join(kinds)}, found {fields['calibration']!r}")
+        if list(fields["shape_labels"]) != list(shape_labels):
+            raise ValueError(f"it is for the shapes {fields['shape_labels']}, not for {list(shape_labels)}")
+        calibration = kinds[fields["calibration"]].from_fields(fields)
+        if calibration.num_shapes not in (None, len(shape_labels)):
+            raise ValueError(f"it has parameters for {calibration.num_shapes} shapes, and names {len(shape_labels)}")
+    except ValueError as error:
+        raise ValueError(f"not the calibration that was asked for: {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise ValueError(f"not a calibration: {error!r}") from error
+    return calibration

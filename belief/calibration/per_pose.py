@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration
 from belief.calibration.inputs import finite_logits, labelled_logits, pose_count
-from belief.calibration.serialisation import read_json, write_json
 from belief.calibration.structured import StructuredMatrixScaling
-from belief.calibration.table import CALIBRATIONS
 from belief.problem import Floats
 from belief.validation import checked_indices, unmasked
 
@@ -43,8 +39,6 @@ class PerPose:
         >>> np.exp(calibration.predict_log_proba([[4.0, 0.0], [4.0, 0.0]], [0, 1])).round(2).tolist()
         [[1.0, 0.0], [0.74, 0.26]]
     """
-
-    name: ClassVar[str] = "per_pose"
 
     kind: Calibration = field(default=StructuredMatrixScaling())
     pooling: float = 100.0
@@ -115,44 +109,6 @@ class PerPose:
     def num_shapes(self) -> int | None:
         """K; None if it is valid for any number."""
         return None if self.pooled is None else self.pooled.num_shapes
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :meth:`Calibration.to_fields`."""
-        return {
-            "kind": _named_fields(self.kind),
-            "pooling": self.pooling,
-            "pooled": None if self.pooled is None else _named_fields(self.pooled),
-            "by_pose": [_named_fields(calibration) for calibration in self.by_pose],
-            "num_touches": self.num_touches,
-        }
-
-    @classmethod
-    def from_fields(cls, fields: Mapping[str, Any]) -> PerPose:
-        """See :meth:`Calibration.from_fields`."""
-        return cls(
-            _calibration(fields["kind"]),
-            float(fields["pooling"]),
-            None if fields["pooled"] is None else _calibration(fields["pooled"]),
-            tuple(map(_calibration, fields["by_pose"])),
-            tuple(fields["num_touches"]),
-        )
-
-    def to_json(self, shape_labels: Sequence[str]) -> str:
-        """See :meth:`Calibration.to_json`."""
-        return write_json(self, shape_labels)
-
-    @classmethod
-    def from_json(cls, text: str, shape_labels: Sequence[str]) -> PerPose:
-        """See :meth:`Calibration.from_json`."""
-        return read_json(text, {cls.name: cls.from_fields}, shape_labels)
-
-
-def _named_fields(calibration: Calibration) -> dict[str, Any]:
-    return {"calibration": calibration.name, **calibration.to_fields()}
-
-
-def _calibration(fields: Mapping[str, Any]) -> Calibration:
-    return CALIBRATIONS[fields["calibration"]].from_fields(fields)
 
 
 def _poses(poses: ArrayLike, num_rows: int) -> NDArray[np.integer]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from belief.calibration.base import Calibration
+from belief.calibration.base import Calibration, read_json
 from belief.calibration.dirichlet import DirichletCalibration
-from belief.calibration.serialisation import read_json
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.temperature import TemperatureScaling
 from belief.calibration.vector import VectorScaling
@@ -24,4 +23,4 @@ def calibration_from_json(text: str, shape_labels: Sequence[str]) -> Calibration
     >>> calibration_from_json(TemperatureScaling(2.0, "ok").to_json(["cube", "cone"]), ["cube", "cone"])
     TemperatureScaling(temperature=2.0, status='ok', floor=0.0)
     """
-    return read_json(text, {name: kind.from_fields for name, kind in CALIBRATIONS.items()}, shape_labels)
+    return read_json(text, CALIBRATIONS, shape_labels)
