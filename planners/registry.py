@@ -245,7 +245,7 @@ def make_decider(
             raise
         raise BadReference(f"{name} cannot be made: {error!r}") from error
     if not callable(getattr(made, "decide", None)):
-        raise BadReference(f"{name} is not a decider: it is {_what(made)}, and has no method decide(info, rng)")
+        raise BadReference(f"{name} is no decider: it is {_what(made)}, and has no method decide(info, rng)")
     return made
 
 

@@ -410,7 +410,7 @@ def _metrics() -> list[Case]:
             "one row",
             lambda: bias_corrected_interval([[0.9, 0.1]], [0], brier_score, _rng(), num_resamples=20),
             ValueError,
-            "two clusters at least",
+            "at least two clusters",
         ),
         answers(
             "metrics.calibration_report",

@@ -224,7 +224,7 @@ def test_mcnemar_of_a_million_episodes_is_that_of_the_normal_law(rng):
     ("first", "second", "message"),
     [
         ([], [], "at least one"),
-        ([[1]], [[1]], "one outcome an episode"),
+        ([[1]], [[1]], "one outcome per episode"),
         ([1, 0], [1], "same episodes"),
         ([1, 2], [1, 0], "got 2 in row 1"),
         ([1, 0], [0.5, 0], "second_correct must be right"),
