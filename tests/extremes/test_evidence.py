@@ -257,7 +257,7 @@ def _observation_models() -> list[Case]:
             lambda: float(_model("confusion").outcome_table().probs.min()),
             such_that("above zero", lambda p: p > 0),
         ),
-        refuses("ConfusionModel", "one shape", lambda: random_model(_rng(), num_shapes=1), ValueError, "one shape"),
+        refuses("ConfusionModel", "one shape", lambda: random_model(_rng(), num_shapes=1), ValueError, "two shapes"),
         *refusals(
             "ConfusionModel.fit",
             ValueError,

@@ -169,7 +169,7 @@ CASES: tuple[Case, ...] = (
         UnknownName,
         "Did you mean 'information_gain'",
     ),
-    refuses("make_decider", "no name", lambda: make_decider("", _NOISY.outcome_table()), BadReference, "no name"),
+    refuses("make_decider", "no name", lambda: make_decider("", _NOISY.outcome_table()), BadReference, "not a name"),
     answers(
         "search",
         "a decider that never stops",

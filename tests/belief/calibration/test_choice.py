@@ -111,7 +111,7 @@ def test_of_equal_candidates_the_first_is_taken(rng):
     [
         ({"candidates": {}}, "no candidates to choose from; try temperature, vector"),
         ({"num_folds": 1}, "num_folds must be .* at least 2, got 1"),
-        ({"num_folds": 21}, "between 2 and 20 folds for 20 objects"),
+        ({"num_folds": 21}, "between 1 and 20 folds for 20 objects"),
     ],
 )
 def test_a_comparison_that_cannot_be_made_is_refused(rng, options, message):

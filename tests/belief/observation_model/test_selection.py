@@ -91,7 +91,7 @@ def test_the_model_that_made_the_data_beats_a_blunt_one(rng):
 
 def test_more_folds_than_objects_are_refused(rng):
     source, touches, shapes, ids = collect(rng, num_objects=3)
-    with pytest.raises(ValueError, match="between 2 and 3 folds"):
+    with pytest.raises(ValueError, match="between 1 and 3 folds"):
         cross_validated_nll(lambda *_: source, touches, shapes, ids, num_folds=4)
 
 
