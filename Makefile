@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment development sensor policies figures reproduce clean
+.PHONY: search test check environment rigid-body development sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -64,6 +64,14 @@ sensor: development
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
+
+# The sensor of a scene whose belief is about one rigid body (docs/perception.md); part of the package for coarse.
+rigid-body: development
+	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
+	$(BIN)/activetouch train --scene $(SCENE) --data data/$(SCENE) --out runs/train-$(SCENE)-rigid-body
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
+	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(SCENE)-rigid-body/reader.safetensors \
+		--observation-model ratio "rigid body" --out activetouch/models/$(SCENE)-rigid-body
 
 # Its PPO policies, from the same repeated touches; those that come with the package are of paper, coarse and gel.
 PPO.gel := --change.steps 120000

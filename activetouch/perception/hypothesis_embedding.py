@@ -135,4 +135,4 @@ class HypothesisEmbedding:
 
 def _gelu(x: Floats32) -> Floats32:
     """The exact Gaussian error linear unit."""
-    return np.float32(0.5) * x * (np.float32(1.0) + erf(x * np.float32(np.sqrt(0.5))))
+    return np.asarray(np.float32(0.5) * x * (np.float32(1.0) + erf(x * np.float32(np.sqrt(0.5)))), np.float32)

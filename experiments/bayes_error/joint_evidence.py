@@ -54,7 +54,7 @@ class Evidence:
         return cls(*(_log_mean(np.stack(some), axis=0) for some in _columns(parts)))
 
 
-def _columns(parts: Sequence[Evidence]) -> tuple[list[Floats], list[Floats]]:
+def _columns(parts: Sequence[Evidence]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     return [part.joint for part in parts], [part.single for part in parts]
 
 

@@ -63,7 +63,7 @@ class MakeTouchBank:
             logits, features = [], []
             for reading in readings(reader, touches.images, f"reading {split} touches"):
                 logits.append(reading.logits.astype(np.float32))
-                features.append(reading.features.astype(np.float16))
+                features.append(reading.embeddings.astype(np.float16))
             by_object = (num_objects, manifest.plan.repeats, num_poses, -1)
             bank = TouchBank(
                 np.concatenate(logits).reshape(by_object),

@@ -75,7 +75,7 @@ class Changes:
 
 @dataclass(frozen=True)
 class Train:
-    """Train a classifier on a collection.
+    """Train a reader on a collection: one that knows shape, orientation and size, or a plain classifier of shapes.
 
     The state is saved after every epoch; the same command continues from it.
 
@@ -83,8 +83,9 @@ class Train:
 
     For example:
 
+        activetouch train --scene coarse
         activetouch train --scene gel --recipe large
-        activetouch train --backbone tiny --weights facebook/convnext-tiny-224   (from the hub, or from a local folder)
+        activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
 
