@@ -152,7 +152,7 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
             surface = (placed.scale, placed.offset, placed.friction, placed.stiffness)
             rows.append((*felt, thing.orientation, placed.orientation, *surface))
     names = TouchSet.__dataclass_fields__
-    arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}  # type: ignore[arg-type]
+    arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
     arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
     with atomic_path(path) as temporary:
         np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it

@@ -39,6 +39,7 @@ class TouchNetwork(nn.Module):
         self.card = card
         self.backbone = features if features is not None else kind.build(card.channels)
         width, num_shapes = kind.num_features, len(card.shape_labels)
+        self.head: nn.Module
         if card.embedding:
             self.head = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, card.embedding))
             self.hypotheses = HypothesisNetwork(num_shapes, card.embedding, card.log_size_mean, card.log_size_std)

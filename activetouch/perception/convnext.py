@@ -22,8 +22,10 @@ class ConvNeXtFeatures(ConvNextModel):
     """Pooled, normalised features ``(B, widths[-1])`` of images ``(B, channels, H, W)``."""
 
     def __init__(self, depths: tuple[int, ...], widths: tuple[int, ...], channels: int) -> None:
-        sizes = {"num_stages": len(depths), "depths": list(depths), "hidden_sizes": list(widths)}
-        super().__init__(ConvNextConfig(num_channels=channels, **sizes))
+        stages, hidden = list(depths), list(widths)
+        super().__init__(
+            ConvNextConfig(num_channels=channels, num_stages=len(stages), depths=stages, hidden_sizes=hidden)
+        )
         for module in self.modules():
             convolution = getattr(module, "dwconv", None)
             if isinstance(convolution, nn.Conv2d):

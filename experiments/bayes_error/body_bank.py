@@ -58,7 +58,8 @@ class BodyBank:
             raise UnknownLikelihood(f"a bank of bodies needs a renderer with mean_pressure, not {scene.renderer!r}")
         rng = keyed_rng([seed, Stream.BODY], is_fixed_length=True)
         thing, pose = scene.sample_object(0, rng), 0
-        if not np.array_equal(*(scene.place(thing, pose, rng).orientation for _ in range(2))):
+        first, second = (scene.place(thing, pose, rng).orientation for _ in range(2))
+        if not np.array_equal(first, second):
             raise UnknownLikelihood(
                 f"with {scene.presentation!r} touches of one object are in unrelated orientations: joint and "
                 "independent evidence are the same. Use limit without --touches-per-object"

@@ -93,7 +93,9 @@ class JointBayes:
             "differences": {
                 name: [
                     paired_difference(
-                        *(log_loss(logs[:, n], touched.shapes) for logs in (other, posteriors["joint"])), study.seed
+                        log_loss(other[:, n], touched.shapes),
+                        log_loss(posteriors["joint"][:, n], touched.shapes),
+                        study.seed,
                     )
                     for n in range(len(last))
                 ]

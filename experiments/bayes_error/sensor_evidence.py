@@ -19,7 +19,7 @@ def sensor_evidence(sensor: TactileSensor, touched: TouchedObjects) -> NDArray[n
     """
     readings = np.take_along_axis(touched.readings, touched.orders[:, :, None, None], axis=1)
     reading = sensor.reader.read(readings.reshape(-1, *readings.shape[2:]), batch_size=256)
-    logits, embeddings = (rows.reshape(*touched.orders.shape, -1) for rows in (reading.logits, reading.embeddings))
-    batch = TouchBatch(touched.orders, logits, embeddings)
+    per_object = (*touched.orders.shape, -1)
+    batch = TouchBatch(touched.orders, reading.logits.reshape(per_object), reading.embeddings.reshape(per_object))
     found = [sensor.model.log_likelihood_batch(batch.first(n)) for n in range(1, batch.num_touches + 1)]
     return np.stack(found, axis=1)

@@ -133,7 +133,9 @@ def _candidates(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | 
     others = {name: fit for name, fit in (asked or OBSERVATION_MODELS).items() if name not in JOINT_MODELS}
     if reader.hypotheses is None or scene is None:
         if asked and joint:
-            raise BadArgument(f"{in_words(joint)} needs a reader of a named scene, trained with --recipe contrast")
+            raise BadArgument(
+                f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
+            )
         return others
     embed = cache(HypothesisTable(reader, scene))
     return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
