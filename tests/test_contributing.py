@@ -72,7 +72,7 @@ def presentation(add):
 def way_to_press(add):
     add(experiments.scene_choice, "FIDELITIES", mine=Quasistatic())
     assert SceneChoice(fidelity="mine").named.scene.press_model == Quasistatic()
-    assert get_args(experiments.scene_choice.Fidelity) == tuple(FIDELITIES)
+    assert get_args(experiments.scene_choice.FidelityName) == tuple(FIDELITIES)
 
 
 def backbone(add):

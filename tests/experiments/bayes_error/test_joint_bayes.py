@@ -133,11 +133,6 @@ def test_more_touches_than_poses_are_refused(tmp_path, touches):
         Limit(SceneChoice("coarse"), touches_per_object=touches, out=tmp_path).run()
 
 
-def test_a_sensor_that_would_not_be_used_is_refused(tmp_path):
-    with pytest.raises(BadArgument, match="without --touches-per-object"):
-        Limit(SceneChoice("coarse"), touches_per_object=(2,), sensor=tmp_path, out=tmp_path).run()
-
-
 def test_settings_of_several_touches_without_these_are_refused(tmp_path):
     with pytest.raises(BadArgument, match="add --touches-per-object"):
         Limit(SceneChoice("coarse"), joint=JointBayes(bodies=8), out=tmp_path).run()
