@@ -83,7 +83,7 @@ def commands() -> dict[str, Any]:
 def help_lines() -> Iterator[str]:
     """Lines that ``activetouch --help`` prints."""
     yield "usage: activetouch COMMAND [OPTIONS]"
-    yield "Find an object by touch alone. Start with: activetouch compare"
+    yield "Find an object by touch alone. The command to start with is compare."
     for group, entries in COMMAND_GROUPS.items():
         yield f"\n{group}:" if group == "Search" else f"{group}:"
         yield from (f"  {name:<18}  {entry.summary}" for name, entry in entries.items())

@@ -126,7 +126,7 @@ CASES: tuple[Case, ...] = (
     answers("compare", "an unfinished file of a killed run", _after(_with_unfinished_file), equal_to(3)),
     answers("compare", "more episodes than there are", _after(_unchanged, episodes=5), equal_to(5)),
     refuses("RunFolder", "no run.json", in_folder(lambda f: RunFolder(f).read_run()), FileNotFoundError, "compare"),
-    refuses("RunFolder", "a missing shard", in_folder(_missing_shard), FileNotFoundError, "play it with"),
+    refuses("RunFolder", "a missing shard", in_folder(_missing_shard), FileNotFoundError, "make it with"),
     refuses("replay", "an empty folder", in_folder(lambda f: Replay(f).run()), FileNotFoundError, "holds no run"),
     refuses("replay", "a missing episode", in_folder(_missing_episode), FileNotFoundError, "numbers 0 to 2"),
     refuses("touch", "a misspelt shape", TouchCommand(shape="conee").run, UnknownName, "Did you mean 'cone'"),

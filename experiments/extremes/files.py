@@ -109,7 +109,7 @@ def _of_sensors() -> list[Case]:
             "the sensor of another scene",
             lambda: TactileSensor.load(_SHIPPED, other),
             LabelMismatch,
-            "classifier of its own",
+            "reader of its own",
         ),
         refuses(load, "a missing folder", lambda: TactileSensor.load(Path("nowhere"), other), CorruptFile, "nowhere"),
         *refusals(
@@ -117,7 +117,10 @@ def _of_sensors() -> list[Case]:
             ValueError,
             {
                 "an image of floats": (_read(np.zeros((1, 4, 4))), "uint8"),
-                "an image of 7 × 7 for a network of 16 × 16": (_read(np.zeros((1, 7, 7), np.uint8)), "multiple"),
+                "an image of 7 × 7 for a network of 16 × 16": (
+                    _read(np.zeros((1, 7, 7), np.uint8)),
+                    "takes images of shape",
+                ),
             },
         ),
         *refusals(

@@ -194,7 +194,11 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     with (folder / "tradeoff.csv").open(newline="") as file:
         rows = list(csv.reader(file))[1:]
     assert len(rows) == len(numbers["points"])
-    assert all(f"| {' | '.join(row[:3])} |" in page for row in rows)
+    written = {tuple(row[:3]) for row in rows}
+    shown = [tuple(line.strip("| ").split(" | ")[:3]) for line in page.splitlines() if line.count("|") == 14]
+    shown = [row for row in shown if row[0].split(",")[0] in SCENES]
+    assert len(shown) >= 8
+    assert set(shown) <= written
     for line in numbers["answers"]:
         assert line.split(". Success")[0] in page
 
