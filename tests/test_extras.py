@@ -42,7 +42,7 @@ def activetouch(tmp_path):
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("jobs", ["1", "2"])
+@pytest.mark.parametrize("jobs", ["2"])
 def test_searches_need_no_training_stack(activetouch, jobs, tmp_path):
     deciders = ("point_based", "information_gain", "threshold", "ppo", "random_confirm")
     done = activetouch("compare", "--episodes", "2", "--jobs", jobs, "--out", "run", "--deciders", *deciders)
