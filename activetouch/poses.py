@@ -8,8 +8,9 @@ To add a pose, add one entry to :data:`POSES`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,27 +20,33 @@ Quaternion = NDArray[np.float64]
 
 def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
     """The rotation ``right`` followed by ``left`` (Hamilton product, ``wxyz``)."""
+    return np.array(hamilton_product(left, right))
+
+
+def hamilton_product(left: Iterable[Any], right: Iterable[Any]) -> list[Any]:
+    """The four components of a product of quaternions ``wxyz``, from theirs: numbers, arrays or tensors."""
     (w1, x1, y1, z1), (w2, x2, y2, z2) = left, right
-    return np.array(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ]
-    )
+    return [
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+    ]
 
 
 def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:
     """Rotation matrix ``(3, 3)`` of a unit quaternion ``wxyz``: its columns are the rotated axes."""
+    return np.array(matrix_rows(quaternion))
+
+
+def matrix_rows(quaternion: Iterable[Any]) -> list[list[Any]]:
+    """The rows of a rotation matrix, from the components ``wxyz`` of its quaternion: numbers, arrays or tensors."""
     w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
 
 
 def to_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:

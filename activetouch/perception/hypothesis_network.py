@@ -11,6 +11,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from activetouch.poses import hamilton_product, matrix_rows
+
 WIDTH, HIDDEN_LAYERS = 192, 3
 
 
@@ -65,24 +67,10 @@ class HypothesisNetwork(nn.Sequential):
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:
     """Rotation matrices ``(H, 3, 3)`` of unit quaternions ``wxyz``."""
-    w, x, y, z = quaternions.unbind(1)
-    entries = [
-        *(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        *(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        *(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    ]
-    return torch.stack(entries, dim=1).reshape(-1, 3, 3)
+    rows = matrix_rows(quaternions.unbind(1))
+    return torch.stack([entry for row in rows for entry in row], dim=1).reshape(-1, 3, 3)
 
 
 def compose(left: Tensor, right: Tensor) -> Tensor:
     """The rotations ``right`` followed by ``left``, unit quaternions ``wxyz`` ``(H, 4)`` (Hamilton product)."""
-    (w1, x1, y1, z1), (w2, x2, y2, z2) = left.unbind(-1), right.unbind(-1)
-    return torch.stack(
-        [
-            w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-            w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-            w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-            w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-        ],
-        dim=-1,
-    )
+    return torch.stack(hamilton_product(left.unbind(-1), right.unbind(-1)), dim=-1)

@@ -59,7 +59,6 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
-
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 

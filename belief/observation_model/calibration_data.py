@@ -110,3 +110,15 @@ class LabelledTouches(FrozenArrays):
     def counts(self) -> NDArray[np.int64]:
         """Touches of each shape, ``(K,)``."""
         return np.bincount(self.shapes, minlength=self.num_shapes)
+
+    def rows_of_poses(self, number: int) -> NDArray[np.int64]:
+        """Rows of ``number`` touches in each pose, evenly spaced in the data, ``(P, number)``.
+
+        They are of all poses where a pose has none.
+        """
+        rows = []
+        for pose in range(self.num_poses):
+            here = np.flatnonzero(self.poses == pose)
+            here = here if here.size else np.arange(len(self.poses))
+            rows.append(here[np.linspace(0, len(here) - 1, number).round().astype(int)])
+        return np.stack(rows)

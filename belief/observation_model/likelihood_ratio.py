@@ -263,12 +263,7 @@ def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) 
 
 def _references(data: LabelledTouches) -> Floats:
     """500 touches per pose, evenly spaced in the data, in single precision; of all poses where a pose has none."""
-    rows = []
-    for pose in range(data.num_poses):
-        here = np.flatnonzero(data.poses == pose)
-        here = here if here.size else np.arange(len(data.poses))
-        rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
-    chosen = data.logits[np.stack(rows)]
+    chosen = data.logits[data.rows_of_poses(_REFERENCES)]
     # Logits beyond single precision are stored relative to the largest in the row, which does not change a softmax.
     with np.errstate(over="ignore"):
         below = np.maximum(chosen - chosen.max(axis=-1, keepdims=True), np.finfo(np.float32).min)

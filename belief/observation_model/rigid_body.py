@@ -164,13 +164,13 @@ class RigidBodyModel(ArrayModel):
             ValueError: the touches bring no embeddings, or do not fit the hypotheses.
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        batch = TouchBatch.of([touches])
-        if batch.features is None:
+        if data.batch.features is None:
             raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
-        found = np.asarray(batch.features[0], np.float64)
-        rows = _references(data)
-        model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, found[rows], batch.logits[0][rows])
-        return model.at(_fit_temperature(model, batch, data))
+        found = np.asarray(data.batch.features[0], np.float64)
+        rows = data.rows_of_poses(_REFERENCES)
+        kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
+        model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, *kept)
+        return model.at(_fit_temperature(model, data))
 
     def at(self, temperature: float) -> RigidBodyModel:
         """The model at another temperature."""
@@ -280,17 +280,7 @@ def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
     return np.asarray(batch.features)
 
 
-def _references(data: LabelledTouches) -> NDArray[np.int64]:
-    """Rows of as many touches of each pose, evenly spread over those there are, ``(P, M)``."""
-    rows = []
-    for pose in range(data.num_poses):
-        here = np.flatnonzero(data.poses == pose)
-        here = here if here.size else np.arange(len(data.poses))
-        rows.append(here[np.linspace(0, len(here) - 1, _REFERENCES).round().astype(int)])
-    return np.stack(rows)
-
-
-def _fit_temperature(model: RigidBodyModel, batch: TouchBatch, data: LabelledTouches) -> float:
+def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P."""
     ids = np.unique(data.objects)
     ids = ids[np.linspace(0, len(ids) - 1, min(len(ids), _FITTED_ON)).round().astype(int)]
@@ -298,15 +288,14 @@ def _fit_temperature(model: RigidBodyModel, batch: TouchBatch, data: LabelledTou
     rows = [order[data.objects[order] == number][: model.num_poses] for number in ids]
     length = min(len(row) for row in rows)
     chosen = np.stack([row[:length] for row in rows])
-    assert batch.features is not None, "checked by the caller"
+    assert data.batch.features is not None, "checked by the caller"
     truth = data.shapes[chosen[:, 0]]
     weights = np.zeros((len(chosen), len(model.shape_labels), model.num_hypotheses), np.float32)
     sums = []
-    for rows_of_step in chosen.T:
-        touched = (data.poses[rows_of_step, None], batch.logits[0][rows_of_step, None])
-        weights = weights + model.log_weights(TouchBatch(*touched, batch.features[0][rows_of_step, None])).astype(
-            np.float32
-        )
+    features = data.batch.features[0]
+    for step in chosen.T[:, :, None]:
+        one_each = TouchBatch(data.poses[step], data.logits[step], features[step])
+        weights = weights + model.log_weights(one_each).astype(np.float32)
         sums.append(weights)
 
     def loss(log_temperature: float) -> float:
