@@ -21,6 +21,10 @@ class WrongScene(ActiveTouchError, ValueError):
     """A sensor, a collection or a bank was made for another scene."""
 
 
+class NoIndependentModel(ActiveTouchError, FileNotFoundError):
+    """A sensor has no observation model that takes touches as independent given the shape."""
+
+
 class SceneShift(UserWarning):
     """A sensor is used in a scene that differs from its own by a known shift."""
 

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.errors import LabelMismatch, SceneShift
+from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.perception.hypothesis_table import HypothesisTable
@@ -32,9 +32,11 @@ from belief.errors import CorruptFile, UnknownName
 from belief.files import write_text
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
+from belief.observation_model.registry import JOINT_MODELS
 
 MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
+INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
 RIGID_BODY = "-rigid-body"  # at the end of a shipped sensor's name: its observation model is the joint one
 POLICIES = "policies"  # folder of trained policies beside the two
 
@@ -69,24 +71,43 @@ class PendingTouch(Protocol):
         """Generator of offset, force and sensor faults."""
 
 
-def load_observation_model(folder: Path) -> ArrayModel:
+def load_observation_model(folder: Path, independent: bool = False) -> ArrayModel:
     """The observation model of the sensor in a folder.
+
+    Args:
+        folder: of the sensor.
+        independent: whether it must take touches as independent given the shape: see :func:`observation_file`.
 
     Raises:
         CorruptFile: it is damaged, was changed since, or is missing.
+        NoIndependentModel: the sensor has no such model.
     """
-    return observation_model_and_scene(folder)[0]
+    return observation_model_and_scene(folder, independent)[0]
 
 
-def write_observation_model(folder: Path, model: ArrayModel, scene: Mapping[str, Any]) -> None:
+def observation_file(folder: Path, independent: bool = False) -> Path:
+    """The file of a sensor's observation model.
+
+    Args:
+        folder: of the sensor.
+        independent: whether to prefer, beside a joint model, the one that takes touches as independent given the shape.
+    """
+    other = folder / INDEPENDENT_FILE
+    return other if independent and other.exists() else folder / OBSERVATION_FILE
+
+
+def write_observation_model(
+    folder: Path, model: ArrayModel, scene: Mapping[str, Any], file: str = OBSERVATION_FILE
+) -> None:
     """Write the observation model of a sensor.
 
     Args:
         folder: of the sensor.
         model: the model.
         scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
+        file: name of the file; :data:`INDEPENDENT_FILE` for a second model beside a joint one.
     """
-    write_text(folder / OBSERVATION_FILE, model.to_json({"scene": scene}) + "\n")
+    write_text(folder / file, model.to_json({"scene": scene}) + "\n")
 
 
 def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str, ...]:
@@ -109,23 +130,34 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str,
     return _shift(folder, card, *observation_model_and_scene(folder), scene, anyway)
 
 
-def observation_model_and_scene(folder: Path) -> tuple[ArrayModel, Mapping[str, Any] | None]:
+def observation_model_and_scene(folder: Path, independent: bool = False) -> tuple[ArrayModel, Mapping[str, Any] | None]:
     """The observation model in a folder, and the fields of the scene it was fitted to, if it says so.
+
+    Args:
+        folder: of the sensor.
+        independent: see :func:`observation_file`.
 
     Raises:
         CorruptFile: it is damaged, was changed since, or is missing.
+        NoIndependentModel: the sensor has only a joint model.
     """
-    path = folder / OBSERVATION_FILE
+    path = observation_file(folder, independent)
     try:
         text = path.read_text(encoding="utf-8")
         scene = (read_origin(text) or {}).get("scene")
         if not (scene is None or isinstance(scene, dict)):
             raise ValueError(f"its scene is {scene!r}")
-        return read_observation_model(text), scene
+        model = read_observation_model(text)
     except OSError as error:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise CorruptFile(f"{path} is no observation model: {error}") from error
+    if independent and model.name in JOINT_MODELS:
+        raise NoIndependentModel(
+            f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
+            "Calibrate its reader again: activetouch calibrate writes both"
+        )
+    return model, scene
 
 
 def _shift(
@@ -179,7 +211,7 @@ class TactileSensor:
         _require_model(self.model, self.scene)
 
     @classmethod
-    def load(cls, folder: Path, scene: Scene, anyway: bool = False) -> TactileSensor:
+    def load(cls, folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> TactileSensor:
         """The sensor whose reader and observation model lie in a folder.
 
         A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
@@ -189,13 +221,15 @@ class TactileSensor:
             folder: of the two.
             scene: in which to use it.
             anyway: whether to use it, without a warning, in a scene that it was not made for.
+            independent: whether to use its model that takes touches as independent given the shape.
 
         Raises:
             CorruptFile: one of the files is damaged or missing.
+            NoIndependentModel: the sensor has only a joint model.
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift.
         """
-        model, fitted_to = observation_model_and_scene(folder)
+        model, fitted_to = observation_model_and_scene(folder, independent)
         reader = TactileReader.load(folder / READER_FILE)
         shift = _shift(folder, reader.card, model, fitted_to, scene, anyway)
         if shift and not anyway:

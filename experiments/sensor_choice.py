@@ -146,11 +146,21 @@ def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) 
     return sensor
 
 
-def load_quietly(folder: Path, scene: Any, anyway: bool) -> TactileSensor:
-    """Load a sensor without the warning about accepted differences, which the caller prints."""
+def load_quietly(folder: Path, scene: Any, anyway: bool, independent: bool = False) -> TactileSensor:
+    """Load a sensor without the warning about accepted differences, which the caller prints.
+
+    Args:
+        folder: of the sensor.
+        scene: in which to use it.
+        anyway: whether to accept any scene.
+        independent: whether to use its model that takes touches as independent given the shape.
+
+    Raises:
+        NoIndependentModel: the sensor has no such model.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneShift)
-        return TactileSensor.load(folder, scene, anyway)
+        return TactileSensor.load(folder, scene, anyway, independent)
 
 
 def shift_sentences(shift: tuple[str, ...]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,11 +14,11 @@ import numpy as np
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, READER_FILE
+from activetouch.world import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel
-from belief.observation_model.registry import OBSERVATION_MODELS
+from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, score_model
@@ -27,8 +28,9 @@ from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
-from experiments.sensor.scores import read_logits
-from experiments.sensor_choice import open_collection, require_collection
+from experiments.sensor.calibrate import candidate_models, scene_of
+from experiments.sensor.scores import read_touches
+from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 if TYPE_CHECKING:
     from experiments.reporting.page import Section
@@ -49,6 +51,7 @@ class CalibrationReport:
 
         activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
         activetouch calibration-report --scene coarse
+        activetouch calibration-report --scene coarse --sensor coarse-rigid-body
         activetouch calibration-report --data data/mug-repeats --sensor runs/sensor-mug --out runs/calibration-mug
     """
 
@@ -57,7 +60,7 @@ class CalibrationReport:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the sensor; the shipped sensor of the scene by default."""
+    """Folder of the sensor, or name of a shipped one; the shipped sensor of the scene by default."""
     out: Path | None = None
     """Folder for report.html, numbers.json, tables.md and figures; runs/calibration-SCENE by default."""
     confidence_level: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] = 0.95
@@ -87,7 +90,8 @@ class CalibrationReport:
                 f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
                 f"{repeats_folder(self.scene)}"
             )
-        found = self.measure(manifest, *self._read(data, manifest))
+        fits, calibration, test = self._read(data, manifest)
+        found = self.measure(manifest, calibration, test, fits)
         report = sections(found)
         write(folder, found, report)
         console = plain_console()
@@ -99,25 +103,30 @@ class CalibrationReport:
                 console.print(table.rich())
         print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
 
-    def _read(self, data: Path, manifest: Manifest) -> list[Rounds]:
-        folder = self.sensor if self.sensor is not None else MODELS / self.scene
+    def _read(self, data: Path, manifest: Manifest) -> tuple[Mapping[str, Fit], Rounds, Rounds]:
+        """The observation models that the sensor allows, and the touches of both splits."""
+        folder = sensor_folder(self.sensor, self.scene)
         reader = TactileReader.load(folder / READER_FILE)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         found = []
         for split in ("calibration", "test"):  # in turn, because the images of one take a gigabyte
-            touches = read_split(data, split)
-            logits = read_logits(reader, touches.images, f"reading {split} touches")
-            found.append(Rounds.of(touches, logits, len(manifest.pose_labels)))
-        return found
+            truth = read_split(data, split)
+            touches = read_touches(reader, truth, f"reading {split} touches")
+            found.append(Rounds.of(truth, touches, len(manifest.pose_labels)))
+        known, test = found
+        return candidate_models({}, reader, scene_of(manifest)), known, test
 
-    def measure(self, manifest: Manifest, calibration: Rounds, test: Rounds) -> Measurements:
+    def measure(
+        self, manifest: Manifest, calibration: Rounds, test: Rounds, fits: Mapping[str, Fit] = OBSERVATION_MODELS
+    ) -> Measurements:
         """All numbers of the report.
 
         Args:
             manifest: manifest of the collection.
-            calibration: logits of the calibration split.
-            test: logits of the test split.
+            calibration: touches of the calibration split.
+            test: touches of the test split.
+            fits: functions that fit the observation models, by name.
         """
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
@@ -128,13 +137,10 @@ class CalibrationReport:
             ],
             "single touches",
         )
-        choices = {
-            choice.name: choice
-            for choice in self._in_order(
-                [partial(fit_model, name, known, manifest.shape_labels, num_poses) for name in OBSERVATION_MODELS],
-                "fitting observation models",
-            )
-        }
+        tasks = [partial(fit_model, name, fit, known, manifest.shape_labels, num_poses) for name, fit in fits.items()]
+        fitted = self._in_order([t for t in tasks if t.args[0] not in JOINT_MODELS], "fitting observation models")
+        fitted += [task() for task in tasks if task.args[0] in JOINT_MODELS]  # which embed their hypotheses once, here
+        choices = {choice.name: choice for choice in fitted}
         ratio = choices["ratio"].model
         assert isinstance(ratio, RatioModel), "as registered"
         models = {name: (choice.model, choice.losses[name]) for name, choice in choices.items()}

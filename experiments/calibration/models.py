@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import softmax
 
-from belief import Touch
 from belief.metrics import CalibrationAtStop, CalibrationError, accuracy, calibration_at_stop, negative_log_likelihood
 from belief.observation_model import ArrayModel, RatioModel
-from belief.observation_model.registry import OBSERVATION_MODELS
+from belief.observation_model.registry import Fit
 from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.selection import ModelChoice, choose_observation_model
 from belief.statistics import cluster_bootstrap
 from experiments.calibration.sequences import Sequences, stops
 from experiments.calibration.touches import classwise_error, top_error
+from experiments.sensor.scores import regrouped
 
 Floats = NDArray[np.float64]
 
@@ -89,23 +89,23 @@ class Weight:
     discounted: float
 
 
-def fit_model(name: str, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
+def fit_model(name: str, fit: Fit, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
     """Fit an observation model to single touches of the calibration split, and compute its cross-validated NLL.
 
     Args:
-        name: a key of ``OBSERVATION_MODELS``.
+        name: of the model.
+        fit: fits it.
         touches: single touches.
         shape_labels: names of the shapes.
         num_poses: number of poses.
     """
-    batch = touches.batch
     return choose_observation_model(
-        [Touch(int(pose), row) for pose, row in zip(batch.poses[:, 0], batch.logits[:, 0], strict=True)],
+        regrouped(touches.batch, (1, -1)).sequence(0),
         touches.shapes,
         touches.object_ids,
         shape_labels=shape_labels,
         num_poses=num_poses,
-        candidates={name: OBSERVATION_MODELS[name]},
+        candidates={name: fit},
     )
 
 

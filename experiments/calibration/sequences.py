@@ -17,23 +17,46 @@ from belief.touch_batch import TouchBatch
 Floats = NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
 class Rounds(TouchRounds):
-    """Logits of a collection's split, from which sequences of touches are drawn."""
+    """Touches of a collection's split, from which sequences are drawn.
+
+    Attributes:
+        features: of the touches, ``(N, R, P, F)``, or None: the embeddings that a joint model needs.
+        rests: orientation of every object at rest, unit quaternions ``wxyz``, ``(N, 4)``, if known.
+        sizes: size factor of every object, ``(N,)``, if known.
+    """
 
     logits: Floats
+    features: NDArray[np.floating] | None = None
+    rests: Floats | None = None
+    sizes: Floats | None = None
 
     @classmethod
-    def of(cls, touches: TouchSet, logits: Floats, num_poses: int) -> Rounds:
-        """Rounds of a collection's split, whose touches are ordered by object, round and pose."""
-        num_objects = len(np.unique(touches.object_ids))
-        by_object = (num_objects, -1, num_poses)
-        return cls(logits.reshape(*by_object, logits.shape[1]), touches.shapes.reshape(by_object)[:, 0, 0])
+    def of(cls, truth: TouchSet, touches: TouchBatch, num_poses: int) -> Rounds:
+        """Rounds of a collection's split, whose touches are ordered by object, round and pose.
+
+        Args:
+            truth: what was touched.
+            touches: what a reader made of it, as one sequence.
+            num_poses: P.
+        """
+        by_object = (len(np.unique(truth.object_ids)), -1, num_poses)
+        each = len(truth.object_ids) // by_object[0]
+        return cls(
+            touches.logits.reshape(*by_object, touches.num_shapes),
+            truth.shapes[::each],
+            None if touches.features is None else touches.features.reshape(*by_object, touches.features.shape[2]),
+            truth.rests[::each],
+            truth.sizes[::each],
+        )
 
     def singles(self) -> Sequences:
         """Sequences of one touch each."""
-        touches, per_object = self.logits.reshape(-1, 1, self.logits.shape[3]), self.num_rounds * self.num_poses
-        poses = np.tile(np.arange(self.num_poses), self.num_objects * self.num_rounds)
-        return self._sequences(TouchBatch(poses[:, None], touches), per_object)
+        poses = np.tile(np.arange(self.num_poses), (self.num_objects, self.num_rounds, 1))
+        rounds = np.broadcast_to(np.arange(self.num_rounds)[:, None], poses.shape)
+        one_each = (self.num_objects, -1, 1)
+        return self._pick(rounds.reshape(one_each), poses.reshape(one_each))
 
     def distinct_poses(self, rng: np.random.Generator) -> Sequences:
         """R sequences per object, which share no touch: every pose once, in random order, from random rounds."""
@@ -74,13 +97,13 @@ class Rounds(TouchRounds):
 
     def _pick(self, rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> Sequences:
         """Sequences from rounds and poses ``(N, sequences, touches)``."""
-        logits = self.logits[np.arange(self.num_objects)[:, None, None], rounds, poses]
-        length = poses.shape[2]
-        batch = TouchBatch(poses.reshape(-1, length), logits.reshape(-1, length, logits.shape[3]))
-        return self._sequences(batch, poses.shape[1])
-
-    def _sequences(self, batch: TouchBatch, per_object: int) -> Sequences:
-        object_ids = np.arange(self.num_objects).repeat(per_object)
+        where, length = (np.arange(self.num_objects)[:, None, None], rounds, poses), poses.shape[2]
+        logits, features = (
+            None if some is None else some[where].reshape(-1, length, some.shape[3])
+            for some in (self.logits, self.features)
+        )
+        object_ids = np.arange(self.num_objects).repeat(poses.shape[1])
+        batch = TouchBatch(poses.reshape(-1, length), logits, features)
         return Sequences(batch, self.shapes[object_ids], object_ids)
 
 

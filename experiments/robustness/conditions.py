@@ -10,7 +10,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from activetouch.distributions import LogUniform, Uniform
+from activetouch.distributions import Constant, Distribution, LogUniform, Uniform
 from activetouch.rendering import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation
 from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
@@ -55,7 +55,7 @@ def _dead(share: float) -> Change:
     return changed
 
 
-def _varied(**changes: Uniform | LogUniform) -> Change:
+def _varied(**changes: Distribution) -> Change:
     return lambda scene: replace(scene, variation=replace(scene.variation, **changes))
 
 
@@ -96,9 +96,12 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
         "friction 0.3 to 1": _rubbing,
+        "stiffness × 0.7": _varied(stiffness=Constant(0.7)),
+        "stiffness × 1.5": _varied(stiffness=Constant(1.5)),
         "stiffness × 0.5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
         "force 0.5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
+        "force 1 to 4 N": _varied(force=Uniform(1.0, 4.0)),
         "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
         **{f"press {name}": _with("press_model", press) for name, press in FIDELITIES.items()},
         **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from experiments.reporting.style import PALETTE, figure
-from experiments.reporting.tables import Table, interval
+from experiments.reporting.tables import Table, Value, interval
+from experiments.robustness.searches import CONFIDENCE
 from experiments.robustness.shifted_touches import AS_TRAINED
 
+Parts: TypeAlias = Callable[[Mapping[str, Any]], tuple[tuple[float, float, float] | None, Mapping[str, Any] | None]]
 _TICKS = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 
 def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
     """Tables of a report, from the contents of ``robustness.json``."""
     name, of = numbers["scene"], f"{numbers['objects_per_shape']} objects of every shape, {numbers['num_poses']} poses"
-    rows = []
+    rows, models = [], list(numbers["conditions"][AS_TRAINED]["models"])
     for condition, row in numbers["conditions"].items():
+        own = row["models"][models[0]]
         fewer = row["num_objects"] < numbers["conditions"][AS_TRAINED]["num_objects"]
         rows.append(
             (
@@ -28,13 +31,18 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
                 interval(row["difference"], *row["difference_interval"], spec="+.3f")
                 if condition != AS_TRAINED
                 else "",
-                f"{row['nll']:.3f}",
-                f"{row['ece']:.3f}",
-                interval(row["fused_accuracy"], *row["fused_interval"]),
+                f"{own['nll']:.3f}",
+                f"{own['ece']:.3f}",
+                interval(own["fused_accuracy"], *own["fused_interval"]),
             )
         )
     headings = ("condition", "accuracy, one touch", "difference", "NLL", "ECE", "all touches fused")
-    found = [Table(f"{name}: accuracy in other conditions than trained ({of})", headings, rows)]
+    found = [
+        Table(f"{name}: accuracy in other conditions than trained ({of})", headings, rows),
+        _stops_table(numbers),
+    ]
+    if "searches" in numbers["conditions"][AS_TRAINED]["models"][models[0]]:
+        found.append(_searches_table(numbers))
     if numbers["unseen"]:
         pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
         unseen = [
@@ -53,6 +61,61 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
     return found
 
 
+def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts: Parts) -> Table:
+    """One row per condition, and for every model: how often it is right, and what it states and achieves at the end.
+
+    Args:
+        numbers: contents of ``robustness.json``.
+        title: of the table.
+        note: what stated and achieved mean.
+        right: heading of the first of a model's columns.
+        parts: from the scores of a model: value and interval of the first column, and the other three; None without.
+    """
+    models = list(numbers["conditions"][AS_TRAINED]["models"])
+    columns: list[Sequence[str]] = ["condition"]
+    for model in models:
+        columns += [(f"{model}: {right}", ""), ("touches", ".2f"), ("stated", ".3f"), ("achieved", ".3f")]
+    rows: list[tuple[Value, ...]] = []
+    gaps: dict[str, dict[str, float]] = {model: {} for model in models}
+    for condition, row in numbers["conditions"].items():
+        cells: list[Value] = []
+        for model in models:
+            value, ends = parts(row["models"][model])
+            cells += [None if value is None else interval(*value)]
+            cells += [None if ends is None else ends[key] for key in ("touches", "stated", "achieved")]
+            if ends is not None and ends["stated"] is not None and not row["is_chance"]:
+                gaps[model][condition] = ends["stated"] - ends["achieved"]
+        rows.append((condition, *cells))
+    worst = {model: max(found, key=lambda name, of=found: abs(of[name])) for model, found in gaps.items() if found}
+    sentences = [f"Largest gap of {model}: {gaps[model][name]:+.3f} ({name})." for model, name in worst.items()]
+    return Table(f"{numbers['scene']}: {title}", columns, rows, " ".join([note, *sentences]))
+
+
+def _stops_table(numbers: Mapping[str, Any]) -> Table:
+    return _beside(
+        numbers,
+        "stated confidence and accuracy at the stop",
+        f"Each object is touched in its poses in random order, until a shape has a posterior of {CONFIDENCE:g}.",
+        "all touches fused",
+        lambda own: ((own["fused_accuracy"], *own["fused_interval"]), own["stops"]),
+    )
+
+
+def _searches_table(numbers: Mapping[str, Any]) -> Table:
+    def parts(own: Mapping[str, Any]) -> tuple[tuple[float, float, float] | None, Mapping[str, Any] | None]:
+        found = own.get("searches")
+        return (None, None) if found is None else ((found["success"], *found["interval"]), found)
+
+    searches = next(iter(numbers["conditions"][AS_TRAINED]["models"].values()))["searches"]
+    return _beside(
+        numbers,
+        f"{searches['number']} live searches by information gain",
+        "Stated confidence and accuracy are those at confirmation.",
+        "success",
+        parts,
+    )
+
+
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
     """Draw the error rates of one touch and of all touches fused; the endings of the paths decide the formats.
 
@@ -61,15 +124,27 @@ def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
     rows, trained = numbers["conditions"], numbers["conditions"][AS_TRAINED]
     with figure((9, 1.3 + 0.24 * len(rows)), *paths) as drawn:
         drawn.suptitle(f"{numbers['scene']}: {trained['num_objects']} objects, intervals at 95 %")
-        panels = (("accuracy", "accuracy_interval", "one touch"), ("fused_accuracy", "fused_interval", "all touches"))
-        for axes, (key, bounds, title) in zip(drawn.subplots(1, 2, sharey=True), panels, strict=True):
-            values = 1.0 - np.array([row[key] for row in rows.values()])
-            high, low = 1.0 - np.array([row[bounds] for row in rows.values()]).T
-            axes.axvspan(*(1.0 - bound for bound in trained[bounds]), color="0.9", linewidth=0)
-            axes.axvline(1.0 - trained[key], color="0.5", linewidth=1)
-            axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
-            reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
-            axes.errorbar(values, list(rows), xerr=reach, fmt="o", color=PALETTE[0], markersize=4, elinewidth=1)
+        models = list(trained["models"])
+        alone = [("", [(row["accuracy"], *row["accuracy_interval"]) for row in rows.values()])]
+        fused = [
+            (model, [(own["fused_accuracy"], *own["fused_interval"]) for own in _of(model, rows)]) for model in models
+        ]
+        place = list(rows).index(AS_TRAINED)
+        panels = (("one touch", alone), ("all touches", fused))
+        for axes, (title, series) in zip(drawn.subplots(1, 2, sharey=True), panels, strict=True):
+            for number, (label, found) in enumerate(series):
+                values, high, low = 1.0 - np.array(found).T
+                if number == 0:
+                    axes.axvspan(low[place], high[place], color="0.9", linewidth=0)
+                    axes.axvline(values[place], color="0.5", linewidth=1)
+                    axes.axvline(1.0 - numbers["chance"], color="0.5", linewidth=1, linestyle=":")
+                reach = np.maximum([values - low, high - values], 0.0)  # a mean and its quantiles round differently
+                colour, marker = PALETTE[number], "os"[number]
+                style = {"fmt": marker, "color": colour, "markersize": 4, "elinewidth": 1, "label": label}
+                axes.errorbar(values, np.arange(len(rows)) + 0.2 * number, xerr=reach, **style)
+            axes.set_yticks(range(len(rows)), list(rows))
+            if len(series) > 1:
+                axes.legend(loc="lower right")
             axes.set(title=title, xlabel="error rate (line: as trained; dotted: chance)")
             axes.set_xscale("symlog", linthresh=0.01, linscale=0.7)
             axes.set(
@@ -78,3 +153,8 @@ def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:
             axes.minorticks_off()
             axes.grid(axis="x", alpha=0.25)
         axes.invert_yaxis()
+
+
+def _of(model: str, rows: Mapping[str, Any]) -> list[Any]:
+    """The scores of a model in every condition."""
+    return [row["models"][model] for row in rows.values()]

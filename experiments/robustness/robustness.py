@@ -1,31 +1,34 @@
 """``activetouch robustness``: accuracy and calibration of a sensor outside the world it was trained in.
 
-The same objects are touched in every pose under many conditions, so differences to the training world are paired.
-Touches of unseen shapes measure two out-of-distribution scores by their AUROC.
+The same objects are touched in every pose under many conditions, so differences to the training world are paired. A
+sensor with a joint observation model is compared with its own independent one. Touches of unseen shapes measure two
+out-of-distribution scores by their AUROC.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from activetouch.shapes import EXTENDED_SHAPES
+from activetouch.world import TactileSensor, load_observation_model, observation_file
 from belief.files import require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
-from belief.touch_batch import TouchBatch
+from experiments.calibration.sequences import Sequences, stops
 from experiments.command_line.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
+from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
     ClassifierOutputs,
@@ -34,8 +37,10 @@ from experiments.robustness.shifted_touches import (
     measure_touches,
 )
 from experiments.scene_choice import SceneChoice
-from experiments.sensor_choice import open_sensor
+from experiments.sensor_choice import open_sensor, sensor_folder
 
+INDEPENDENT = "independent"
+"""Name of the model that takes touches as independent given the shape, beside a joint one."""
 _REFERENCE, _UNSEEN = "more known objects", "unseen shapes"
 
 
@@ -43,24 +48,29 @@ _REFERENCE, _UNSEEN = "more known objects", "unseen shapes"
 class Robustness:
     """Measure a sensor under faults, other objects, other presses and unseen shapes.
 
-    Writes ``robustness.json``, the tables ``robustness.md`` and the figure ``robustness.svg`` and ``.png``.
+    A sensor whose observation model is about one rigid body is measured beside its model that takes touches as
+    independent. Writes ``robustness.json``, tables (``robustness.md``) and a figure (``robustness.svg`` and ``.png``).
 
     For example:
 
         activetouch robustness --scene gel --objects 100
+        activetouch robustness --scene coarse --sensor coarse-rigid-body --searches 100
         activetouch robustness --scene coarse --sensor runs/sensor-coarse --deformable 5
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world that the sensor was trained in."""
     sensor: Path | None = None
-    """Folder from ``activetouch calibrate``; the scene's shipped sensor by default."""
+    """Folder from ``activetouch calibrate``, or name of a shipped sensor; that of the scene by default."""
     objects: Annotated[int, Within(2, 10**8)] = 100
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     deformable: CountOrNone = 0
     """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
+    searches: CountOrNone = 0
+    """Number of live searches for every target, by information gain with each observation model, under every
+    condition."""
     seed: Seed = 0
-    """Seed of the objects, their touches and the bootstrap."""
+    """Seed of the objects, their touches, the searches and the bootstrap."""
     out: Path | None = None
     """Folder for the results; runs/robustness-SCENE by default."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -84,8 +94,15 @@ class Robustness:
             shifted[_UNSEEN] = ShiftedScene(replace(scene, shapes=novel), self.objects)
         else:
             left_out[_UNSEEN] = "the sensor was trained on all known shapes"
+        models = self._models(sensor)
         outputs = measure_touches(sensor, shifted, self.seed, self.jobs)
         trained = outputs[AS_TRAINED]
+        scores = {c: condition_scores(outputs[c], trained, models, self.seed) for c in conditions}
+        if self.searches:
+            scenes = {name: some.scene for name, some in shifted.items() if name in scores}
+            searched = search_scores(sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs)
+            for (condition, name), found in searched.items():
+                scores[condition]["models"][name]["searches"] = found
         unseen: dict[str, Any] = {}
         if novel:
             unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))
@@ -95,44 +112,49 @@ class Robustness:
             "objects_per_shape": self.objects,
             "num_poses": len(scene.poses),
             "chance": 1.0 / len(scene.shapes),
-            "conditions": {c: condition_scores(outputs[c], trained, sensor.model, self.seed) for c in conditions},
+            "conditions": scores,
             "unseen": unseen,
             "left_out": left_out,
             "shift": list(sensor.shift),
         }
-        found = robustness_tables(numbers)
-        for table in found:
+        tables = robustness_tables(numbers)
+        for table in tables:
             plain_console().print(table.rich())
         write_text(out / "robustness.json", json.dumps(numbers, indent=1) + "\n")
-        write_text(out / "robustness.md", "\n\n".join(table.markdown() for table in found) + "\n")
+        write_text(out / "robustness.md", "\n\n".join(table.markdown() for table in tables) + "\n")
         draw_conditions(numbers, out / "robustness.svg", out / "robustness.png")
         print(f"wrote {out}")
 
+    def _models(self, sensor: TactileSensor) -> dict[str, ArrayModel]:
+        """The sensor's observation model, and the independent one beside a joint one, by name."""
+        folder = sensor_folder(self.sensor, self.choice.scene)
+        models: dict[str, ArrayModel] = {sensor.model.name: sensor.model}
+        if observation_file(folder, independent=True) != observation_file(folder):
+            models[INDEPENDENT] = load_observation_model(folder, independent=True)
+        return models
+
 
 def condition_scores(
-    outputs: ClassifierOutputs, trained: ClassifierOutputs, model: ArrayModel, seed: int
+    outputs: ClassifierOutputs, trained: ClassifierOutputs, models: Mapping[str, ArrayModel], seed: int
 ) -> dict[str, Any]:
     """Accuracy and calibration in a condition, with 95 % intervals.
 
     Args:
         outputs: of the classifier in this condition.
         trained: of the classifier in the training world.
-        model: the sensor's observation model.
-        seed: of the bootstrap.
+        models: observation models by name, the sensor's own first.
+        seed: of the bootstrap, and of the order of poses.
 
     Returns:
         ``num_objects`` touched; ``accuracy`` of single touches and its paired ``difference`` to the training world,
-        with bootstrap intervals over objects; ``is_chance``: whether the interval contains chance; ``nll`` and ``ece``
-        of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial interval.
+        with bootstrap intervals over objects; ``is_chance``: whether the interval contains chance; ``models``: by name
+        of the model, :func:`model_scores`.
     """
-    (num_objects, num_poses, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
+    (num_objects, _, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
     right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (outputs, trained))
     accuracy, *interval = cluster_bootstrap(right, outputs.numbers, rng)
     _, here, there = np.intersect1d(outputs.numbers, trained.numbers, return_indices=True)
     difference, *difference_interval = paired_bootstrap(right[here], right_trained[there], rng)
-    probs, labels = _read_alone(outputs, model).reshape(-1, num_shapes), outputs.shapes.repeat(num_poses)
-    touches = TouchBatch(np.tile(np.arange(num_poses), (num_objects, 1)), outputs.logits)
-    num_found = int((log_posteriors(model, touches).argmax(axis=1) == outputs.shapes).sum())
     return {
         "num_objects": num_objects,
         "accuracy": accuracy,
@@ -140,10 +162,39 @@ def condition_scores(
         "difference": difference,
         "difference_interval": difference_interval,
         "is_chance": interval[0] <= 1.0 / num_shapes,
+        "models": {name: model_scores(outputs, model, seed) for name, model in models.items()},
+    }
+
+
+def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> dict[str, Any]:
+    """Accuracy and calibration of an observation model in a condition.
+
+    Args:
+        outputs: of the classifier in this condition.
+        model: the model.
+        seed: of the order of poses, in which each object is touched until a shape has a posterior of
+            :data:`CONFIDENCE`.
+
+    Returns:
+        ``nll`` and ``ece`` of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial
+        interval; ``stops``: their ``number``, mean number of ``touches``, mean ``stated`` confidence, and ``achieved``
+        accuracy with its ``interval``.
+    """
+    num_objects, num_poses, _ = outputs.logits.shape
+    probs, labels = np.exp(log_posteriors(model, outputs.singles())), outputs.shapes.repeat(num_poses)
+    poses = np.tile(np.arange(num_poses), (num_objects, 1))
+    touches = Sequences(
+        outputs.sequences(np.random.default_rng(seed).permuted(poses, axis=1)), outputs.shapes, outputs.numbers
+    )
+    by_number = touches.log_posteriors(model)
+    num_found = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
+    stopped = stops(by_number, outputs.shapes, CONFIDENCE)
+    return {
         "nll": negative_log_likelihood(probs, labels),
         "ece": expected_calibration_error(probs, labels),
         "fused_accuracy": num_found / num_objects,
         "fused_interval": clopper_pearson_interval(num_found, num_objects),
+        "stops": confidence_at_stops(stopped.claims, stopped.correct, stopped.num_touches),
     }
 
 
@@ -176,7 +227,8 @@ def out_of_distribution(
             for outputs in (known, novel)
         ],
     }
-    taken, confidence = novel.logits.argmax(axis=2), _read_alone(novel, model).max(axis=2)
+    taken = novel.logits.argmax(axis=2)
+    confidence = np.exp(log_posteriors(model, novel.singles())).max(axis=1).reshape(taken.shape)
     every = {label: novel.shapes == k for k, label in enumerate(novel_labels)} | {"all": novel.shapes >= 0}
     results = {}
     for label, rows in every.items():
@@ -195,11 +247,3 @@ def out_of_distribution(
             "confidence": float(confidence[rows].mean()),
         }
     return results
-
-
-def _read_alone(outputs: ClassifierOutputs, model: ArrayModel) -> NDArray[np.float64]:
-    """Posterior of every single touch under a uniform prior, ``(N, P, K)``."""
-    num_objects, num_poses, num_shapes = outputs.logits.shape
-    poses = np.tile(np.arange(num_poses), num_objects)
-    alone = TouchBatch(poses[:, None], outputs.logits.reshape(-1, 1, num_shapes))
-    return np.exp(log_posteriors(model, alone)).reshape(outputs.logits.shape)

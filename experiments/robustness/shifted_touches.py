@@ -20,8 +20,10 @@ from activetouch.rendering import Fault, read_out
 from activetouch.scene import Scene, WorldObject
 from activetouch.world import TactileSensor
 from belief.seeding import keyed_rng
+from belief.touch_batch import TouchBatch
 from experiments.parallel import run_tasks
 from experiments.robustness.conditions import CONDITIONS, DoesNotApply
+from experiments.sensor.scores import regrouped
 
 AS_TRAINED = "as trained"
 _PER_TASK = 10  # objects; in six poses they fill a batch of the network
@@ -50,13 +52,27 @@ class ClassifierOutputs:
         numbers: of the objects, increasing, ``(N,)``; objects whose presses did not settle are missing.
         shapes: index of their shape in the scene, ``(N,)``.
         logits: ``(N, P, K)``.
-        features: ``(N, P, D)``.
+        features: of the backbone, ``(N, P, F)``.
+        embeddings: ``(N, P, D)``, which a joint model reads; None for models that read logits only.
     """
 
     numbers: NDArray[np.int64]
     shapes: NDArray[np.int64]
     logits: NDArray[np.float64]
     features: NDArray[np.float32]
+    embeddings: NDArray[np.float32] | None = None
+
+    def sequences(self, order: NDArray[np.int64]) -> TouchBatch:
+        """The touches of each object in an order of its poses, ``(N, n)``, as sequences."""
+        rows = np.arange(len(order))[:, None]
+        embeddings = None if self.embeddings is None else self.embeddings[rows, order]
+        return TouchBatch(order, self.logits[rows, order], embeddings)
+
+    def singles(self) -> TouchBatch:
+        """Every touch as a sequence of its own, object after object."""
+        num_objects, num_poses, _ = self.logits.shape
+        all_poses = self.sequences(np.tile(np.arange(num_poses), (num_objects, 1)))
+        return regrouped(all_poses, (-1, 1))
 
 
 def applicable_conditions(
@@ -114,16 +130,15 @@ def measure_touches(
     for pressed, images in run_tasks(tasks, jobs, "touching objects"):
         for name, seen in images.items():
             if pressed:
-                logits, features, _ = sensor.reader.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
-                shape = (len(pressed), seen.shape[1], -1)
-                parts[name].append((pressed, logits.reshape(shape), features.reshape(shape)))
+                reading = sensor.reader.read(seen.reshape(-1, *seen.shape[2:]))  # as many as one task has
+                parts[name].append((pressed, *(read.reshape(*seen.shape[:2], -1) for read in reading)))
     outputs = {}
     for name, of_condition in parts.items():
         if not of_condition:
             raise UnstablePress(f"no object could be pressed under the condition {name!r}")
         columns = zip(*sorted(of_condition, key=lambda part: part[0]), strict=True)
-        kept, logits, features = (np.concatenate(column) for column in columns)
-        outputs[name] = ClassifierOutputs(kept, kept % len(shifted[name].scene.shapes), logits, features)
+        kept, *read = (np.concatenate(column) for column in columns)
+        outputs[name] = ClassifierOutputs(kept, kept % len(shifted[name].scene.shapes), *read)
     return outputs
 
 

@@ -21,7 +21,7 @@ from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
-from experiments.search.setting import Setting
+from experiments.search.setting import Setting, known_model
 from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
@@ -288,6 +288,7 @@ class Compare:
         except ValueError as error:
             raise BadArgument(str(error)) from error
         shift = self.setting.shift  # raises WrongScene
+        known_model(self.setting)  # raises NoIndependentModel
         if not self.deciders:
             raise BadArgument(f"--deciders must name one or more of {', '.join(DECIDERS)}; got none")
         if (self.backend == "dask") != (self.scheduler is not None):

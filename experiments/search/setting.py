@@ -14,11 +14,11 @@ import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.world import (
-    OBSERVATION_FILE,
     POLICIES,
     READER_FILE,
     TouchTime,
     load_observation_model,
+    observation_file,
     touch_many,
 )
 from belief import Composition, SearchProblem, Touch
@@ -49,6 +49,9 @@ class Setting:
     composition: Literal["distinct", "independent"] | None = None
     """distinct: all objects have different shapes. independent: each object can have any shape. That of the scene by
     default."""
+    observation_model: Literal["independent"] | None = None
+    """independent: the model of the sensor that takes touches of an object as independent given its shape. The
+    sensor's own model by default: about one rigid body, if it is a joint one."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
     anyway: bool = False
@@ -87,6 +90,16 @@ class Setting:
         return sensor_folder(self.sensor, self.choice.scene)
 
     @property
+    def observation_file(self) -> Path:
+        """File of the observation model."""
+        return observation_file(self.sensor_folder, self.is_independent)
+
+    @property
+    def is_independent(self) -> bool:
+        """Whether the model that takes touches as independent was asked for."""
+        return self.observation_model == "independent"
+
+    @property
     def shift(self) -> tuple[str, ...]:
         """Differences between the scene and that of the sensor (:func:`experiments.sensor_choice.check_sensor`)."""
         return check_sensor(self.sensor_folder, self.choice, self.anyway)
@@ -113,9 +126,9 @@ Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
 def stamps(setting: Setting) -> Stamps:
     """Stamps of the files of the setting's sensor."""
     found: list[tuple[int, int] | None] = []
-    for name in (READER_FILE, OBSERVATION_FILE):
+    for path in (setting.sensor_folder / READER_FILE, setting.observation_file):
         try:
-            status = (setting.sensor_folder / name).stat()
+            status = path.stat()
             found.append((status.st_mtime_ns, status.st_size))
         except OSError:
             found.append(None)
@@ -129,17 +142,17 @@ def load_sensor(setting: Setting) -> TactileSensor:
 
 @lru_cache(maxsize=2)
 def _load_sensor(setting: Setting, when: Stamps) -> TactileSensor:
-    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway)
+    return load_quietly(setting.sensor_folder, setting.scene, setting.anyway, setting.is_independent)
 
 
 def known_model(setting: Setting) -> tuple[ObservationModel, OutcomeTable]:
     """The sensor's observation model and its outcome table; does not load the network."""
-    return _known_model(setting.sensor_folder, stamps(setting))
+    return _known_model(setting.sensor_folder, setting.is_independent, stamps(setting))
 
 
 @lru_cache(maxsize=2)
-def _known_model(folder: Path, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
-    model = load_observation_model(folder)
+def _known_model(folder: Path, independent: bool, when: Stamps) -> tuple[ObservationModel, OutcomeTable]:
+    model = load_observation_model(folder, independent)
     return model, model.outcome_table()
 
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 from activetouch.scene_description import scene_fields
-from activetouch.world import OBSERVATION_FILE, READER_FILE
+from activetouch.world import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
 from experiments.search.bound import best_expected_return
@@ -44,13 +44,12 @@ def identity(setting: Setting, seed: int) -> Mapping[str, Any]:
 
 @lru_cache(maxsize=2)
 def _identity(setting: Setting, seed: int, when: Stamps) -> Mapping[str, Any]:
-    folder = setting.sensor_folder
     return {
         "seed": seed,
         "problem": repr(setting.problem),
         "scene": scene_fields(setting.scene),
         "scene_code_sha256": fingerprint(setting.scene),
-        "sensor_sha256": files_digest([folder / READER_FILE, folder / OBSERVATION_FILE]),
+        "sensor_sha256": files_digest([setting.sensor_folder / READER_FILE, setting.observation_file]),
         "observation_model_code_sha256": fingerprint(known_model(setting)[0]),
     }
 

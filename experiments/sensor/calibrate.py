@@ -18,7 +18,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
-from activetouch.world import READER_FILE, write_observation_model
+from activetouch.world import INDEPENDENT_FILE, READER_FILE, write_observation_model
 from belief.calibration import TemperatureScaling
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
@@ -43,8 +43,8 @@ class Calibrate:
 
     The collection should touch its objects several times in every pose (``collect --plan.repeats 6``): how far touches
     repeat each other can be learned from nothing else. Cross-validation on the calibration split selects the model.
-    Writes the reader, the observation model and ``evaluation.json`` into one folder that the
-    other commands use.
+    Writes the reader, the observation model and ``evaluation.json`` into one folder that the other commands use.
+    If the chosen model is about one rigid body, the best model that takes touches as independent is kept beside it.
 
     For example:
 
@@ -90,15 +90,13 @@ class Calibrate:
         known = read_touches(reader, calibration, "reading calibration touches")
         tested = read_touches(reader, test, "reading test touches")
         print("choosing the observation model by cross-validation …")
-        choice = choose_observation_model(
-            known.sequence(0),
-            calibration.shapes,
-            calibration.object_ids,
-            shape_labels=manifest.shape_labels,
-            num_poses=len(manifest.pose_labels),
-            candidates=_candidates(chosen_from, reader, scene if scene is not None else _scene(manifest)),
-        )
+        touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
+        labels = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
+        candidates = candidate_models(chosen_from, reader, scene if scene is not None else scene_of(manifest))
+        choice = choose_observation_model(*touches, **labels, candidates=candidates)
         require_readable(choice.model)
+        others = {name: loss for name, loss in choice.losses.items() if name not in JOINT_MODELS}
+        leaner = min(others, key=others.__getitem__) if choice.name in JOINT_MODELS and others else None
         evaluation = {
             "observation_model": choice.name,
             "cross_validated_nll": dict(choice.losses),
@@ -108,6 +106,9 @@ class Calibrate:
         }
         reader.save(out / READER_FILE)
         write_observation_model(out, choice.model, manifest.scene)
+        (out / INDEPENDENT_FILE).unlink(missing_ok=True)
+        if leaner is not None:
+            write_observation_model(out, candidates[leaner](*touches, **labels), manifest.scene, INDEPENDENT_FILE)
         write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, choice)
         if manifest.plan.repeats == 1:
@@ -118,13 +119,18 @@ class Calibrate:
         print(f"wrote {out}")
 
 
-def _scene(manifest: Manifest) -> Scene | None:
+def scene_of(manifest: Manifest) -> Scene | None:
     """The scene of a collection that the command line chose; None where a program did."""
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice).named.scene
 
 
-def _candidates(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
+def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
     """The observation models to choose from: those asked for, or all that the reader and the scene allow.
+
+    Args:
+        asked: by name; all if there are none.
+        reader: of the touches; a joint model works only with one that embeds hypotheses.
+        scene: of the touches, if it is known.
 
     Raises:
         BadArgument: a model works with hypotheses, which this reader does not embed.

@@ -43,7 +43,9 @@ def measured(sensor, scenes, num_objects=4):
         sensor, {name: ShiftedScene(scene, num_objects) for name, scene in scenes.items()}, seed=5, jobs=1
     )
     trained = next(iter(outputs.values()))
-    return outputs, {name: condition_scores(some, trained, sensor.model, seed=5) for name, some in outputs.items()}
+    return outputs, {
+        name: condition_scores(some, trained, {"ratio": sensor.model}, seed=5) for name, some in outputs.items()
+    }
 
 
 @pytest.mark.parametrize("name", SCENES)

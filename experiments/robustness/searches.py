@@ -1,0 +1,113 @@
+"""Live searches under changed conditions, with each observation model of a sensor on the same episodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.named_scenes import NamedScene
+from activetouch.world import touch_many
+from belief import SearchProblem
+from belief.observation_model import ArrayModel
+from belief.seeding import arrangement_rng
+from belief.statistics import clopper_pearson_interval
+from belief.synthetic import sample_arrangement
+from experiments.parallel import run_tasks
+from experiments.search.episode_statistics import calibration_of_confirmations
+from planners import Episode, make_decider, search_lockstep
+
+CONFIDENCE = 0.95
+"""Posterior of a shape at which touching stops."""
+_DECIDER, _TOGETHER = "information_gain", 25  # searches in lockstep
+
+
+def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike) -> dict[str, Any] | None:
+    """Stated confidence against accuracy at stopping; None if nothing stopped.
+
+    Args:
+        stated: confidence at each stop, ``(n,)``.
+        correct: whether the answer is right, ``(n,)``.
+        num_touches: at the stop, ``(n,)``.
+    """
+    right = np.asarray(correct)
+    if not len(right):
+        return None
+    return {
+        "number": len(right),
+        "touches": float(np.mean(num_touches)),
+        "stated": float(np.mean(stated)),
+        "achieved": float(right.mean()),
+        "interval": clopper_pearson_interval(int(right.sum()), len(right)),
+    }
+
+
+def search_scores(
+    sensor: TactileSensor,
+    models: Mapping[str, ArrayModel],
+    scenes: Mapping[str, Scene],
+    named: NamedScene,
+    episodes: int,
+    seed: int,
+    jobs: int,
+) -> dict[tuple[str, str], dict[str, Any]]:
+    """Success and calibration at confirmation of live searches, by condition and model.
+
+    Args:
+        sensor: reads the touches; its observation model is not used.
+        models: observation models by name.
+        scenes: by condition.
+        named: the scene of the sensor and its search.
+        episodes: for every target, the same for all models.
+        seed: of the episodes.
+        jobs: number of processes.
+
+    Returns:
+        By condition and model: ``success`` with its ``interval``, ``touches`` a search, and ``stated`` confidence and
+        ``achieved`` accuracy at confirmation.
+    """
+    problem = SearchProblem(
+        named.scene.shape_labels,
+        named.scene.pose_labels,
+        num_objects=named.num_objects,
+        composition=named.composition,
+        touch_limit=12 * named.num_objects,
+    )
+    tasks = [
+        partial(_search_all, (condition, name), replace(sensor, scene=scene, model=model), problem, episodes, seed)
+        for condition, scene in scenes.items()
+        if not scene.press_model.is_slow
+        for name, model in models.items()
+    ]
+    return dict(run_tasks(tasks, jobs, "searching under every condition"))
+
+
+def _search_all(
+    key: tuple[str, str], sensor: TactileSensor, problem: SearchProblem, number: int, seed: int
+) -> tuple[tuple[str, str], dict[str, Any]]:
+    decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
+    seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
+    played: list[Episode] = []
+    for first in range(0, len(seeds), _TOGETHER):
+        some = seeds[first : first + _TOGETHER]
+        rngs = [arrangement_rng(one) for one in some]
+        worlds = [TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng) for rng in rngs]
+        targets = [target for _, target, _ in some]
+        played += search_lockstep(
+            worlds, decider, problem, targets, sensor.model, some, lambda pending: touch_many(sensor, pending)[0]
+        )
+    won, confirmed = sum(episode.success for episode in played), calibration_of_confirmations(played)
+    overall = None if confirmed is None else confirmed.overall
+    return key, {
+        "number": len(played),
+        "success": won / len(played),
+        "interval": clopper_pearson_interval(won, len(played)),
+        "touches": float(np.mean([episode.num_touches for episode in played])),
+        "stated": None if overall is None else overall.mean_stated,
+        "achieved": None if overall is None else overall.share_right,
+    }
