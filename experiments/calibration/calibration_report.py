@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.world import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel
 from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit
+from belief.observation_model.rigid_body import RigidBodyModel
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, score_model
+from experiments.calibration.orientation import rank_tests
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
@@ -34,6 +38,10 @@ from experiments.sensor_choice import open_collection, require_collection, senso
 
 if TYPE_CHECKING:
     from experiments.reporting.page import Section
+
+
+Hypotheses: TypeAlias = Callable[[int], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Orientations at rest ``(N, 4)`` and sizes ``(N,)`` of N hypotheses."""
 
 
 class NoRepeats(ActiveTouchError, ValueError):
@@ -90,8 +98,12 @@ class CalibrationReport:
                 f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
                 f"{repeats_folder(self.scene)}"
             )
-        fits, calibration, test = self._read(data, manifest)
-        found = self.measure(manifest, calibration, test, fits)
+        reader = self._reader(data, manifest)
+        scene = scene_of(manifest)
+        fits = candidate_models({}, reader, scene)
+        hypotheses = HypothesisTable(reader, scene).hypotheses if JOINT_MODELS.keys() & fits.keys() and scene else None
+        calibration, test = self._read(reader, data, manifest)
+        found = self.measure(manifest, calibration, test, fits, hypotheses)
         report = sections(found)
         write(folder, found, report)
         console = plain_console()
@@ -103,22 +115,28 @@ class CalibrationReport:
                 console.print(table.rich())
         print(f"wrote {folder / 'report.html'}; all tables are in {folder / 'tables.md'}")
 
-    def _read(self, data: Path, manifest: Manifest) -> tuple[Mapping[str, Fit], Rounds, Rounds]:
-        """The observation models that the sensor allows, and the touches of both splits."""
-        folder = sensor_folder(self.sensor, self.scene)
-        reader = TactileReader.load(folder / READER_FILE)
+    def _reader(self, data: Path, manifest: Manifest) -> TactileReader:
+        reader = TactileReader.load(sensor_folder(self.sensor, self.scene) / READER_FILE)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
+        return reader
+
+    def _read(self, reader: TactileReader, data: Path, manifest: Manifest) -> list[Rounds]:
+        """Touches of the calibration split and of the test split."""
         found = []
         for split in ("calibration", "test"):  # in turn, because the images of one take a gigabyte
             truth = read_split(data, split)
             touches = read_touches(reader, truth, f"reading {split} touches")
             found.append(Rounds.of(truth, touches, len(manifest.pose_labels)))
-        known, test = found
-        return candidate_models({}, reader, scene_of(manifest)), known, test
+        return found
 
     def measure(
-        self, manifest: Manifest, calibration: Rounds, test: Rounds, fits: Mapping[str, Fit] = OBSERVATION_MODELS
+        self,
+        manifest: Manifest,
+        calibration: Rounds,
+        test: Rounds,
+        fits: Mapping[str, Fit] = OBSERVATION_MODELS,
+        hypotheses: Hypotheses | None = None,
     ) -> Measurements:
         """All numbers of the report.
 
@@ -127,6 +145,7 @@ class CalibrationReport:
             calibration: touches of the calibration split.
             test: touches of the test split.
             fits: functions that fit the observation models, by name.
+            hypotheses: orientations and sizes of the joint model's hypotheses, to test its posterior of these.
         """
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
@@ -166,6 +185,14 @@ class CalibrationReport:
                 split: free_weights(ratio, rounds.one_pose(self._rng(3, index)))
                 for index, (split, rounds) in enumerate({"calibration": calibration, "test": test}.items())
             },
+            orientation=[
+                test_of_shape
+                for choice in choices.values()
+                if isinstance(choice.model, RigidBodyModel) and hypotheses is not None
+                for test_of_shape in rank_tests(
+                    choice.model, *hypotheses(choice.model.num_hypotheses), [calibration, test], self._rng(4)
+                )
+            ],
         )
 
     def _rng(self, *key: int) -> np.random.Generator:

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
+from scipy.stats import binom
 
 from belief.metrics import ReliabilityCurve, StopScore
 from belief.observation_model.repeat_discount import effective_touches
 from experiments.calibration.models import INDEPENDENT, ModelScores, Weight
+from experiments.calibration.orientation import BINS, QUANTITIES, RankTest
 from experiments.calibration.targets import FUSED
 from experiments.reporting.style import INK, PALETTE, Picture
 
@@ -155,4 +157,30 @@ def discount(weights: Mapping[str, Sequence[Weight]], correlation: float) -> Pic
         [draw],
         {"independent": INK, f"n / (1 + (n - 1) · {correlation:.2f})": PALETTE[0]}
         | {f"best on the {split} split": colour for split, colour in zip(weights, PALETTE[1:3], strict=True)},
+    )
+
+
+def orientation_ranks(tests: Sequence[RankTest], shape: str) -> Picture:
+    """Histograms of the ranks of a shape's true orientation and size, by number of touches."""
+    colours = dict(zip(QUANTITIES, PALETTE, strict=False))
+    some = [test for test in tests if test.shape == shape]
+
+    def panel(test: RankTest) -> Callable[[Axes], None]:
+        def draw(axes: Axes) -> None:
+            band = binom.ppf([0.005, 0.995], test.num_objects, 1.0 / BINS) * BINS / test.num_objects
+            axes.axhspan(band[0], band[1], **_CHANCE)
+            for name, ranks in test.ranks.items():
+                density = np.array(ranks.counts) * BINS / test.num_objects
+                axes.stairs(density, np.linspace(0.0, 1.0, BINS + 1), color=colours[name], linewidth=1.4)
+            title = f"{test.num_touches} touch{'' if test.num_touches == 1 else 'es'}"
+            axes.set(title=title, xlabel="rank of the truth", ylabel="density", xlim=(0, 1), ylim=(0, None))
+
+        return draw
+
+    return Picture(
+        "orientation",
+        f"Ranks of the true orientation and size of {shape} among draws from the posterior, the shape with the least "
+        "uniform ones. Those of a calibrated posterior lie in the grey band in 99 % of the bins.",
+        [panel(test) for test in some],
+        colours,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from experiments.calibration.models import ModelScores, Weight
+from experiments.calibration.orientation import RankTest
 from experiments.calibration.touches import RAW, TouchScores
 
 Scores = TypeVar("Scores", TouchScores, ModelScores)
@@ -26,6 +27,7 @@ class Measurements:
         models: scores in the order of the registry of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
         correlation: ρ of the ratio model.
         weights: weights of touches in one pose, by split.
+        orientation: tests of the joint model's posterior of orientation and size; none without such a model.
     """
 
     scene: str
@@ -37,6 +39,7 @@ class Measurements:
     models: Sequence[ModelScores]
     correlation: float
     weights: Mapping[str, Sequence[Weight]]
+    orientation: Sequence[RankTest] = ()
 
     @property
     def calibration(self) -> TouchScores:

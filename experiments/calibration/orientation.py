@@ -28,6 +28,9 @@ NUM_TOUCHES = (1, 2, 3, 6)
 """Numbers of touches in different poses after which the posterior is tested."""
 LEAST_P = 0.01
 """Smallest p-value, corrected for the number of quantities, of a posterior that passes."""
+BINS = 20
+"""Bins of a histogram of ranks."""
+_AT_ONCE = 64  # objects
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
@@ -42,75 +45,102 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 """What is ranked, by name. Components are those in the frame of the body at rest; angles enter as -2 cos - 1."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Ranks:
+    """Summary of the ranks of one quantity, one rank of each object.
+
+    Attributes:
+        p_value: of Kolmogorov and Smirnov's test that they are uniform.
+        mean: 0.5 for uniform ranks.
+        spread: standard deviation relative to that of uniform ranks; above 1 the posterior is too narrow, below 1 too
+            wide.
+        counts: number of ranks in each of :data:`BINS` equal parts of [0, 1].
+    """
+
+    p_value: float
+    mean: float
+    spread: float
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, ranks: Floats) -> Ranks:
+        """The summary of ranks ``(n,)`` in [0, 1]."""
+        counts, _ = np.histogram(ranks, BINS, (0.0, 1.0))
+        test = kstest(ranks, "uniform")
+        return cls(float(test.pvalue), float(ranks.mean()), float(ranks.std() * np.sqrt(12.0)), tuple(counts.tolist()))
+
+
+@dataclass(frozen=True)
 class RankTest:
     """Ranks of the truth of one shape after a number of touches.
 
     Attributes:
         shape: label of the shape.
         num_touches: in different poses.
-        ranks: by quantity, in [0, 1], one of each object, ``(n,)``.
+        num_objects: with one rank each.
+        ranks: by quantity.
     """
 
     shape: str
     num_touches: int
-    ranks: Mapping[str, Floats]
+    num_objects: int
+    ranks: Mapping[str, Ranks]
 
     @property
-    def num_objects(self) -> int:
-        """How many objects."""
-        return len(next(iter(self.ranks.values())))
+    def worst(self) -> str:
+        """The quantity with the smallest p-value."""
+        return min(self.ranks, key=lambda name: self.ranks[name].p_value)
 
     @property
-    def p_values(self) -> dict[str, float]:
-        """p-value of Kolmogorov and Smirnov's test that the ranks are uniform, by quantity."""
-        return {name: float(kstest(ranks, "uniform").pvalue) for name, ranks in self.ranks.items()}
-
-    @property
-    def corrected(self) -> float:
+    def p_value(self) -> float:
         """Smallest p-value times the number of quantities (Bonferroni), at most 1."""
-        return min(1.0, min(self.p_values.values()) * len(self.ranks))
+        return min(1.0, self.ranks[self.worst].p_value * len(self.ranks))
 
     @property
-    def spread(self) -> float:
-        """Largest standard deviation of ranks relative to uniform ones; above 1, the posterior is too narrow."""
-        return max(float(ranks.std() * np.sqrt(12.0)) for ranks in self.ranks.values())
+    def passes(self) -> bool:
+        """Whether the p-value is large enough for a calibrated posterior."""
+        return self.p_value > LEAST_P
 
 
 def rank_tests(
-    model: RigidBodyModel,
-    hypotheses: tuple[Floats, Floats],
-    splits: Sequence[Rounds],
-    rng: np.random.Generator,
+    model: RigidBodyModel, rests: Floats, sizes: Floats, splits: Sequence[Rounds], rng: np.random.Generator
 ) -> list[RankTest]:
     """Ranks of the true orientation and size of every shape: of all objects, each in one sequence of different poses.
 
     Args:
         model: fitted, with its hypotheses.
-        hypotheses: orientations at rest ``(N, 4)`` and sizes ``(N,)`` of these.
-        splits: touches whose objects' orientations and sizes are known.
+        rests: orientations at rest of these, unit quaternions ``wxyz``, ``(N, 4)``.
+        sizes: size factors of these, ``(N,)``.
+        splits: touches of objects whose orientations and sizes are known.
         rng: of the sequences, and of ranks among equals.
     """
-    rotations, sizes = to_matrices(hypotheses[0]), hypotheses[1]
+    rotations = to_matrices(rests)
     found: dict[tuple[int, int], list[dict[str, float]]] = {}
     for rounds in splits:
         assert rounds.rests is not None, "recorded"
         assert rounds.sizes is not None, "recorded with it"
         sequences = rounds.distinct_poses(rng)
         _, first = np.unique(sequences.object_ids, return_index=True)
-        batch, truths = sequences.batch.sequences(first), to_matrices(rounds.rests)
-        for number in NUM_TOUCHES:
-            if number > batch.num_touches:
-                continue
-            for index, shape in enumerate(rounds.shapes.tolist()):
-                weights = model.log_weights(batch.sequences([index]).first(number))[0, shape]
-                truth = (truths[index], rounds.sizes[index])
-                found.setdefault((shape, number), []).append(_ranks(weights, rotations, sizes, truth, rng))
+        batch, truths = (
+            sequences.batch.sequences(first),
+            list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True)),
+        )
+        for number in [number for number in NUM_TOUCHES if number <= batch.num_touches]:
+            for start in range(0, len(truths), _AT_ONCE):
+                rows = range(start, min(start + _AT_ONCE, len(truths)))
+                weights = model.log_weights(batch.sequences(np.array(rows)).first(number))
+                for row, of_object in zip(rows, weights, strict=True):
+                    shape = int(rounds.shapes[row])
+                    ranks = _ranks(of_object[shape], rotations, sizes, truths[row], rng)
+                    found.setdefault((shape, number), []).append(ranks)
     return [
         RankTest(
-            model.shape_labels[shape], number, {name: np.array([row[name] for row in rows]) for name in QUANTITIES}
+            model.shape_labels[shape],
+            number,
+            len(some),
+            {name: Ranks.of(np.array([ranks[name] for ranks in some])) for name in QUANTITIES},
         )
-        for (shape, number), rows in sorted(found.items())
+        for (shape, number), some in sorted(found.items())
     ]
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from belief.metrics import CalibrationError
-from experiments.calibration.figures import claims, discount, fused_error, fused_nll, reliability
+from experiments.calibration.figures import claims, discount, fused_error, fused_nll, orientation_ranks, reliability
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import INDEPENDENT, Fused
+from experiments.calibration.orientation import LEAST_P, QUANTITIES
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import GroupScores, TouchScores
 from experiments.reporting.page import Section
@@ -16,7 +17,7 @@ from experiments.reporting.tables import Table, interval
 
 def sections(found: Measurements) -> list[Section]:
     """All sections of the report, the verdict first."""
-    return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found)]
+    return [_verdict(found), _touches(found), _models(found), _fusion(found), _stops(found), *_orientation(found)]
 
 
 def _verdict(found: Measurements) -> Section:
@@ -218,6 +219,45 @@ def _stops(found: Measurements) -> Section:
     )
     picture = claims(found.models, shown, found.confidence)
     return Section("Stopping", [sentence], [*overall, *by_touches], [picture])
+
+
+def _orientation(found: Measurements) -> list[Section]:
+    """The posterior of orientation and size; nothing without a joint model."""
+    if not found.orientation:
+        return []
+    rows = [
+        (
+            *(test.shape, str(test.num_touches), str(test.num_objects)),
+            f"{test.p_value:.2g} {'✓' if test.passes else '✗'}",
+            test.worst,
+            f"{test.ranks[test.worst].mean:.3f}",
+            f"{test.ranks[test.worst].spread:.2f}",
+        )
+        for test in found.orientation
+    ]
+    every = [
+        (test.shape, str(test.num_touches), *(f"{ranks.p_value:.2g}" for ranks in test.ranks.values()))
+        for test in found.orientation
+    ]
+    passed = sum(test.passes for test in found.orientation)
+    worst = min(found.orientation, key=lambda test: test.p_value)
+    sentences = [
+        f"The joint posterior of orientation and size is calibrated in {passed} of {len(found.orientation)} tests "
+        f"(p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities).",
+        "If a posterior is calibrated, the rank of the true value of any quantity among draws from the posterior of "
+        "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations that "
+        "look alike are equally probable before and after touches. Every object of both splits has one sequence of "
+        "touches in different poses; the one temperature of the model was fitted to the calibration split. A spread "
+        "above 1 shows a posterior that is too narrow, below 1 one that is too wide.",
+    ]
+    headings = ("shape", "touches", "objects", "p, corrected", "quantity with the smallest p", "mean rank", "spread")
+    tables = [
+        Table("Uniformity of the ranks of the true orientation and size", headings, rows),
+        Table("p-value by quantity", ("shape", "touches", *QUANTITIES), every, is_long=True),
+    ]
+    return [
+        Section("Orientation and size", sentences, tables, [orientation_ranks(found.orientation, worst.shape)]),
+    ]
 
 
 def _named(found: Measurements, name: str) -> str:

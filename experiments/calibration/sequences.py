@@ -98,10 +98,10 @@ class Rounds(TouchRounds):
     def _pick(self, rounds: NDArray[np.int64], poses: NDArray[np.int64]) -> Sequences:
         """Sequences from rounds and poses ``(N, sequences, touches)``."""
         where, length = (np.arange(self.num_objects)[:, None, None], rounds, poses), poses.shape[2]
-        logits, features = (
-            None if some is None else some[where].reshape(-1, length, some.shape[3])
-            for some in (self.logits, self.features)
-        )
+        logits = self.logits[where].reshape(-1, length, self.logits.shape[3])
+        features = None
+        if self.features is not None:
+            features = self.features[where].reshape(-1, length, self.features.shape[3])
         object_ids = np.arange(self.num_objects).repeat(poses.shape[1])
         batch = TouchBatch(poses.reshape(-1, length), logits, features)
         return Sequences(batch, self.shapes[object_ids], object_ids)

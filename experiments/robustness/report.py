@@ -86,8 +86,11 @@ def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts
             if ends is not None and ends["stated"] is not None and not row["is_chance"]:
                 gaps[model][condition] = ends["stated"] - ends["achieved"]
         rows.append((condition, *cells))
-    worst = {model: max(found, key=lambda name, of=found: abs(of[name])) for model, found in gaps.items() if found}
-    sentences = [f"Largest gap of {model}: {gaps[model][name]:+.3f} ({name})." for model, name in worst.items()]
+    sentences = []
+    for model, found in gaps.items():
+        if found:
+            _, worst, gap = max((abs(gap), condition, gap) for condition, gap in found.items())
+            sentences.append(f"Largest gap of {model}: {gap:+.3f} ({worst}).")
     return Table(f"{numbers['scene']}: {title}", columns, rows, " ".join([note, *sentences]))
 
 

@@ -18,6 +18,7 @@ import tyro
 
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TactileSensor, load_observation_model, observation_file
+from belief.errors import UnknownName
 from belief.files import require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ArrayModel
@@ -28,6 +29,7 @@ from experiments.calibration.sequences import Sequences, stops
 from experiments.command_line.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
+from experiments.robustness.conditions import CONDITIONS
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
@@ -55,6 +57,7 @@ class Robustness:
 
         activetouch robustness --scene gel --objects 100
         activetouch robustness --scene coarse --sensor coarse-rigid-body --searches 100
+        activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
         activetouch robustness --scene coarse --sensor runs/sensor-coarse --deformable 5
     """
 
@@ -64,6 +67,8 @@ class Robustness:
     """Folder from ``activetouch calibrate``, or name of a shipped sensor; that of the scene by default."""
     objects: Annotated[int, Within(2, 10**8)] = 100
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
+    conditions: tuple[str, ...] = ()
+    """Conditions to measure, such as "noise × 2"; all by default."""
     deformable: CountOrNone = 0
     """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
     searches: CountOrNone = 0
@@ -88,6 +93,13 @@ class Robustness:
         require_writable(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)
+        for condition in self.conditions:
+            if condition not in CONDITIONS:
+                raise UnknownName("condition", condition, list(CONDITIONS))
+        if self.conditions:
+            kept = (AS_TRAINED, *self.conditions)
+            shifted = {condition: some for condition, some in shifted.items() if condition in kept}
+            left_out = {condition: why for condition, why in left_out.items() if condition in kept}
         conditions, novel = list(shifted), {k: v for k, v in EXTENDED_SHAPES.items() if k not in scene.shapes}
         if novel:
             shifted[_REFERENCE] = ShiftedScene(scene, self.objects, stream=1)
@@ -101,8 +113,8 @@ class Robustness:
         if self.searches:
             scenes = {name: some.scene for name, some in shifted.items() if name in scores}
             searched = search_scores(sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs)
-            for (condition, name), found in searched.items():
-                scores[condition]["models"][name]["searches"] = found
+            for (condition, model), found in searched.items():
+                scores[condition]["models"][model]["searches"] = found
         unseen: dict[str, Any] = {}
         if novel:
             unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))

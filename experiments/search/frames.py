@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.scene import WorldObject
 from belief import Confirm, Probe, Reject, SearchProblem
+from belief.observation_model.rigid_body import RigidBodyEvidence
 from belief.problem import Action
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, load_sensor, make_world
@@ -24,12 +26,16 @@ class Frame:
         shape: true shape of the object.
         image: tactile image, uint8; None for a decision without a touch.
         posterior: belief about the object after the step, shape ``(K,)``.
+        body: the object.
+        evidence: all touches of the object so far, under a joint observation model; None with any other.
     """
 
     step: Step
     shape: int
     image: NDArray[np.uint8] | None
     posterior: NDArray[np.float64]
+    body: WorldObject
+    evidence: RigidBodyEvidence | None = None
 
 
 def action_words(action: Action, problem: SearchProblem) -> str:
@@ -41,18 +47,26 @@ def action_words(action: Action, problem: SearchProblem) -> str:
 
 def replay(setting: Setting, episode: Episode) -> list[Frame]:
     """Repeat the touches of an episode of a run with this setting; return its frames."""
-    world = make_world(setting, load_sensor(setting), episode.seed)
+    sensor = load_sensor(setting)
+    world = make_world(setting, sensor, episode.seed)
     uses: Counter[tuple[int, int]] = Counter()
-    frames = []
+    frames, nothing = [], sensor.model.start()
+    evidence = nothing
     for number, step in enumerate(episode.steps):
+        body = world.current
         image, posterior = None, step.belief.probs
         if isinstance(step.decision.action, Probe) and step.touch is not None:
             pose = step.decision.action.pose
             rng = touch_rng(episode.seed, step.object_index, pose, uses[step.object_index, pose])
             image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
+            if isinstance(evidence, RigidBodyEvidence):
+                [touch] = sensor.read(image[None], [pose])  # a recorded touch has no embedding
+                evidence = evidence.update(touch)
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):
             world.advance()
-        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior))
+        known = evidence if isinstance(evidence, RigidBodyEvidence) else None
+        frames.append(Frame(step, episode.arrangement[step.object_index], image, posterior, body, known))
+        evidence = nothing if isinstance(step.decision.action, Reject) else evidence
     return frames

@@ -11,7 +11,7 @@ from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
 from experiments.search.frames import replay
 from experiments.search.run_folder import RunFolder, read_episode
-from experiments.search.setting import Setting
+from experiments.search.setting import Setting, load_sensor
 
 _ANIMATED = (".gif", ".webp")
 
@@ -48,6 +48,7 @@ class Replay:
             NoSuchEpisode: The folder does not hold the requested search.
         """
         check_arguments(self)
+        from experiments.search.body_picture import Bodies
         from experiments.search.replay_figures import animate_search, draw_search
 
         require_writable_file(self.out)
@@ -56,7 +57,7 @@ class Replay:
         episode = read_episode(self._line(run), tuple(setting.problem.shape_labels))
         draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:
-            draw(episode, replay(setting, episode), setting.problem, temporary)
+            draw(episode, replay(setting, episode), setting.problem, temporary, Bodies.of(load_sensor(setting)))
         print(f"wrote {self.out}")
 
     def _line(self, run: RunFolder) -> str:

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from PIL import Image
 
 from belief import SearchProblem
-from experiments.reporting.style import PALETTE, figure
+from experiments.reporting.style import INK, PALETTE, figure
+from experiments.search.body_picture import Bodies
 from experiments.search.frames import Frame, action_words
 from planners import Episode
 
+_SHOWN = 2  # shapes whose orientation is drawn
+_SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
 _MILLISECONDS, _LAST_MILLISECONDS = 1200, 3500
 
 
-def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
+def draw_search(
+    episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
+) -> None:
     """Write a picture with every touch image of a search and the belief after it.
 
     Args:
@@ -24,19 +32,22 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
         frames: frames of this search.
         problem: rules of the search.
         path: file to write; the ending decides the format.
+        bodies: what the objects may be, to draw the belief about their orientation; None where it has none.
 
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.
     """
     touched = [number for number, frame in enumerate(frames) if frame.image is not None]
     labels = problem.shape_labels
-    with figure((1.75 * max(len(touched), 3) + 0.9, 4.2), path) as drawn:
-        grid = drawn.subplots(2, max(len(touched), 1), squeeze=False, height_ratios=(1.25, 1))
+    shown = _SHOWN if bodies is not None else 0
+    with figure((1.75 * max(len(touched), 3) + 0.9, 4.2 + 1.75 * shown), path) as drawn:
+        ratios = (1.25, *[1.25] * shown, 1)
+        grid = drawn.subplots(2 + shown, max(len(touched), 1), squeeze=False, height_ratios=ratios)
         for column, number in enumerate(touched):
             frame, following = frames[number], frames[number + 1]  # a touch is always followed by a decision
             assert frame.step.touch is not None, "it has an image"
             pose = problem.pose_labels[frame.step.touch.pose]
-            top, bottom = grid[0, column], grid[1, column]
+            top, bottom = grid[0, column], grid[-1, column]
             top.imshow(frame.image, cmap="magma", vmin=0, vmax=255, origin="lower")
             top.set(xticks=[], yticks=[])
             top.set_title(f"object {frame.step.object_index + 1} (a {labels[frame.shape]})\npose {pose}")
@@ -44,10 +55,20 @@ def draw_search(episode: Episode, frames: list[Frame], problem: SearchProblem, p
             if column:
                 bottom.set_yticks([])
             bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
+            if bodies is not None:
+                _bodies(grid[1:-1, column], frame, bodies, labels[frame.shape])
+        for axes, words in zip(grid[1:-1, 0], ("likeliest", "next"), strict=False):
+            axes.set_ylabel(f"{words} body,\nas believed")
+        if shown:
+            drawn.supxlabel(
+                "Bodies: mean picture over the posterior of orientation and size. Line: the true body.", size=9
+            )
         drawn.suptitle(_title(episode, problem))
 
 
-def animate_search(episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path) -> None:
+def animate_search(
+    episode: Episode, frames: list[Frame], problem: SearchProblem, path: Path, bodies: Bodies | None = None
+) -> None:
     """Write a search as an animated GIF or WebP, one picture per step; arguments as :func:`draw_search`."""
     pictures, touched = [], None
     for number, frame in enumerate(frames):
@@ -55,8 +76,15 @@ def animate_search(episode: Episode, frames: list[Frame], problem: SearchProblem
             touched = frame
         elif touched is not None and touched.step.object_index != frame.step.object_index:
             touched = None
-        with figure((6.4, 3.4)) as drawn:
-            left, right = drawn.subplots(1, 2, width_ratios=(1, 1.1))
+        with figure((6.4 if bodies is None else 8.2, 3.4)) as drawn:
+            if bodies is None:
+                left, right = drawn.subplots(1, 2, width_ratios=(1, 1.1))
+            else:
+                grid = drawn.subplot_mosaic(
+                    [["touch", "bars", "0"], ["touch", "bars", "1"]], width_ratios=(1, 1.1, 0.6)
+                )
+                left, right = grid["touch"], grid["bars"]
+                _bodies([grid["0"], grid["1"]], frame, bodies, problem.shape_labels[frame.shape])
             if touched is None:
                 left.text(0.5, 0.5, "not touched yet", ha="center", va="center", transform=left.transAxes)
             else:
@@ -80,6 +108,31 @@ def _bars(axes: Axes, frame: Frame, episode: Episode, problem: SearchProblem) ->
     axes.barh(labels, frame.posterior, color=colours)
     axes.set(xlim=(0, 1), xticks=(0, 0.5, 1))
     axes.invert_yaxis()
+
+
+def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: str) -> None:
+    """Draw the most probable shapes as the belief sees them, fainter if less probable.
+
+    Args:
+        places: axes, one for each shape.
+        frame: a step of a search under a joint model.
+        bodies: what the objects may be.
+        true_label: shape of the object; a line shows its true outline in the picture of this shape.
+    """
+    assert frame.evidence is not None, "the model is a joint one"
+    shown = bodies.likeliest(frame.evidence, frame.posterior, len(places))
+    for axes, (label, prob, picture) in zip(places, shown, strict=True):
+        shade, coverage = np.moveaxis(picture, 2, 0)
+        with np.errstate(invalid="ignore"):
+            colours = _SURFACE(np.nan_to_num(shade / coverage))
+        colours[..., 3] = coverage * (0.25 + 0.75 * prob)
+        axes.imshow(colours, origin="lower")
+        if label == true_label:
+            outline = bodies.outline(label, frame.body.orientation, frame.body.scale)
+            axes.contour(outline, levels=[0.5], colors=PALETTE[2], linewidths=1.3)
+        axes.set(xticks=[], yticks=[])
+        axes.spines[:].set_visible(False)
+        axes.set_title(f"{label} {prob:.2f}", fontsize=9, color=INK, pad=2)
 
 
 def _sought(episode: Episode, problem: SearchProblem) -> str:
