@@ -155,7 +155,7 @@ def observation_model_and_scene(folder: Path, independent: bool = False) -> tupl
     if independent and model.name in JOINT_MODELS:
         raise NoIndependentModel(
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
-            "Calibrate its reader again: activetouch calibrate writes both"
+            "The command calibrate writes both files"
         )
     return model, scene
 

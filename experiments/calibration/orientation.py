@@ -51,7 +51,7 @@ class Ranks:
 
     Attributes:
         p_value: of Kolmogorov and Smirnov's test that they are uniform.
-        mean: 0.5 for uniform ranks.
+        mean: 0.5 for uniform ranks; of a distance to the likeliest, above 0.5 if the posterior is too narrow.
         spread: standard deviation relative to that of uniform ranks; above 1 the posterior is too narrow, below 1 too
             wide.
         counts: number of ranks in each of :data:`BINS` equal parts of [0, 1].

@@ -245,10 +245,10 @@ def _orientation(found: Measurements) -> list[Section]:
         f"The joint posterior of orientation and size is calibrated in {passed} of {len(found.orientation)} tests "
         f"(p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities).",
         "If a posterior is calibrated, the rank of the true value of any quantity among draws from the posterior of "
-        "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations that "
-        "look alike are equally probable before and after touches. Every object of both splits has one sequence of "
-        "touches in different poses; the one temperature of the model was fitted to the calibration split. A spread "
-        "above 1 shows a posterior that is too narrow, below 1 one that is too wide.",
+        "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations "
+        "that look alike are equally probable before and after touches. Every object of both splits has one sequence "
+        "of touches in different poses; the one temperature of the model was fitted to the calibration split. A "
+        "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest.",
     ]
     headings = ("shape", "touches", "objects", "p, corrected", "quantity with the smallest p", "mean rank", "spread")
     tables = [

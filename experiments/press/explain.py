@@ -12,11 +12,12 @@ from rich.progress import track
 
 from activetouch.errors import MissingRobot
 from activetouch.named_scenes import NamedScene
-from activetouch.world import MODELS, load_observation_model
+from activetouch.world import MODELS, RIGID_BODY, load_observation_model
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.press.belief_cost import belief_table
 from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
@@ -29,6 +30,9 @@ _HARDEST = 6  # pairs of shapes to show
 @dataclass(frozen=True)
 class Explain:
     """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
+
+    Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
+    memory and time beside the leaner model that takes touches as independent.
 
     For example:
 
@@ -50,6 +54,8 @@ class Explain:
         if sensor.exists():
             model = load_observation_model(sensor)
             console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
+        shipped = [folder for folder in (sensor, MODELS / f"{self.choice.scene}{RIGID_BODY}") if folder.exists()]
+        console.print(belief_table(self.choice.scene, named.scene, shipped).rich())
         variants = [("", "this scene", named.scene)]
         for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):
             if found is not None:

@@ -26,10 +26,15 @@ SHIPPED = "shipped"
 """Name of the observation model that is shipped with a scene's sensor."""
 FITTED = "ratio"
 """Kind of observation model that is fitted for networks without a shipped one; the shipped models are of this kind."""
+JOINT = "rigid body"
+"""Kind of joint observation model that is fitted for networks that know orientation."""
+NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
+"""Numbers of hypotheses of each shape to measure: the dial of speed against accuracy of a joint model."""
 SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 0.6, "paper": 0.3, "hard": 0.16, "many": 0.1})
 """Number of searches per target relative to ``gel``, chosen such that all scenes take about the same time."""
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
 _MAIN = ("point_based", "information_gain", "threshold", "value_of_information")
+_JOINT_DECIDER = "information_gain"
 _TREES = ("pouct", "pomcp")  # deciders that use simulations for each decision
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 
@@ -43,12 +48,14 @@ class Network:
         file: its file; the shipped one if empty.
         label: backbone and edge length of its input images, such as "cnn 64 px".
         sha256: digest of the file.
+        knows_orientation: whether it embeds hypotheses, which a joint observation model needs.
     """
 
     scene: str
     file: str
     label: str
     sha256: str
+    knows_orientation: bool = False
 
     @classmethod
     def of(cls, scene: str, file: Path | None = None) -> Network:
@@ -61,7 +68,8 @@ class Network:
         path = file if file is not None else MODELS / scene / READER_FILE
         card, world = TactileReader.load(path).card, SCENES[scene].scene
         card.require_labels(world.shape_labels, world.pose_labels)
-        return cls(scene, "" if file is None else str(file), f"{card.backbone} {card.input_size} px", _digest(path))
+        label = f"{card.backbone} {card.input_size} px"
+        return cls(scene, "" if file is None else str(file), label, _digest(path), bool(card.embedding))
 
     @property
     def path(self) -> Path:
@@ -75,13 +83,14 @@ class Configuration:
 
     Attributes:
         network: reader; determines the scene.
-        observation_model: :data:`SHIPPED`, or a key of :data:`belief.observation_model.registry.OBSERVATION_MODELS`.
+        observation_model: :data:`SHIPPED`, or the name of one.
         decider: key of :data:`planners.DECIDERS`.
         touch_cost: cost λ of one touch.
         fidelity: press model; that of the scene by default.
         simulations: simulations per decision of tree searches.
         episodes: searches per target.
         seed: seed of the episodes.
+        num_hypotheses: of each shape, of a joint observation model that is fitted; None for any other.
     """
 
     network: Network
@@ -92,6 +101,7 @@ class Configuration:
     simulations: int = 1000
     episodes: int = 250
     seed: int = 0
+    num_hypotheses: int | None = None
 
     @property
     def scene(self) -> str:
@@ -101,7 +111,8 @@ class Configuration:
     @property
     def name(self) -> str:
         """Description in one line."""
-        parts = [self.scene, self.network.label, self.observation_model, self.decider, f"λ {self.touch_cost:g}"]
+        model = self.observation_model + (f" × {self.num_hypotheses}" if self.num_hypotheses else "")
+        parts = [self.scene, self.network.label, model, self.decider, f"λ {self.touch_cost:g}"]
         if self.decider in _TREES:
             parts[-2] += f" × {self.simulations}"
         return ", ".join([*parts, *([self.fidelity] if self.fidelity else [])])
@@ -123,9 +134,11 @@ class Configuration:
     def key(self) -> str:
         """Digest of everything that determines the result; independent of the reader's path."""
         fields = asdict(self)
-        del fields["network"]["file"]
+        del fields["network"]["file"], fields["network"]["knows_orientation"]
         if self.decider not in _TREES:
             del fields["simulations"]  # they have no effect
+        if self.num_hypotheses is None:
+            del fields["num_hypotheses"]
         if self.observation_model == SHIPPED:
             fields["observation_model"] = _digest(MODELS / self.scene / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
@@ -173,6 +186,12 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
     # Force patches need a guarded move, and deformable pads take seconds per press.
     presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
     refitted = [replace(base, network=network, observation_model=FITTED) for network in others]
+    joint = [
+        replace(base, network=network, observation_model=JOINT, num_hypotheses=number, decider=_JOINT_DECIDER)
+        for network in (base.network, *others)
+        if network.knows_orientation
+        for number in NUM_HYPOTHESES
+    ]
     not_varied = {"random_confirm", *TRAINED, *_TREES}
     fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
     return [
@@ -182,7 +201,7 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
             for decider in ((_MAIN[0], "value_of_information") if is_whole else _MAIN[:1])
             for touch_cost in _TOUCH_COSTS
         ],
-        refitted,
+        [*refitted, *joint],
         [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
         [replace(base, observation_model=model) for model in OBSERVATION_MODELS if is_whole and model != FITTED],
         [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from activetouch.data.dataset import TouchSet, read_shard
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.world import MODELS, load_observation_model
 from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import write_text
 from belief.observation_model import ArrayModel, read_observation_model
-from belief.observation_model.registry import OBSERVATION_MODELS
+from belief.observation_model.registry import fit_named
 from experiments.scene_choice import repeats_folder
-from experiments.sensor.scores import read_logits
+from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection
-from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
+from experiments.tradeoff.configuration import JOINT, SHIPPED, Configuration, Network
 
 _SPLIT = "calibration"
 _OBJECTS = 75  # objects per shape, from the first of the split
@@ -34,23 +36,27 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
         CorruptFile: The cached file is damaged.
     """
     network, name = configuration.network, configuration.observation_model
+    scene, reader = SCENES[network.scene].scene, TactileReader.load(network.path)
+    table = None if reader.hypotheses is None else HypothesisTable(reader, scene)
     if name == SHIPPED:
-        return load_observation_model(MODELS / network.scene)
-    path = folder / f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}.json"
+        shipped = load_observation_model(MODELS / network.scene)
+        return shipped if table is None else shipped.with_hypotheses(table)
+    path = (
+        folder
+        / f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}{configuration.num_hypotheses or ''}.json"
+    )
     if not path.exists():
         read, truth = _readings(network)
-        fitted = OBSERVATION_MODELS[name](
-            read,
-            truth.shapes,
-            truth.object_ids,
-            shape_labels=SCENES[network.scene].scene.shape_labels,
-            num_poses=len(SCENES[network.scene].scene.poses),
-        )
+        options: dict[str, Any] = {"shape_labels": scene.shape_labels, "num_poses": len(scene.poses)}
+        if name == JOINT:
+            options |= {"embed": table, "num_hypotheses": configuration.num_hypotheses}
+        fitted = fit_named(name)(read, truth.shapes, truth.object_ids, **options)
         write_text(path, fitted.to_json() + "\n")
     try:
-        return read_observation_model(path.read_text(encoding="utf-8"))
+        model = read_observation_model(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise CorruptFile(f"{path} is not an observation model: {error}. Delete it, then it is fitted again") from error
+    return model if table is None else model.with_hypotheses(table)
 
 
 @lru_cache(maxsize=1)
@@ -58,8 +64,8 @@ def _readings(network: Network) -> tuple[list[Touch], TouchSet]:
     """A network's readings of the calibration touches, and these touches."""
     reader = TactileReader.load(network.path)
     touches = _first_objects(network.scene, reader.card)
-    logits = read_logits(reader, touches.images, f"{network.scene}, {network.label}: calibration")
-    return [Touch(int(pose), row) for pose, row in zip(touches.poses, logits, strict=True)], touches
+    read = read_touches(reader, touches, f"{network.scene}, {network.label}: calibration")
+    return read.sequence(0), touches
 
 
 def _first_objects(scene: str, card: ClassifierCard) -> TouchSet:

@@ -13,8 +13,15 @@ from activetouch import SCENES
 from activetouch.data.dataset import CollectionPlan
 from activetouch.data.manifest import NoCollection, read_manifest
 from activetouch.envs.touch_bank import TouchBank
-from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE, TactileSensor, load_observation_model
+from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
+from activetouch.world import (
+    INDEPENDENT_FILE,
+    MODELS,
+    OBSERVATION_FILE,
+    READER_FILE,
+    TactileSensor,
+    load_observation_model,
+)
 from belief.errors import ActiveTouchError, CorruptFile
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
@@ -25,7 +32,8 @@ from experiments.press.leak import Leak
 from experiments.robustness.robustness import Robustness
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.setting import Setting
+from experiments.search.setting import Setting, known_model
+from experiments.search.shards import identity
 from experiments.sensor.calibrate import Calibrate, TooFewObjects
 from experiments.sensor.collect import Collect, collect
 from experiments.sensor.train import Train
@@ -244,3 +252,18 @@ def test_every_refusal_of_a_sensor_is_one_of_ours():
     for run in (lambda: Leak(SceneChoice("coarse"), sensor=GEL, objects=2)._classifier(SCENES["coarse"].scene),):
         with pytest.raises(ActiveTouchError):
             run()
+
+
+def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):
+    joint = MODELS / "coarse-rigid-body"
+    assert [load_observation_model(joint, independent).name for independent in (False, True)] == ["rigid body", "ratio"]
+    assert load_observation_model(MODELS / "coarse", independent=True).name == "ratio"  # it has no other
+    own = Setting(SceneChoice("coarse"), Path("coarse-rigid-body"))
+    independent = replace(own, observation_model="independent")
+    assert (known_model(own)[0].name, known_model(independent)[0].name) == ("rigid body", "ratio")
+    assert identity(own, 0)["sensor_sha256"] != identity(independent, 0)["sensor_sha256"]
+    assert Setting.from_dict(independent.to_dict()) == independent
+    shutil.copytree(joint, tmp_path / "sensor")
+    (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
+    with pytest.raises(NoIndependentModel, match="calibrate writes both"):
+        known_model(replace(independent, sensor=tmp_path / "sensor"))

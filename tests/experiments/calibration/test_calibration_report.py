@@ -11,6 +11,7 @@ from activetouch.data.dataset import CollectionPlan, TouchSet
 from belief.calibration import TemperatureScaling
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
+from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
 from experiments.calibration.sequences import KINDS, Rounds, stops
@@ -93,17 +94,22 @@ def test_sequences_follow_from_the_generator(rounds):
 def test_touches_of_a_collection_lie_object_by_object_and_round_by_round():
     count = 2 * 3 * P
     logits = np.arange(count * K, dtype=float).reshape(count, K)
-    blank = np.zeros(count)
+    blank, sizes = np.zeros(count), np.repeat([0.9, 1.1], 3 * P)
     touches = TouchSet(
-        blank, np.repeat([1, 0], 3 * P), np.repeat([5, 9], 3 * P), np.tile(np.arange(P), 6), blank, blank
+        blank, np.repeat([1, 0], 3 * P), np.repeat([5, 9], 3 * P), np.tile(np.arange(P), 6), blank, blank, sizes=sizes
     )
-    found = Rounds.of(touches, logits, P)
+    read = TouchBatch(touches.poses[None], logits[None], features=-logits[None, :, :1])
+    found = Rounds.of(touches, read, P)
     assert found.logits.shape == (2, 3, P, K)
     assert found.shapes.tolist() == [1, 0]
+    assert found.sizes.tolist() == [0.9, 1.1]
     singles = found.singles()
     assert (singles.batch.logits[:, 0] == logits).all()
     assert (singles.batch.poses[:, 0] == touches.poses).all()
     assert (singles.shapes == touches.shapes).all()
+    for gather in KINDS.values():  # features go with their logits
+        batch = gather(found, np.random.default_rng(0)).batch
+        assert (batch.features == -batch.logits[..., :1]).all()
 
 
 def test_a_search_stops_at_the_first_touch_that_is_sure_enough():

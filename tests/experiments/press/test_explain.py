@@ -1,6 +1,16 @@
+"""Explain names the hardest pairs, and what the belief about an object holds hidden in each presentation."""
+
+from dataclasses import replace
+
+import pytest
 from rich.console import Console
 
+from activetouch import SCENES
+from activetouch.distributions import Constant
+from activetouch.orientations import Resampled, Tumbled, Upright
+from activetouch.world import MODELS
 from belief.observation_model import OutcomeTable
+from experiments.press.belief_cost import belief_table, latent
 from experiments.press.explain import limits_table
 
 
@@ -12,3 +22,27 @@ def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
     body = [line.split() for line in text.splitlines() if "sphere" in line or "cube" in line]
     assert body[0][:5] == ["cube", "box", "inf", "inf", "0.00"]
     assert "distinguishes: cube and box" in " ".join(text.split())
+
+
+@pytest.mark.parametrize(
+    ("presentation", "words"),
+    [(Tumbled(), ["orientation", "size"]), (Upright(), ["heading", "tilt", "size"]), (Resampled(), [])],
+)
+def test_what_is_hidden_follows_from_the_presentation(presentation, words):
+    scene = replace(SCENES["coarse"].scene, presentation=presentation)
+    assert latent(scene) == words
+    fixed = replace(scene, variation=replace(scene.variation, size=Constant(1.0)))
+    assert latent(fixed) == [word for word in words if word != "size"]
+    text = belief_table("coarse", scene, []).markdown()
+    assert ("independent model is exact here" in text) == (not words)
+    assert "No sensor with a joint model" in text
+
+
+def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
+    scene = SCENES["coarse"].scene
+    table = belief_table("coarse", scene, [MODELS / "coarse", MODELS / "coarse-rigid-body"])
+    joint, independent = (row[2:] for row in table.rows)
+    assert (joint[0], independent[0]) == (2048, None)
+    assert joint[1] > 12.5  # the table: 6 poses, 4 shapes, 2 048 hypotheses, 64 numbers of 4 bytes
+    assert 0.0 < independent[1] < joint[1]
+    assert 0.0 < independent[2] < joint[2]

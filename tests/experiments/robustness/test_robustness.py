@@ -14,10 +14,13 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
+from activetouch.world import MODELS, load_observation_model
+from belief.errors import UnknownName
 from experiments.robustness import shifted_touches
 from experiments.robustness.conditions import CONDITIONS
 from experiments.robustness.report import robustness_tables
 from experiments.robustness.robustness import Robustness, condition_scores, out_of_distribution
+from experiments.robustness.searches import confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
     ClassifierOutputs,
@@ -158,6 +161,45 @@ def test_objects_that_cannot_be_pressed_are_missing_and_the_others_still_paired(
 def test_a_condition_in_which_nothing_can_be_pressed_is_named(sensor):
     with pytest.raises(UnstablePress, match="'hopeless'"):
         measured(sensor, {AS_TRAINED: COARSE, "hopeless": replace(COARSE, press_model=Fragile(0.0))})
+
+
+@pytest.mark.torch
+def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one():
+    folder = MODELS / "coarse-rigid-body"
+    sensor = TactileSensor.load(folder, COARSE, anyway=True)
+    models = {"rigid body": sensor.model, "independent": load_observation_model(folder, independent=True)}
+    scenes = {AS_TRAINED: COARSE, "noise × 4": CONDITIONS["noise × 4"](COARSE)}
+    shifted = {name: ShiftedScene(scene, 4) for name, scene in scenes.items()}
+    outputs = measure_touches(sensor, shifted, seed=5, jobs=1)
+    numbers = {name: condition_scores(some, outputs[AS_TRAINED], models, seed=5) for name, some in outputs.items()}
+    for row in numbers.values():
+        assert list(row["models"]) == ["rigid body", "independent"]
+        joint, independent = row["models"].values()
+        assert joint["nll"] != independent["nll"]
+        assert 1.0 <= joint["stops"]["touches"] <= 6.0
+        assert 0.95 <= joint["stops"]["stated"] <= 1.0
+    searched = search_scores(sensor, models, scenes, SCENES["coarse"], episodes=1, seed=0, jobs=1)
+    assert set(searched) == {(condition, model) for condition in scenes for model in models}
+    for (condition, model), found in searched.items():
+        assert found["number"] == 4
+        assert found["touches"] > 0
+        numbers[condition]["models"][model]["searches"] = found
+    report = {"scene": "coarse", "objects_per_shape": 4, "num_poses": 6, "unseen": {}, "left_out": {}}
+    stops, searches = robustness_tables(report | {"conditions": numbers})[1:]
+    assert [len(table.columns) for table in (stops, searches)] == [9, 9]
+    assert "Largest gap of rigid body" in stops.note
+    assert "Largest gap of independent" in searches.note
+
+
+def test_no_stops_have_no_confidence():
+    assert confidence_at_stops([], [], []) is None
+    found = confidence_at_stops([0.96, 0.98], [True, False], [1, 3])
+    assert (found["number"], found["touches"], found["stated"], found["achieved"]) == (2, 2.0, 0.97, 0.5)
+
+
+def test_an_unknown_condition_is_refused_with_the_nearest(tmp_path):
+    with pytest.raises(UnknownName, match="noise × 2"):
+        Robustness(SceneChoice("coarse"), conditions=("noise x 2",), objects=2, out=tmp_path).run()
 
 
 def test_parts_objects_poses_streams_and_seeds_have_chance_of_their_own():

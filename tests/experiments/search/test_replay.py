@@ -1,13 +1,20 @@
 """A recorded search can be seen again: as a picture, and as an animation with a picture for every step."""
 
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 import pytest
 from PIL import Image
+from scipy.special import logsumexp
 
 from experiments.scene_choice import SceneChoice
+from experiments.search.body_picture import Bodies
 from experiments.search.frames import replay
 from experiments.search.replay import NoSuchEpisode, Replay
+from experiments.search.replay_figures import animate_search, draw_search
 from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
-from experiments.search.setting import Setting, play_episodes
+from experiments.search.setting import Setting, load_sensor, play_episodes
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
 COARSE = Setting(SceneChoice(scene="coarse"))
@@ -51,6 +58,24 @@ def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
     for frame, step in zip(replay(COARSE, episodes[3]), episodes[3].steps, strict=True):
         assert (frame.image is not None) == (step.touch is not None)
         assert frame.shape == episodes[3].arrangement[step.object_index]
+
+
+def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
+    joint = replace(COARSE, sensor=Path("coarse-rigid-body"))
+    [episode], _ = play_episodes(joint, "information_gain", 0, 0, [0])
+    frames, bodies = replay(joint, episode), Bodies.of(load_sensor(joint))
+    for number, frame in enumerate(frames):  # the re-read touches give the belief that was recorded
+        before = [f for f in frames[: number + 1] if f.step.object_index == frame.step.object_index and f.step.touch]
+        assert frame.evidence.num_touches == len(before)
+        own = frame.evidence.log_likelihood
+        if before and frame.step.object_index == 0:
+            assert np.exp(own - logsumexp(own)) == pytest.approx(frame.posterior, abs=1e-6)
+    for draw, name in ((draw_search, "search.png"), (animate_search, "search.gif")):
+        draw(episode, frames, joint.problem, tmp_path / name, bodies)
+        with Image.open(tmp_path / name) as picture:
+            assert picture.width > 400
+    assert Bodies.of(load_sensor(COARSE)) is None
+    assert all(frame.evidence is None for frame in replay(COARSE, play_episodes(COARSE, "threshold", 0, 0, [0])[0][0]))
 
 
 @pytest.mark.parametrize(

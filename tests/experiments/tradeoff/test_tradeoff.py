@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 from scipy.stats import beta, kstest
 
+from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
+from activetouch.world import MODELS, READER_FILE
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
-from experiments.tradeoff.configuration import SHIPPED, Configuration, Network, sweep
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import collect
+from experiments.tradeoff.configuration import JOINT, NUM_HYPOTHESES, SHIPPED, Configuration, Network, sweep
 from experiments.tradeoff.figures import _MARKERS as MARKERS
 from experiments.tradeoff.measure import SearchResult, TouchCost, measured
+from experiments.tradeoff.models import observation_model
 from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
 from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
@@ -56,6 +61,29 @@ def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
+
+
+def test_a_network_that_knows_orientation_is_measured_with_every_number_of_hypotheses():
+    joint = replace(SMALL, knows_orientation=True)
+    found = [c for c in sweep([GEL, joint], ["gel"], episodes=100, seed=0) if c.observation_model == JOINT]
+    assert [c.num_hypotheses for c in found] == list(NUM_HYPOTHESES)
+    assert len({c.key for c in found}) == len({c.name for c in found}) == len(NUM_HYPOTHESES)
+    assert {c.network for c in found} == {joint}
+    assert Network.of("coarse", MODELS / "coarse-rigid-body" / READER_FILE).knows_orientation
+    assert not Network.of("coarse").knows_orientation
+    assert replace(found[0], network=replace(joint, knows_orientation=False)).key == found[0].key  # part of the file
+
+
+@pytest.mark.mujoco
+def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypatch):
+    plan = CollectionPlan(train=0, calibration=3, test=1, repeats=2)
+    collect(SceneChoice("coarse"), plan, tmp_path / "coarse-repeats", jobs=1)
+    monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path / f"{scene}-repeats")
+    network = Network.of("coarse", MODELS / "coarse-rigid-body" / READER_FILE)
+    configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
+    assert observation_model(configuration, tmp_path).hypotheses.shape[:3] == (6, 4, 64)
+    result, _ = measured(configuration, tmp_path)
+    assert min(result.touches) > 0
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():

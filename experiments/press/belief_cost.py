@@ -1,0 +1,104 @@
+"""What a belief about one object holds hidden in a scene, and what that costs, with the joint model and without."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.orientations import Resampled, Upright
+from activetouch.scene import Scene
+from activetouch.world import TactileSensor
+from belief import Touch
+from belief.observation_model import ArrayModel
+from belief.observation_model.rigid_body import RigidBodyModel
+from experiments.reporting.tables import Table, Value
+
+_UPDATES = 50
+
+
+@dataclass(frozen=True)
+class BeliefCost:
+    """Cost of the belief about one object.
+
+    Attributes:
+        memory: arrays of the observation model [MB].
+        update: time to add a touch and to compute the likelihood of every shape [ms].
+    """
+
+    memory: float
+    update: float
+
+
+def latent(scene: Scene) -> list[str]:
+    """What all touches of an object share besides its shape, and a joint belief infers.
+
+    >>> latent(Scene())
+    ['orientation', 'size']
+    """
+    if isinstance(scene.presentation, Resampled):
+        return []  # every touch has its own orientation
+    low, high = scene.variation.size.support
+    turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
+    return turned + (["size"] if low < high else [])
+
+
+def belief_cost(model: ArrayModel, num_features: int) -> BeliefCost:
+    """Measure a model.
+
+    Args:
+        model: an observation model, complete with its hypotheses if any.
+        num_features: features of a touch.
+    """
+    rng, arrays = np.random.default_rng(0), [value for value in vars(model).values() if isinstance(value, np.ndarray)]
+    touches = [
+        Touch(
+            number % model.num_poses,
+            rng.normal(size=len(model.shape_labels)),
+            rng.normal(size=num_features).astype(np.float32),
+        )
+        for number in range(_UPDATES)
+    ]
+    evidence = model.start().update(touches[0])
+    started = time.thread_time()
+    for touch in touches:
+        evidence = evidence.update(touch)
+        _ = evidence.log_likelihood
+    seconds = (time.thread_time() - started) / _UPDATES
+    return BeliefCost(sum(array.nbytes for array in arrays) / 1e6, 1e3 * seconds)
+
+
+def belief_table(name: str, scene: Scene, folders: Sequence[Path]) -> Table:
+    """The belief about one object of a scene: jointly about the body, and with touches taken as independent.
+
+    Args:
+        name: of the scene.
+        scene: the scene.
+        folders: of sensors, of which the first with a joint model is measured.
+    """
+    hidden, rows = latent(scene), list[tuple[Value, ...]]()
+    words = f"shape, {', '.join(hidden)}" if hidden else "shape; each touch has its own orientation"
+    joint, independent = "joint: one rigid body", "independent: touches given the shape"
+    for folder in folders:
+        sensor = TactileSensor.load(folder, scene, anyway=True)
+        if not isinstance(sensor.model, RigidBodyModel):
+            continue
+        other = TactileSensor.load(folder, scene, anyway=True, independent=True).model
+        number, width = sensor.model.num_hypotheses, sensor.reader.card.embedding
+        for row, hypotheses, model in ((joint, number, sensor.model), (independent, None, other)):
+            cost = belief_cost(model, width)
+            rows.append((row, words if model is sensor.model else "shape", hypotheses, cost.memory, cost.update))
+        break
+    else:
+        rows = [(joint, words, None, None, None), (independent, "shape", None, None, None)]
+    return Table(
+        f"the belief about one object of the scene '{name}'",
+        ["observation model", ("hidden", ""), ("hypotheses a shape", "d"), ("MB", ".1f"), ("ms/update", ".2f")],
+        rows,
+        "The cost of an update does not depend on the number of earlier touches. "
+        + ("" if hidden else "Nothing is shared by the touches of an object, so the independent model is exact here. ")
+        + ("No sensor with a joint model ships for this scene." if rows[0][2] is None else ""),
+    )

@@ -1,0 +1,81 @@
+"""Ranks of the truth are uniform under an exact posterior, for symmetric bodies too; spreads tell narrow from wide."""
+
+import numpy as np
+import pytest
+
+from activetouch.hypotheses import quaternions
+from activetouch.poses import random_orientation, to_matrices
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.touch_batch import TouchBatch
+from experiments.calibration.orientation import LEAST_P, QUANTITIES, rank_tests
+from experiments.calibration.sequences import Rounds
+
+N, P, OBJECTS, NOISE = 4096, 6, 300, 0.4
+AXES = np.eye(3)[[0, 1, 2, 0, 1, 2]]  # of the body, one for each pose
+
+
+def embedding(rotations, symmetric):
+    """Of hypotheses in every pose, ``(P, N, D)``: log p(o | R) is f(o) · g(R) up to a constant of o.
+
+    A touch measures where an axis of the body points, or, if the body looks alike after half a turn about each axis,
+    its tensor square, with Gaussian noise.
+    """
+    found = []
+    for axis in AXES:
+        seen = rotations @ axis
+        if symmetric:
+            seen = (seen[:, :, None] * seen[:, None, :]).reshape(len(seen), -1)
+        found.append(np.column_stack([seen, -0.5 * (seen**2).sum(axis=1)]))
+    return np.stack(found)
+
+
+def touched(rng, symmetric, noise=NOISE):
+    """Objects of one shape in random orientations, touched once in every pose, and their model."""
+    rests = np.stack([random_orientation(rng) for _ in range(OBJECTS)])
+    true = embedding(to_matrices(rests), symmetric)[:, :, :-1]
+    seen = true + noise * rng.normal(size=true.shape)
+    features = np.concatenate([seen, np.ones((P, OBJECTS, 1))], axis=2) / NOISE**2
+    features = features.swapaxes(0, 1)[:, None]
+    table = embedding(to_matrices(quaternions(N)), symmetric)[:, None].astype(np.float32)
+    depth = table.shape[-1]
+    model = RigidBodyModel(("body",), table, N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)))
+    rounds = Rounds(
+        np.zeros((OBJECTS, 1, P, 1)), np.zeros(OBJECTS, int), features, rests, rng.uniform(0.9, 1.1, OBJECTS)
+    )
+    return model, rounds
+
+
+def all_tests(rng, symmetric=False, noise=NOISE):
+    model, rounds = touched(rng, symmetric, noise)
+    sizes = np.random.default_rng(1).uniform(0.9, 1.1, N)
+    return rank_tests(model, quaternions(N), sizes, [rounds], rng)
+
+
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_an_exact_posterior_passes_for_symmetric_bodies_too(symmetric, rng):
+    found = all_tests(rng, symmetric)
+    assert [test.num_touches for test in found] == [1, 2, 3, 6]
+    for test in found:
+        assert test.num_objects == OBJECTS
+        assert set(test.ranks) == set(QUANTITIES)
+        assert test.p_value > LEAST_P / 10  # four tests, each failing at this level once in a thousand
+        assert all(sum(ranks.counts) == OBJECTS for ranks in test.ranks.values())
+
+
+@pytest.mark.parametrize(("noise", "narrow"), [(2.0 * NOISE, True), (0.3 * NOISE, False)])
+def test_a_posterior_that_is_too_narrow_or_too_wide_fails_with_that_spread(noise, narrow, rng):
+    last = all_tests(rng, noise=noise)[-1]
+    assert not last.passes
+    assert (last.ranks["x component of the approach axis"].spread > 1.0) == narrow
+    assert (last.ranks["angle to the likeliest"].mean > 0.5) == narrow
+
+
+def test_ranks_follow_from_the_generator():
+    first, second = (all_tests(np.random.default_rng(3)) for _ in range(2))
+    assert first == second
+
+
+def test_a_touch_without_its_embedding_is_refused(rng):
+    model, rounds = touched(rng, symmetric=False)
+    with pytest.raises(ValueError, match="embedding"):
+        model.log_weights(TouchBatch(np.zeros((1, 1), int), rounds.logits[:1, 0, :1]))
