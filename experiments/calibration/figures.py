@@ -167,8 +167,8 @@ def orientation_ranks(tests: Sequence[RankTest], shape: str) -> Picture:
 
     def panel(test: RankTest) -> Callable[[Axes], None]:
         def draw(axes: Axes) -> None:
-            band = binom.ppf([0.005, 0.995], test.num_objects, 1.0 / BINS) * BINS / test.num_objects
-            axes.axhspan(band[0], band[1], **_CHANCE)
+            low, high = np.array(binom.ppf([0.005, 0.995], test.num_objects, 1.0 / BINS)) * BINS / test.num_objects
+            axes.axhspan(low, high, **_CHANCE)
             for name, ranks in test.ranks.items():
                 density = np.array(ranks.counts) * BINS / test.num_objects
                 axes.stairs(density, np.linspace(0.0, 1.0, BINS + 1), color=colours[name], linewidth=1.4)

@@ -56,7 +56,7 @@ def draw_search(
                 bottom.set_yticks([])
             bottom.set_xlabel(f"→ {action_words(following.step.decision.action, problem)}", fontweight="bold")
             if bodies is not None:
-                _bodies(grid[1:-1, column], frame, bodies, labels[frame.shape])
+                _bodies(list(grid[1:-1, column]), frame, bodies, labels[frame.shape])
         for axes, words in zip(grid[1:-1, 0], ("likeliest", "next"), strict=False):
             axes.set_ylabel(f"{words} body,\nas believed")
         if shown:

@@ -91,7 +91,7 @@ class Calibrate:
         tested = read_touches(reader, test, "reading test touches")
         print("choosing the observation model by cross-validation …")
         touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
-        labels = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
+        labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
         candidates = candidate_models(chosen_from, reader, scene if scene is not None else scene_of(manifest))
         choice = choose_observation_model(*touches, **labels, candidates=candidates)
         require_readable(choice.model)
