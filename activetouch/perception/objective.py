@@ -75,11 +75,13 @@ class ShapeObjective:
 
 
 class Contrast:
-    """The negative log probability of a touch's own hypothesis among others: InfoNCE (van den Oord et al. 2018).
+    """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
-    The others are those of the batch's other touches and fresh draws from the prior: shapes uniform; orientation and
-    size each those of a random training touch. The minimiser over all functions is log p(o | k, R, s) / p(o) up to a
-    constant of the image (Gutmann & Hyvärinen 2010; Durkan et al. 2020).
+    The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
+    draws from the prior: all shapes alike often; orientation and size each those of a random training touch. The minimiser over
+    all functions is log p(o | k, R, s) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010; Durkan et al.
+    2020). The second term is the cross-entropy of the shape, whose likelihood is the mean over the draws of that shape.
+    It has the same minimiser. It spends the network's capacity on what the belief is asked for.
 
     Args:
         train: what is learned from, with known orientations and sizes.
@@ -94,9 +96,9 @@ class Contrast:
         self._known, self._num_shapes, self._recipe = hypotheses_of(train), num_shapes, recipe
 
     def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
-        size = len(self._known.shapes)
-        first, second = torch.randint(size, (2, number), generator=chance)
-        shapes = torch.randint(self._num_shapes, (number,), generator=chance)
+        number = max(number, self._num_shapes)
+        first, second = torch.randint(len(self._known.shapes), (2, number), generator=chance)
+        shapes = torch.arange(number) % self._num_shapes
         return Hypotheses(shapes, self._known.orientations[first], self._known.sizes[second])
 
     def loss(
@@ -110,7 +112,9 @@ class Contrast:
             own = own._replace(orientations=jittered(own.orientations, math.radians(self._recipe.cell), chance))
         others = self._draw(self._recipe.negatives, chance)
         scores = found.float() @ network.hypotheses(own.join(others)).T
-        return (torch.logsumexp(scores, dim=1) - scores.diagonal()).mean() - math.log(scores.shape[1])
+        contrast = (torch.logsumexp(scores, dim=1) - scores.diagonal()).mean() - math.log(scores.shape[1])
+        logits = shape_logits(scores[:, len(rows) :], others.shapes, self._num_shapes)
+        return contrast + nn.functional.cross_entropy(logits, own.shapes)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""
@@ -119,15 +123,27 @@ class Contrast:
         loss = correct = 0.0
         with torch.inference_mode():
             known, others_embedded = network.hypotheses(own), network.hypotheses(others)
-            of_shape = [others_embedded[others.shapes == shape] for shape in range(self._num_shapes)]
             for some in torch.arange(len(found)).split(256):
-                true = (found[some] * known[some]).sum(dim=1)
-                by_shape = [torch.logsumexp(found[some] @ part.T, dim=1) for part in of_shape]
-                total = torch.logsumexp(torch.stack([*by_shape, true]), dim=0) - math.log(_CHECKED + 1)
+                true = (found[some] * known[some]).sum(dim=1, keepdim=True)
+                scores = found[some] @ others_embedded.T
+                total = torch.logsumexp(torch.cat([scores, true], dim=1), dim=1, keepdim=True) - math.log(_CHECKED + 1)
+                logits, shapes = shape_logits(scores, others.shapes, self._num_shapes), own.shapes[some]
                 loss += (total - true).sum().item()
-                marginal = torch.stack([p - math.log(len(part)) for p, part in zip(by_shape, of_shape, strict=True)])
-                correct += (marginal.argmax(0) == own.shapes[some]).sum().item()
+                loss += nn.functional.cross_entropy(logits, shapes, reduction="sum").item()
+                correct += (logits.argmax(1) == shapes).sum().item()
         return loss / len(found), correct / len(found)
+
+
+def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:
+    """Log of the mean ratio over the hypotheses of each shape, ``(B, K)``.
+
+    Args:
+        scores: log ratio of each image and hypothesis, ``(B, H)``.
+        shapes: of the hypotheses, ``(H,)``; all K occur.
+        num_shapes: K.
+    """
+    of_shape = [scores[:, shapes == shape] for shape in range(num_shapes)]
+    return torch.stack([torch.logsumexp(some, dim=1) - math.log(some.shape[1]) for some in of_shape], dim=1)
 
 
 def embeddings(network: TouchNetwork, touches: TouchSet, bf16: bool) -> Tensor:

@@ -86,7 +86,7 @@ class TactileReader:
             ValueError: there are no images, or they cannot be brought to the card's size.
         """
         require_stack(images)
-        images = _resized(images, self.card.image_shape)
+        images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
             for first in range(0, len(images), batch_size)
@@ -168,8 +168,16 @@ class TactileReader:
         return {name: value for name, value in vars(self).items() if name != "_session"}
 
 
-def _resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Images averaged down, or repeated up, to a shape."""
+def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Images averaged down, or repeated up, to a shape.
+
+    Args:
+        images: uint8, ``(N, H, W)`` or ``(N, H, W, 3)``.
+        shape: of an image.
+
+    Raises:
+        ValueError: one edge is no multiple of the other.
+    """
     if images.shape[1:] == shape:
         return images
     found, wanted = images.shape[1], shape[0]

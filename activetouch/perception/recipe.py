@@ -29,8 +29,8 @@ class TrainingRecipe:
             classifier of shapes.
         negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
-            network then learns the average over a cell of that size; sharp images need it, because a table of
-            hypotheses has gaps.
+            network then learns the average over a cell of that size. Sharp images need it, because a table of
+            hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -100,7 +100,7 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
         # For a reader that knows orientations.
         "contrast": TrainingRecipe(
             epochs=12,
-            batch_size=512,
+            batch_size=128,
             learning_rate=2e-3,
             weight_decay=0.01,
             warmup=0.3,
@@ -108,6 +108,7 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             rotation=0.0,
             patience=3,
             embedding=64,
+            cell=5.6,  # of 2 048 orientations
         ),
     }
 )

@@ -15,6 +15,7 @@ from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
 from activetouch.perception.card import CLASSIFIER_FILE
+from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.world import READER_FILE
 from belief.files import require_writable
@@ -132,7 +133,7 @@ class Train:
         from activetouch.perception.training import Trainer
 
         torch.set_num_threads(self.threads)
-        train, calibration = read_split(data, "train"), read_split(data, "calibration")
+        train, calibration = (_split(data, name, size) for name in ("train", "calibration"))
         if self.objects is not None:
             train = train.select(train.object_ids < self.objects)
         start = f"the weights of {self.weights}" if self.weights else "random weights"
@@ -153,6 +154,13 @@ class Train:
         export_reader(classifier, manifest.image_shape, hypotheses).save(out / READER_FILE)
         kept = trainer.best_epoch if recipe.patience is not None else trainer.epochs_done
         print(f"kept epoch {kept}, wrote {out / READER_FILE}")
+
+
+def _split(data: Path, name: str, size: int) -> TouchSet:
+    """A split of a collection, its images averaged down to what the network sees where they are larger."""
+    touches = read_split(data, name)
+    edge = min(size, touches.images.shape[1])
+    return replace(touches, images=resized(touches.images, (edge, edge, *touches.images.shape[3:])))
 
 
 def require_input_size(size: int, edge: int, backbone: str) -> None:
