@@ -37,7 +37,7 @@ from belief.observation_model.registry import JOINT_MODELS
 MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
-RIGID_BODY = "-rigid-body"  # at the end of a shipped sensor's name: its observation model is the joint one
+INDEPENDENT = "-independent"  # at the end of a shipped sensor's name: it takes touches as independent given the shape
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -247,7 +247,8 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene; followed by ``-rigid-body``, the sensor whose belief is about one rigid body.
+            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-independent``, for the
+                sensor that reads shapes only and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
 
@@ -258,7 +259,7 @@ class TactileSensor:
         if name not in known:
             raise UnknownName("sensor", name, known)
         return cls.load(
-            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(RIGID_BODY)].scene, anyway
+            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(INDEPENDENT)].scene, anyway
         )
 
     def __repr__(self) -> str:

@@ -16,7 +16,15 @@ from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
-from activetouch.world import MODELS, OBSERVATION_FILE, POLICIES, READER_FILE, TactileSensor, sensor_shift
+from activetouch.world import (
+    INDEPENDENT,
+    MODELS,
+    OBSERVATION_FILE,
+    POLICIES,
+    READER_FILE,
+    TactileSensor,
+    sensor_shift,
+)
 from belief.errors import ActiveTouchError
 from experiments.scene_choice import (
     SceneChoice,
@@ -106,7 +114,19 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
             for target in targets:
                 load_ppo_policy(sensor / POLICIES, state, target)
     except (MissingPolicy, BadPolicy) as error:
+        ready = independent_sensor(scene)
+        if ready != sensor and (ready / POLICIES).is_dir():
+            raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error
         raise type(error)(f"{error}. To train policies for this sensor:\n{policy_commands(scene, sensor)}") from error
+
+
+def independent_sensor(scene: str) -> Path:
+    """Folder of the shipped sensor of a scene that takes touches as independent given the shape: that of the policies.
+
+    Args:
+        scene: name of the scene.
+    """
+    return MODELS / f"{in_file_names(scene)}{INDEPENDENT}"
 
 
 def sensor_folder(given: Path | None, scene: str) -> Path:

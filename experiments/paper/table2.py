@@ -16,7 +16,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
 from experiments.search.summary import ALL
-from experiments.sensor_choice import policy_commands
+from experiments.sensor_choice import independent_sensor, policy_commands
 from planners.ppo import load_ppo_policy
 from planners.registry import trained_state
 
@@ -66,7 +66,7 @@ def search_columns(
     """Play live searches with every decider in every scene; finished searches are kept.
 
     Args:
-        scenes: folder of the sensor by scene; None for the shipped sensor.
+        scenes: folder of the sensor by scene; None for the shipped one that has policies.
         deciders: names of the deciders; one without the policies that it needs is reported as missing.
         episodes: searches per target.
         seed: seed of the episodes.
@@ -79,7 +79,7 @@ def search_columns(
     """
     columns = []
     for scene, sensor in scenes.items():
-        setting = Setting(SceneChoice(scene), sensor=sensor)
+        setting = Setting(SceneChoice(scene), sensor=sensor if sensor is not None else independent_sensor(scene))
         targets = [shape for shape in PAPER["PPO"] if shape in setting.problem.shape_labels]
         missing = {name: _missing(name, setting, targets) for name in deciders}
         able = tuple(name for name in deciders if not missing[name])

@@ -9,11 +9,11 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, READER_FILE
+from activetouch.world import READER_FILE
 from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
-from experiments.sensor_choice import open_collection, require_collection
+from experiments.sensor_choice import independent_sensor, open_collection, require_collection
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection for training and for evaluation of policies."""
@@ -38,7 +38,7 @@ class MakeTouchBank:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the sensor; the shipped sensor of the scene by default."""
+    """Folder of the sensor; the scene's shipped sensor of independent touches by default."""
     out: Path | None = None
     """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
@@ -50,7 +50,7 @@ class MakeTouchBank:
 
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        sensor = self.sensor if self.sensor is not None else MODELS / self.scene
+        sensor = self.sensor if self.sensor is not None else independent_sensor(self.scene)
         out = self.out if self.out is not None else bank_folder(self.scene)
         require_writable(out)
         manifest = open_collection(data, self.scene, repeats=True)

@@ -14,7 +14,7 @@ import numpy as np
 from activetouch.errors import WrongScene
 from activetouch.extras import require_extra
 from activetouch.scene_description import require_scene
-from activetouch.world import MODELS, observation_model_and_scene
+from activetouch.world import observation_model_and_scene
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_writable, write_text
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
@@ -22,7 +22,7 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import command, tell_shift
+from experiments.sensor_choice import command, independent_sensor, tell_shift
 from planners.ppo import policy_file
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class TrainPPO:
     bank: Path | None = None
     """Folder of the touch banks; data/SCENE-bank by default."""
     sensor: Path | None = None
-    """Folder of the observation model; the shipped sensor of the scene by default."""
+    """Folder of the observation model; the scene's shipped sensor of independent touches by default."""
     out: Path | None = None
     """Folder for trainings and policies; runs/ppo-SCENE by default."""
     targets: tuple[str, ...] = ()
@@ -161,7 +161,7 @@ class TrainPPO:
         from experiments.ppo.training import Training
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
-        sensor = self.sensor if self.sensor is not None else MODELS / self.scene
+        sensor = self.sensor if self.sensor is not None else independent_sensor(self.scene)
         model, fitted_to = observation_model_and_scene(sensor)
         remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
         try:

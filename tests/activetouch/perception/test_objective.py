@@ -22,6 +22,7 @@ from activetouch.pressing.pad import Pad
 from activetouch.scene import Symmetry
 
 pytestmark = pytest.mark.torch
+RECIPE = replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, cell=0.0, bf16=False)
 SCENE = Scene(pad=Pad(num_taxels=32), press_model=Quasistatic())
 
 
@@ -72,7 +73,10 @@ def test_cells_have_the_stated_spread():
 
 def test_training_by_contrast_learns_shape_and_orientation_and_goes_on_where_it_stopped(tmp_path):
     """Bars at three angles: the network must tell the angle, and a body of the other shape, a disc, from them."""
-    train, recipe = bars_and_discs(240), replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, bf16=False)
+    train, recipe = (
+        bars_and_discs(240),
+        RECIPE,
+    )
     whole, first = (trainer(tmp_path / name, train, recipe) for name in ("whole", "parts"))
     losses = [whole.run_epoch().calibration_loss for _ in range(recipe.epochs)]
     assert losses[-1] < losses[0] - 0.5
@@ -95,7 +99,10 @@ def test_training_by_contrast_learns_shape_and_orientation_and_goes_on_where_it_
 
 def test_orientations_related_by_a_symmetry_get_equal_ratios(tmp_path):
     """A bar turned by half a turn is the same bar: nobody tells the network, and it learns so."""
-    train, recipe = bars_and_discs(240), replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, bf16=False)
+    train, recipe = (
+        bars_and_discs(240),
+        RECIPE,
+    )
     trained = trainer(tmp_path / "state", train, recipe)
     for _ in range(recipe.epochs):
         trained.run_epoch()
