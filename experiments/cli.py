@@ -53,6 +53,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
         "learning-curve": Command("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
         "frontier": Command("sensor.frontier:Frontier", "accuracy against time and size, per network"),
+        "several-touches": Command("sensor.several_touches:SeveralTouches", "accuracy after several touches of a body"),
     },
     "Train policies": {
         "touch-bank": Command("ppo.touch_bank:MakeTouchBank", "turn a collection into a touch bank for PPO training"),

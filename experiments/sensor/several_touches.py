@@ -1,0 +1,287 @@
+"""``activetouch several-touches``: accuracy after several touches of one object, by reader and number of hypotheses.
+
+The joint model of every reader, with every number of hypotheses, beside the model that takes touches as independent
+given the shape. Models are fitted to the calibration split; all read the same touches of the test split.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.data.manifest import Manifest
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.world import READER_FILE
+from belief.errors import InvalidArgument
+from belief.files import require_writable, write_text
+from belief.observation_model import ArrayModel
+from belief.observation_model.likelihood_ratio import RatioModel
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.selection import log_posteriors
+from belief.problem import Touch
+from belief.statistics import cluster_bootstrap, wilson_interval
+from belief.touch_batch import TouchBatch
+from experiments.bayes_error.touched_objects import touch_orders
+from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.reporting.tables import Table
+from experiments.scene_choice import named_scene, repeats_folder
+from experiments.sensor.scores import read_touches, regrouped
+from experiments.sensor_choice import open_collection, require_collection, sensor_folder
+
+_ROUNDS = 30
+"""Of timing; the median counts."""
+
+
+@dataclass(frozen=True)
+class AfterTouches:
+    """How good a model is after some touches of an object, with 95 % intervals over objects.
+
+    Attributes:
+        touches: how many.
+        accuracy: share of objects whose likeliest shape is the true one.
+        accuracy_interval: Wilson.
+        nll: mean negative log posterior of the true shape [nats].
+        nll_interval: bootstrap.
+        stated: mean posterior of the likeliest shape.
+    """
+
+    touches: int
+    accuracy: float
+    accuracy_interval: tuple[float, float]
+    nll: float
+    nll_interval: tuple[float, float]
+    stated: float
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One reader with one observation model.
+
+    Attributes:
+        network: backbone and input size.
+        hypotheses: number N of each shape; 0 for the independent model.
+        results: by number of touches.
+        read_milliseconds: to read one image.
+        update_milliseconds: of the belief, for one touch.
+        megabytes: of the table of hypotheses.
+    """
+
+    network: str
+    hypotheses: int
+    results: tuple[AfterTouches, ...]
+    read_milliseconds: float
+    update_milliseconds: float
+    megabytes: float
+
+    @property
+    def model(self) -> str:
+        """The observation model in words."""
+        return f"joint, N = {self.hypotheses}" if self.hypotheses else "independent"
+
+
+@dataclass(frozen=True)
+class SeveralTouches:
+    """Measure accuracy, NLL and calibration after several touches of one object, and the time that a touch takes.
+
+    The poses of an object are in random order, each at most once.
+
+    For example:
+
+        activetouch several-touches --scene hard
+        activetouch several-touches --scene gel --hypotheses 64 512 4096 --readers runs/train-8/reader.safetensors
+    """
+
+    scene: str = "gel"
+    """Name of the scene."""
+    readers: tuple[Path, ...] = ()
+    """From ``activetouch train``; that of the scene's shipped sensor by default."""
+    data: Path | None = None
+    """Folder of the collection with repeats; data/SCENE-repeats by default."""
+    hypotheses: Annotated[tuple[Count, ...], NotEmpty()] = (2048,)
+    """Numbers of hypotheses of each shape."""
+    touches: Annotated[tuple[Count, ...], NotEmpty()] = (1, 2, 3, 4, 6)
+    """Numbers of touches of an object."""
+    seed: Seed = 0
+    """Of the orders of poses and of the intervals."""
+    out: Path = Path("runs/several-touches")
+    """Folder for numbers, table and figure."""
+
+    def run(self) -> None:
+        """Read, fit, evaluate, write and print."""
+        check_arguments(self)
+        scene = named_scene(self.scene).scene
+        if max(self.touches) > len(scene.poses):
+            raise BadArgument(
+                f"--touches must be at most {len(scene.poses)}, one in each pose, got {max(self.touches)}"
+            )
+        require_writable(self.out)
+        data = self.data if self.data is not None else repeats_folder(self.scene)
+        manifest = open_collection(data, self.scene, repeats=True)
+        calibration, test = read_split(data, "calibration"), read_split(data, "test")
+        entries = []
+        for path in self.readers or (sensor_folder(None, self.scene) / READER_FILE,):
+            reader = TactileReader.load(path)
+            require_collection(data, manifest, reader.card, None, repeats=True)
+            if reader.hypotheses is None:
+                raise InvalidArgument(f"{path} tells shapes only; activetouch train makes one that knows orientations")
+            known = read_touches(reader, calibration, f"{path}, calibration touches").sequence(0)
+            read = in_random_order(read_touches(reader, test, f"{path}, test touches"), test, self.seed)
+            seconds = _milliseconds(lambda reader=reader: reader.read(test.images[:1]))
+            for number in (0, *self.hypotheses):
+                model = _fitted(known, calibration, manifest, HypothesisTable(reader, scene), number)
+                entries.append(
+                    self._entry(reader, seconds, number, model, read, test.shapes[:: manifest.touches_per_object])
+                )
+        shown = table(entries, self.scene, len(np.unique(test.object_ids)))
+        for name, text in (
+            ("several-touches.json", json.dumps([asdict(entry) for entry in entries], indent=1) + "\n"),
+            ("several-touches.md", shown.markdown() + "\n"),
+        ):
+            write_text(self.out / name, text)
+        draw(entries, self.scene, self.out / "several-touches.svg")
+        plain_console().print(shown.rich())
+        print(f"wrote {self.out}/several-touches.md, .json and .svg")
+
+    def _entry(
+        self,
+        reader: TactileReader,
+        read_milliseconds: float,
+        number: int,
+        model: ArrayModel,
+        read: TouchBatch,
+        truth: NDArray[np.int64],
+    ) -> Entry:
+        start, touch = model.start(), read.sequence(0)[0]
+        return Entry(
+            f"{reader.card.backbone} {reader.card.input_size} px",
+            number,
+            tuple(after(log_posteriors(model, read.first(n)), truth, n, self.seed) for n in self.touches),
+            read_milliseconds,
+            _milliseconds(lambda: start.update(touch).log_likelihood),
+            model.hypotheses.nbytes / 1e6 if isinstance(model, RigidBodyModel) and number else 0.0,
+        )
+
+
+def in_random_order(touches: TouchBatch, truth: TouchSet, seed: int) -> TouchBatch:
+    """The first touch of every object in each pose, in an order of its own, ``(M, P)``."""
+    num_objects = len(np.unique(truth.object_ids))
+    rounds = regrouped(touches, (num_objects, -1))
+    rows = np.arange(num_objects)[:, None]
+    orders = touch_orders(num_objects, int(truth.poses.max()) + 1, seed)
+    features = None if rounds.features is None else rounds.features[rows, orders]
+    return TouchBatch(rounds.poses[rows, orders], rounds.logits[rows, orders], features)
+
+
+def after(log_probs: NDArray[np.float64], shapes: NDArray[np.int64], touches: int, seed: int) -> AfterTouches:
+    """How good posteriors of objects ``(M, K)`` are.
+
+    Args:
+        log_probs: log posteriors.
+        shapes: true shapes, ``(M,)``.
+        touches: of each object; only noted.
+        seed: of the bootstrap.
+    """
+    number = np.arange(len(shapes))
+    right = log_probs.argmax(axis=1) == shapes
+    nll, *interval = cluster_bootstrap(-log_probs[number, shapes], number, np.random.default_rng(seed))
+    return AfterTouches(
+        touches,
+        float(right.mean()),
+        wilson_interval(int(right.sum()), len(right)),
+        nll,
+        (interval[0], interval[1]),
+        float(np.exp(log_probs.max(axis=1)).mean()),
+    )
+
+
+def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
+    """Results of readers and models, and what they cost."""
+    rows = [
+        (
+            *(entry.network, entry.model, f"{entry.read_milliseconds:.2f} + {entry.update_milliseconds:.2f}"),
+            *(r.touches, r.accuracy, r.accuracy_interval, r.nll, r.nll_interval, r.stated - r.accuracy),
+        )
+        for entry in entries
+        for r in entry.results
+    ]
+    columns = ["touches", ("accuracy", ".3f"), ("95 %", ".3f"), ("NLL", ".4f"), ("95 %", ".4f")]
+    return Table(
+        f"scene {scene}, {num_objects} unseen objects, poses in random order",
+        ["reader", "model", "ms", *columns, ("stated minus accuracy", "+.3f")],
+        rows,
+        "ms: to read one image, and to update the belief with it.",
+    )
+
+
+def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
+    """Draw NLL with its interval against the time of a touch, one panel per number of touches.
+
+    Args:
+        entries: readers and models.
+        scene: name of the scene, for the title.
+        path: file to write; the ending decides the format.
+
+    Raises:
+        CannotWrite: there is no room, or no permission.
+    """
+    from matplotlib.ticker import StrMethodFormatter
+
+    from experiments.reporting.style import PALETTE, figure
+
+    networks = list(dict.fromkeys(entry.network for entry in entries))
+    shown = [n for n, result in enumerate(entries[0].results) if result.touches <= 3]
+    with figure((3.4 * len(shown), 3.6), path) as drawn:
+        panels = np.atleast_1d(drawn.subplots(1, len(shown)))
+        for axes, n in zip(panels, shown, strict=True):
+            for network, colour in zip(networks, PALETTE, strict=False):
+                for marker, some in (
+                    ("s", [e for e in entries if e.network == network and not e.hypotheses]),
+                    ("o", [e for e in entries if e.network == network and e.hypotheses]),
+                ):
+                    x = [e.read_milliseconds + e.update_milliseconds for e in some]
+                    y = np.maximum([e.results[n].nll for e in some], 1e-5)
+                    style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1}
+                    label = f"{network}, {'independent' if marker == 's' else 'joint'}"
+                    axes.plot(x, y, **style, label=label)
+                    for place, e in zip(zip(x, y, strict=True), some, strict=True):
+                        text = str(e.hypotheses) if e.hypotheses else ""
+                        axes.annotate(text, place, xytext=(3, 3), textcoords="offset points", fontsize=7)
+            touches = entries[0].results[n].touches
+            axes.set(xscale="log", yscale="log", title=f"{touches} touch{'es' * (touches > 1)}")
+            axes.set(xlabel="ms per touch, read and update")
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.grid(alpha=0.25)
+        panels[0].set_ylabel("NLL of the shape [nats]")
+        panels[-1].legend(frameon=False, fontsize=8)
+        drawn.suptitle(f"scene {scene}; numbers are hypotheses of each shape")
+
+
+def _fitted(
+    known: Sequence[Touch], truth: TouchSet, manifest: Manifest, hypotheses: HypothesisTable, number: int
+) -> ArrayModel:
+    """The joint model with so many hypotheses; with none, the model of independent touches."""
+    labels = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
+    if not number:
+        return RatioModel.fit(known, truth.shapes, truth.object_ids, **labels)
+    options = {**labels, "embed": hypotheses, "num_hypotheses": number}
+    return RigidBodyModel.fit(known, truth.shapes, truth.object_ids, **options)
+
+
+def _milliseconds(call: Callable[[], object]) -> float:
+    """Median time of a call."""
+    times = []
+    for _ in range(_ROUNDS):
+        started = time.perf_counter()
+        call()
+        times.append(1e3 * (time.perf_counter() - started))
+    return float(np.median(times))
