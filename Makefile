@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment rigid-body development sensor policies figures reproduce clean
+.PHONY: search test check environment development sensor independent-sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -44,42 +44,58 @@ $(VENV)/ready-dev: $(VENV)/ready
 	$(INSTALL) ".[dev]"
 	@touch $@
 
-# The shipped sensor of a scene from nothing: touches, classifier, observation model; make sensor SCENE=coarse for another
-# (ten to fifteen minutes on two cores).
+# The shipped sensor of a scene from nothing: touches, reader, observation model; make sensor SCENE=coarse for another
+# (half an hour on two cores).
 SCENE ?= gel
-COLLECT.paper := --plan.train 1500
-COLLECT.coarse := --plan.train 13500
-COLLECT.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
+COLLECT.gel := --plan.test 0
+COLLECT.coarse := --plan.train 13500 --plan.test 0
+COLLECT.hard := --plan.train 1200 --plan.calibration 100 --plan.test 0
 COLLECT.many := $(COLLECT.hard)
-REPEATS.hard := --plan.calibration 100 --plan.test 100
-REPEATS.many := --plan.calibration 100 --plan.test 150
-CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
-TRAIN.gel := $(CNN)
-TRAIN.coarse := $(CNN) --change.epochs 12
-TRAIN.hard := $(CNN) --change.epochs 24
+COLLECT.paper := --plan.train 3000 --plan.calibration 150 --plan.test 0
+REPEATS.gel := --plan.repeats 2 --plan.calibration 150
+REPEATS.coarse := --plan.repeats 6
+REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
+REPEATS.many := $(REPEATS.hard)
+REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
+TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
-TRAIN.paper := --recipe large --change.batch-size 128 --change.epochs 6
+TRAIN.paper := --backbone cnn
 sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
-	$(BIN)/activetouch calibrate --scene $(SCENE) --out activetouch/models/$(SCENE)
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
+	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model ratio "rigid body" --out activetouch/models/$(SCENE)
 
-# The sensor of a scene whose belief is about one rigid body (docs/perception.md); part of the package for coarse.
-rigid-body: development
-	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
-	$(BIN)/activetouch train --scene $(SCENE) --data data/$(SCENE) --out runs/train-$(SCENE)-rigid-body
-	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
-	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(SCENE)-rigid-body/reader.safetensors \
-		--observation-model ratio "rigid body" --out activetouch/models/$(SCENE)-rigid-body
+# The sensor of a scene that reads shapes only and takes touches as independent given the shape; the policies use it.
+MORE.gel :=
+MORE.paper := --plan.train 1500
+MORE.coarse := --plan.train 13500
+MORE.hard := --plan.train 1200 --plan.calibration 250 --plan.test 250
+MORE.many := $(MORE.hard)
+MANY_REPEATS.hard := --plan.calibration 100 --plan.test 100
+MANY_REPEATS.many := --plan.calibration 100 --plan.test 150
+CNN := --recipe large --change.batch-size 128 --change.learning-rate 2e-3
+PLAIN.gel := $(CNN) --input-size 64
+PLAIN.coarse := $(CNN) --change.epochs 12
+PLAIN.hard := $(CNN) --input-size 64 --change.epochs 24
+PLAIN.many := $(PLAIN.hard)
+PLAIN.paper := --recipe large --backbone atto --change.batch-size 128 --change.epochs 6
+INDEPENDENT = $(SCENE)-independent
+independent-sensor: development
+	$(BIN)/activetouch collect --scene $(SCENE) $(MORE.$(SCENE)) --out data/$(INDEPENDENT)
+	$(BIN)/activetouch train --scene $(SCENE) $(PLAIN.$(SCENE)) --data data/$(INDEPENDENT) --out runs/train-$(INDEPENDENT)
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(MANY_REPEATS.$(SCENE)) \
+		--out data/$(INDEPENDENT)-repeats
+	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(INDEPENDENT)/reader.safetensors \
+		--data data/$(INDEPENDENT)-repeats --out activetouch/models/$(INDEPENDENT)
 
 # Its PPO policies, from the same repeated touches; those that come with the package are of paper, coarse and gel.
 PPO.gel := --change.steps 120000
 policies: development
-	$(BIN)/activetouch touch-bank --scene $(SCENE)
+	$(BIN)/activetouch touch-bank --scene $(SCENE) --data data/$(INDEPENDENT)-repeats
 	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))
-	mkdir -p activetouch/models/$(SCENE)/policies
-	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(SCENE)/policies/
+	mkdir -p activetouch/models/$(INDEPENDENT)/policies
+	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(INDEPENDENT)/policies/
 
 # The README's figure is one of the default comparison's searches.
 figures: search

@@ -41,7 +41,7 @@ class NamedScene:
     num_objects: int = 4
     composition: Composition = Composition.DISTINCT
     backbone: str = "cnn"
-    input_size: int = 64
+    input_size: int = 32
 
 
 SCENES: Mapping[str, NamedScene] = MappingProxyType(

@@ -13,7 +13,7 @@ from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader, fixed_hypotheses
 from activetouch.perception.hypothesis_network import Hypotheses, compose, rotation_matrices
-from activetouch.perception.objective import jittered, turned
+from activetouch.perception.objective import jittered, shape_logits, turned
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
 from activetouch.placement import Placement
@@ -150,3 +150,15 @@ def trainer(state, train, recipe):
         network = TouchNetwork(replace(card))
     recipe = replace(recipe, embedding=16)
     return Trainer(TouchClassifier(card, network), recipe, train, train, state)
+
+
+def test_the_logit_of_a_shape_is_the_log_of_its_mean_ratio():
+    scores = torch.log(torch.tensor([[1.0, 3.0, 5.0, 7.0], [2.0, 2.0, 2.0, 8.0]]))
+    logits = shape_logits(scores, torch.tensor([0, 1, 0, 1]), 2)
+    assert torch.allclose(logits.exp(), torch.tensor([[3.0, 5.0], [2.0, 5.0]]))
+
+
+def test_every_shape_is_among_the_hypotheses_of_a_step_even_if_fewer_are_asked_for(tmp_path):
+    """A shape that no hypothesis had would have likelihood zero, and its touches an infinite loss."""
+    trained = trainer(tmp_path / "state", bars_and_discs(24), replace(RECIPE, negatives=1))
+    assert np.isfinite(trained.run_epoch().training_loss)

@@ -1,0 +1,59 @@
+"""Several touches of one body: what the command measures, on a small collection."""
+
+import json
+
+import numpy as np
+import pytest
+
+from activetouch.data.dataset import CollectionPlan, TouchSet
+from belief.touch_batch import TouchBatch
+from experiments.command_line.arguments import BadArgument
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import collect
+from experiments.sensor.several_touches import SeveralTouches, after, in_random_order
+
+
+def test_each_object_keeps_its_touches_in_an_order_of_its_own():
+    """Two rounds of three poses of four objects: of each pose the first touch, and no touch of another object."""
+    objects, poses = np.repeat(np.arange(4), 6), np.tile(np.arange(3), 8)
+    logits = np.stack([objects, np.arange(24) % 6], axis=1).astype(float)
+    nothing = np.zeros(24)
+    truth = TouchSet(np.zeros((24, 2, 2), np.uint8), objects % 2, objects, poses, nothing, nothing)
+    found = in_random_order(TouchBatch(poses[None], logits[None], logits[None]), truth, seed=0)
+    assert found.poses.shape == (4, 3)
+    assert (np.sort(found.poses, axis=1) == np.arange(3)).all()
+    assert (found.logits[..., 0] == np.arange(4)[:, None]).all()
+    assert (found.logits[..., 1] == found.poses).all()  # the first round
+    assert (found.features == found.logits).all()
+    assert len({tuple(order) for order in found.poses.tolist()}) > 1
+
+
+def test_scores_of_known_posteriors():
+    log_probs = np.log([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.4, 0.6]])
+    found = after(log_probs, np.array([0, 1, 1, 1]), touches=2, seed=0)
+    assert found.accuracy == 0.75
+    assert found.nll == pytest.approx(-np.log([0.9, 0.1, 0.8, 0.6]).mean())
+    assert found.stated == pytest.approx(0.8)
+    assert found.nll_interval[0] < found.nll < found.nll_interval[1]
+
+
+@pytest.mark.mujoco
+def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
+    data = tmp_path / "data"
+    collect(SceneChoice("coarse"), CollectionPlan(0, 6, 6, repeats=1), data, jobs=1)
+    SeveralTouches("coarse", data=data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
+    independent, few, many = json.loads((tmp_path / "out" / "several-touches.json").read_text())
+    assert [entry["hypotheses"] for entry in (independent, few, many)] == [0, 2, 512]
+    one, four = many["results"]
+    assert four["accuracy"] >= 0.9  # 0.99 on thousands of objects
+    assert four["nll"] < one["nll"]
+    assert four["nll"] < few["results"][1]["nll"]
+    assert many["megabytes"] == 256 * few["megabytes"]
+    assert (tmp_path / "out" / "several-touches.svg").exists()
+    assert "joint, N = 512" in (tmp_path / "out" / "several-touches.md").read_text()
+
+
+def test_more_touches_than_poses_are_refused(tmp_path):
+    with pytest.raises(BadArgument, match="at most 6"):
+        SeveralTouches("coarse", touches=(7,), out=tmp_path / "out").run()
+    assert not (tmp_path / "out").exists()
