@@ -42,7 +42,7 @@ class Limit:
     For example:
 
         activetouch limit --scene coarse
-        activetouch limit --scene coarse --touches-per-object 1 2 3 4 6 --sensor coarse-rigid-body
+        activetouch limit --scene coarse --touches-per-object 1 2 3 4 6 --sensor coarse
         activetouch limit --scene hard --ambiguity.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
     """

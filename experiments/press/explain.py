@@ -12,7 +12,7 @@ from rich.progress import track
 
 from activetouch.errors import MissingRobot
 from activetouch.named_scenes import NamedScene
-from activetouch.world import MODELS, RIGID_BODY, load_observation_model
+from activetouch.world import load_observation_model
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments
@@ -22,6 +22,7 @@ from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
+from experiments.sensor_choice import independent_sensor, sensor_folder
 from planners.bounds.touch_count import touch_count_bounds
 
 _HARDEST = 6  # pairs of shapes to show
@@ -50,11 +51,11 @@ class Explain:
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
-        sensor = MODELS / self.choice.scene
-        if sensor.exists():
-            model = load_observation_model(sensor)
+        independent = independent_sensor(self.choice.scene)
+        if independent.exists():
+            model = load_observation_model(independent)
             console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
-        shipped = [folder for folder in (sensor, MODELS / f"{self.choice.scene}{RIGID_BODY}") if folder.exists()]
+        shipped = [folder for folder in (independent, sensor_folder(None, self.choice.scene)) if folder.exists()]
         console.print(belief_table(self.choice.scene, named.scene, shipped).rich())
         variants = [("", "this scene", named.scene)]
         for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):

@@ -56,7 +56,7 @@ class Robustness:
     For example:
 
         activetouch robustness --scene gel --objects 100
-        activetouch robustness --scene coarse --sensor coarse-rigid-body --searches 100
+        activetouch robustness --scene coarse --searches 100
         activetouch robustness --scene coarse --conditions "noise × 2" "size ± 25 %"
         activetouch robustness --scene coarse --sensor runs/sensor-coarse --deformable 5
     """

@@ -15,15 +15,16 @@ from types import MappingProxyType
 
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
+from activetouch.world import OBSERVATION_FILE, READER_FILE
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
+from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS
 from planners.registry import TRAINED
 
 SHIPPED = "shipped"
-"""Name of the observation model that is shipped with a scene's sensor."""
+"""Name of the observation model that is shipped with a scene's sensor of independent touches."""
 FITTED = "ratio"
 """Kind of observation model that is fitted for networks without a shipped one; the shipped models are of this kind."""
 JOINT = "rigid body"
@@ -65,7 +66,7 @@ class Network:
             CorruptFile: The file does not contain a reader.
             LabelMismatch: The reader has other shapes or poses than the scene.
         """
-        path = file if file is not None else MODELS / scene / READER_FILE
+        path = file if file is not None else independent_sensor(scene) / READER_FILE
         card, world = TactileReader.load(path).card, SCENES[scene].scene
         card.require_labels(world.shape_labels, world.pose_labels)
         label = f"{card.backbone} {card.input_size} px"
@@ -74,7 +75,7 @@ class Network:
     @property
     def path(self) -> Path:
         """Path of its file."""
-        return Path(self.file) if self.file else MODELS / self.scene / READER_FILE
+        return Path(self.file) if self.file else independent_sensor(self.scene) / READER_FILE
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ class Configuration:
         if self.num_hypotheses is None:
             del fields["num_hypotheses"]
         if self.observation_model == SHIPPED:
-            fields["observation_model"] = _digest(MODELS / self.scene / OBSERVATION_FILE)
+            fields["observation_model"] = _digest(independent_sensor(self.scene) / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     @property

@@ -19,11 +19,12 @@ from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
 from activetouch.scene_description import scene_fields
-from activetouch.world import MODELS, POLICIES, READER_FILE, touch_many, write_observation_model
+from activetouch.world import POLICIES, READER_FILE, touch_many, write_observation_model
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
 from experiments.search.setting import episode_seed, make_world
+from experiments.sensor_choice import independent_sensor
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
 from planners import Episode, make_decider, search_lockstep
@@ -113,7 +114,7 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
         configuration.decider,
         sensor.model.outcome_table(),
         sensor.model,
-        setting.sensor_folder / POLICIES,
+        independent_sensor(configuration.scene) / POLICIES,
         configuration.simulations,
     )
     touching = 0.0
@@ -154,7 +155,7 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
 
 def _sensor(configuration: Configuration) -> TactileSensor:
     """The sensor with the configuration's network and the shipped observation model."""
-    sensor = TactileSensor.load(MODELS / configuration.scene, configuration.setting.scene, anyway=True)
+    sensor = TactileSensor.load(independent_sensor(configuration.scene), configuration.setting.scene, anyway=True)
     return replace(sensor, reader=TactileReader.load(configuration.network.path))
 
 

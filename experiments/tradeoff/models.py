@@ -13,7 +13,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, load_observation_model
+from activetouch.world import load_observation_model
 from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import write_text
@@ -21,7 +21,7 @@ from belief.observation_model import ArrayModel, read_observation_model
 from belief.observation_model.registry import fit_named
 from experiments.scene_choice import repeats_folder
 from experiments.sensor.scores import read_touches
-from experiments.sensor_choice import open_collection, require_collection
+from experiments.sensor_choice import independent_sensor, open_collection, require_collection
 from experiments.tradeoff.configuration import JOINT, SHIPPED, Configuration, Network
 
 _SPLIT = "calibration"
@@ -39,7 +39,7 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     scene, reader = SCENES[network.scene].scene, TactileReader.load(network.path)
     table = None if reader.hypotheses is None else HypothesisTable(reader, scene)
     if name == SHIPPED:
-        shipped = load_observation_model(MODELS / network.scene)
+        shipped = load_observation_model(independent_sensor(network.scene))
         return shipped if table is None else shipped.with_hypotheses(table)
     path = (
         folder

@@ -256,10 +256,10 @@ def test_every_refusal_of_a_sensor_is_one_of_ours():
 
 
 def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_path):
-    joint = MODELS / "coarse-rigid-body"
+    joint = MODELS / "coarse"
     assert [load_observation_model(joint, independent).name for independent in (False, True)] == ["rigid body", "ratio"]
-    assert load_observation_model(MODELS / "coarse", independent=True).name == "ratio"  # it has no other
-    own = Setting(SceneChoice("coarse"), Path("coarse-rigid-body"))
+    assert load_observation_model(MODELS / "coarse-independent", independent=True).name == "ratio"  # it has no other
+    own = Setting(SceneChoice("coarse"))
     independent = replace(own, observation_model="independent")
     assert (known_model(own)[0].name, known_model(independent)[0].name) == ("rigid body", "ratio")
     assert identity(own, 0)["sensor_sha256"] != identity(independent, 0)["sensor_sha256"]

@@ -97,7 +97,7 @@ def test_scenes_without_a_body_or_a_closed_form_are_refused():
 
 def test_a_sensors_evidence_is_that_of_its_observation_model(found):
     touched, _ = found
-    sensor = TactileSensor.shipped("coarse-rigid-body")
+    sensor = TactileSensor.shipped("coarse")
     evidence = sensor_evidence(sensor, touched)
     assert evidence.shape == (*touched.orders.shape, 4)
     n = 23

@@ -20,7 +20,7 @@ SCENES = sorted(path.parent.name for path in MODELS.glob(f"*/{POLICIES}"))
 
 
 def test_three_scenes_come_with_policies():
-    assert SCENES == ["coarse", "gel", "paper"]
+    assert SCENES == ["coarse-independent", "gel-independent", "paper-independent"]
 
 
 @pytest.mark.parametrize("state", ["paper", "posterior"])
@@ -45,7 +45,7 @@ def test_an_untouched_object_of_a_search_is_probed(scene, state):
 
 def test_a_new_policy_is_another_decider_for_its_target_and_for_nobody_else(tmp_path):
     sensor = tmp_path / "sensor"
-    shutil.copytree(MODELS / "coarse", sensor)
+    shutil.copytree(MODELS / "coarse-independent", sensor)
     setting = Setting(SceneChoice("coarse"), sensor=sensor)
     cells = [(name, target) for name in ("threshold", "ppo", "ppo_posterior", "ppo_confident") for target in LABELS]
     before, run = {cell: made_by(setting, *cell) for cell in cells}, dict(identity(setting, 0))

@@ -40,7 +40,7 @@ def test_what_is_hidden_follows_from_the_presentation(presentation, words):
 
 def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measured():
     scene = SCENES["coarse"].scene
-    table = belief_table("coarse", scene, [MODELS / "coarse", MODELS / "coarse-rigid-body"])
+    table = belief_table("coarse", scene, [MODELS / "coarse-independent", MODELS / "coarse"])
     joint, independent = (row[2:] for row in table.rows)
     assert (joint[0], independent[0]) == (2048, None)
     assert joint[1] > 12.5  # the table: 6 poses, 4 shapes, 2 048 hypotheses, 64 numbers of 4 bytes

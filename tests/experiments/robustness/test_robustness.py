@@ -165,7 +165,7 @@ def test_a_condition_in_which_nothing_can_be_pressed_is_named(sensor):
 
 @pytest.mark.torch
 def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one():
-    folder = MODELS / "coarse-rigid-body"
+    folder = MODELS / "coarse"
     sensor = TactileSensor.load(folder, COARSE, anyway=True)
     models = {"rigid body": sensor.model, "independent": load_observation_model(folder, independent=True)}
     scenes = {AS_TRAINED: COARSE, "noise × 4": CONDITIONS["noise × 4"](COARSE)}

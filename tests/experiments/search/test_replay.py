@@ -61,7 +61,7 @@ def test_frames_carry_the_image_of_every_touch_and_of_nothing_else(run):
 
 
 def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
-    joint = replace(COARSE, sensor=Path("coarse-rigid-body"))
+    joint = replace(COARSE, sensor=Path("coarse"))
     [episode], _ = play_episodes(joint, "information_gain", 0, 0, [0])
     frames, bodies = replay(joint, episode), Bodies.of(load_sensor(joint))
     for number, frame in enumerate(frames):  # the re-read touches give the belief that was recorded

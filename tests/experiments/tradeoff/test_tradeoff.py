@@ -69,7 +69,7 @@ def test_a_network_that_knows_orientation_is_measured_with_every_number_of_hypot
     assert [c.num_hypotheses for c in found] == list(NUM_HYPOTHESES)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(NUM_HYPOTHESES)
     assert {c.network for c in found} == {joint}
-    assert Network.of("coarse", MODELS / "coarse-rigid-body" / READER_FILE).knows_orientation
+    assert Network.of("coarse", MODELS / "coarse" / READER_FILE).knows_orientation
     assert not Network.of("coarse").knows_orientation
     assert replace(found[0], network=replace(joint, knows_orientation=False)).key == found[0].key  # part of the file
 
@@ -79,7 +79,7 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     plan = CollectionPlan(train=0, calibration=3, test=1, repeats=2)
     collect(SceneChoice("coarse"), plan, tmp_path / "coarse-repeats", jobs=1)
     monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path / f"{scene}-repeats")
-    network = Network.of("coarse", MODELS / "coarse-rigid-body" / READER_FILE)
+    network = Network.of("coarse", MODELS / "coarse" / READER_FILE)
     configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
     assert observation_model(configuration, tmp_path).hypotheses.shape[:3] == (6, 4, 64)
     result, _ = measured(configuration, tmp_path)
