@@ -14,7 +14,7 @@ from belief.errors import ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
 from belief.naming import Name
 from belief.observation_model import ObservationModel
-from belief.observation_model.evidence import start
+from belief.observation_model.evidence import ObjectEvidence, start
 from belief.problem import Floats, SearchProblem, Touch
 from belief.scene_view import UNKNOWN, ReadableScene, SceneView
 
@@ -53,6 +53,7 @@ class SceneBelief(ReadableScene):
     """
 
     _touches: list[TouchHistory]
+    _evidence: list[ObjectEvidence]
 
     def __init__(
         self,

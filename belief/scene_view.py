@@ -13,6 +13,7 @@ from belief.categorical import Belief
 from belief.frozen import frozen
 from belief.history import TouchHistory
 from belief.naming import Name, index_of
+from belief.observation_model.evidence import ObjectEvidence
 from belief.problem import Floats
 
 UNKNOWN = -1
@@ -52,6 +53,7 @@ class ReadableScene:
     _log_likelihoods: Floats
     _log_marginals: Floats
     _touches: Sequence[TouchHistory]
+    _evidence: Sequence[ObjectEvidence]
 
     @property
     def num_objects(self) -> int:
@@ -61,6 +63,10 @@ class ReadableScene:
     def touches(self, object_index: int) -> TouchHistory:
         """All touches of one object, oldest first; immutable."""
         return self._touches[self._object(object_index)]
+
+    def evidence(self, object_index: int) -> ObjectEvidence:
+        """The evidence of all touches of one object; immutable."""
+        return self._evidence[self._object(object_index)]
 
     def marginals(self) -> Floats:
         """Posterior over shapes of every object, ``(N, K)``, including known and removed objects."""
@@ -155,7 +161,8 @@ class SceneView(ReadableScene):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         arrays = {name: frozen(value) for name, value in state.items() if isinstance(value, np.ndarray)}
-        self.__dict__.update(state | arrays, _touches=tuple(state["_touches"]))
+        lists = {name: tuple(state[name]) for name in ("_touches", "_evidence")}
+        self.__dict__.update(state | arrays | lists)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise AttributeError(f"a view of a scene is read-only: {name} cannot be set")

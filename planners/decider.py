@@ -12,7 +12,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from belief import Belief, Confirm, Probe, Reject, SceneBelief, SceneView, SearchProblem, Touch, TouchHistory
+from belief import (
+    Belief,
+    Confirm,
+    ObjectEvidence,
+    Probe,
+    Reject,
+    SceneBelief,
+    SceneView,
+    SearchProblem,
+    Touch,
+    TouchHistory,
+)
 from belief.errors import ActiveTouchError
 from belief.observation_model import OutcomeTable
 
@@ -62,6 +73,11 @@ class InformationState:
     def target_prob(self) -> float:
         """Probability that the current object is the target."""
         return float(np.exp(self.belief.log_probs[self.target]))
+
+    @property
+    def evidence(self) -> ObjectEvidence | None:
+        """The evidence of all touches of the current object; None without a joint belief (``scene``)."""
+        return None if self.scene is None else self.scene.evidence(self.object_index)
 
     @property
     def uses(self) -> NDArray[np.int64]:

@@ -11,6 +11,7 @@ from belief.bayes import expected_information_gain, target_information_gain
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
+from planners.next_touch import next_touch
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 
@@ -37,11 +38,12 @@ class RandomOrder:
 class TargetInformationGain:
     """The pose with the largest expected information gain about whether this object is the target.
 
-    The gain of a pose that was used before is multiplied by its repeat weight. Of equally good poses the least used is
-    chosen, then the lowest.
+    Where the evidence has an outcome mixture, the gain is that after the touches so far. Otherwise the gain is that of
+    the table; for a pose that was used before it is multiplied by its repeat weight. Of equally good poses the least
+    used is chosen, then the lowest.
 
     Attributes:
-        table: p(outcome | pose, shape).
+        table: p(outcome | pose, shape) of single touches.
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
     """
 
@@ -51,7 +53,8 @@ class TargetInformationGain:
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         require_fit(self.table, info.problem)
-        return _best(info, target_information_gain(info.belief.probs, self.table.probs, info.target), self.repeats)
+        table, weights = next_touch(info, self.table, self.repeats)
+        return _best(info, target_information_gain(info.belief.probs, table.probs, info.target), weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +71,12 @@ class ShapeInformationGain:
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         require_fit(self.table, info.problem)
-        return _best(info, expected_information_gain(info.belief.probs, self.table.probs), self.repeats)
+        table, weights = next_touch(info, self.table, self.repeats)
+        return _best(info, expected_information_gain(info.belief.probs, table.probs), weights)
 
 
-def _best(info: InformationState, gains: Floats, repeats: RepeatDiscount) -> Decision:
+def _best(info: InformationState, gains: Floats, weights: Floats) -> Decision:
     uses = info.uses
-    weights = repeats.weights(uses)
     values = np.where(weights > 0.0, gains * weights, -np.inf)
     best = np.flatnonzero(values == values.max())
     labels = info.problem.pose_labels

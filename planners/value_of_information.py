@@ -11,6 +11,9 @@ A touch in a pose that was used before gives new information with probability w 
 (:mod:`planners.repeats`). It is a new touch behind an erasure channel, so its value before cost is multiplied by w.
 
 All P² M² branches are two matrix products on unnormalised beliefs, in which an impossible outcome has weight zero.
+
+Where the evidence of the current object has an outcome mixture, the outcomes depend on the touches so far, and given a
+hypothesis about the object two touches are independent. Repeats then need no discount.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ import numpy as np
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.problem import Floats
 from belief.validation import require_count
 from planners.continuation_value import ContinuationValue
@@ -31,6 +35,9 @@ from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
+_TIE_IN_SINGLE = 1e-6  # the same, for values that were computed in single precision
+_OUTCOMES = 64
+_HYPOTHESES = 64
 
 _Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int]
 
@@ -101,6 +108,24 @@ class ValueOfInformation:
 
     def probe_values(self, info: InformationState, payoffs: Floats) -> Floats:
         """Value of the best plan that begins with a probe in each pose, ``(P,)``; -inf for poses that are excluded."""
+        evidence = info.evidence
+        mixture = None if evidence is None else evidence.outcome_mixture(_OUTCOMES, _HYPOTHESES)
+        return self._by_table(info, payoffs) if mixture is None else self._by_mixture(mixture, info, payoffs)
+
+    def _by_mixture(self, mixture: OutcomeMixture, info: InformationState, payoffs: Floats) -> Floats:
+        """:meth:`probe_values` for outcomes that depend on the touches so far."""
+        joint = info.belief.probs[:, None] * mixture.table.probs  # (P, K, M), p(shape, outcome)
+        stop = np.einsum("jk,pkm->jpm", payoffs, joint).max(axis=0)
+        if self.depth == 2:
+            factors, chance = payoffs * info.belief.probs, joint.sum(axis=1)
+            for pose in range(len(stop)):
+                second = mixture.two_touches(pose, factors).max(axis=0).sum(axis=2)  # (M, P')
+                again = second.max(axis=1) - (info.problem.touch_cost + _TIE_IN_SINGLE) * chance[pose]
+                stop[pose] = np.maximum(stop[pose], again)
+        return np.asarray(stop.sum(axis=1) - info.problem.touch_cost)
+
+    def _by_table(self, info: InformationState, payoffs: Floats) -> Floats:
+        """:meth:`probe_values` for touches that are independent given the shape, with the discount of repeats."""
         belief, cost, uses = info.belief.probs, info.problem.touch_cost, info.uses
         num_poses, num_outcomes = self.table.num_poses, self.table.num_outcomes
         now = (payoffs @ belief).max()

@@ -18,6 +18,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 from belief.frozen import frozen
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.problem import Floats, Touch
 
 
@@ -34,6 +35,14 @@ class ObjectEvidence(Protocol):
 
     def update(self, touch: Touch) -> Self:
         """The evidence with one more touch."""
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | None:
+        """The outcomes of the next touch, given these touches; None where they do not depend on them.
+
+        Args:
+            num_outcomes: M, at most.
+            num_hypotheses: H, at most, of each shape.
+        """
 
 
 class Explains(Protocol):
@@ -85,6 +94,9 @@ class SummarisedEvidence:
         statistics = self.model.statistics_with(self.statistics, touch)
         return SummarisedEvidence(self.model, statistics, self.num_touches + 1)
 
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
+        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
+
     @cached_property
     def log_likelihood(self) -> Floats:
         """See :class:`ObjectEvidence`."""
@@ -113,6 +125,9 @@ class RecomputedEvidence:
     def update(self, touch: Touch) -> RecomputedEvidence:
         """See :class:`ObjectEvidence`."""
         return RecomputedEvidence(self.model, (*self.touches, touch))
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
+        """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
 
     @cached_property
     def log_likelihood(self) -> Floats:

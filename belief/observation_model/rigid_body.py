@@ -35,15 +35,19 @@ from scipy.special import logsumexp
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel, Embeds
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import require_count
 
 Floats32 = NDArray[np.float32]
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
+_LARGEST = 1e30  # number in an embedding
+_LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
 _FITTED_ON = 400  # objects, at most, for the temperature
 
 
@@ -81,14 +85,30 @@ class RigidBodyEvidence:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
         batch = self.model.alone(touch)
-        ratios = self.model.log_ratios(batch.poses[0, 0], _embeddings(batch, self.model)[0])[0]
-        log_weights = self.log_weights + ratios
+        log_weights = self.log_weights + self.model.scores(batch.poses[0, 0], _embeddings(batch, self.model)[0])[0]
         return RigidBodyEvidence(self.model, frozen(log_weights - log_weights.max()), self.num_touches + 1)
 
     @cached_property
     def log_likelihood(self) -> Floats:
         """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
         return frozen(_marginal(self.log_weights))
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
+
+        The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
+        """
+        key = num_outcomes, num_hypotheses
+        if key not in self._mixtures:
+            require_count("num_outcomes", num_outcomes)
+            require_count("num_hypotheses", num_hypotheses)
+            chosen, weights = _some_hypotheses(self.log_weights, num_hypotheses)
+            self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
+        return self._mixtures[key]
+
+    @cached_property
+    def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture]:
+        return {}
 
     @cached_property
     def diagnostics(self) -> Diagnostics:
@@ -191,8 +211,8 @@ class RigidBodyModel(ArrayModel):
         """See :class:`ArrayModel`."""
         return len(self.references)
 
-    def log_ratios(self, pose: int, embeddings: Floats) -> Floats:
-        """Log p(touch | shape, orientation, size) / p(touch) of touches in one pose, ``(n, K, N)``.
+    def scores(self, pose: int, embeddings: Floats) -> Floats32:
+        """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
 
         Args:
             pose: index.
@@ -201,15 +221,63 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the model has no hypotheses yet.
         """
+        table = self._table[pose]
+        found = _in_single(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T
+        return found.reshape(len(embeddings), *table.shape[:2])
+
+    def log_ratios(self, pose: int, embeddings: Floats) -> Floats:
+        """Log p(touch | shape, orientation, size) / p(touch), ``(n, K, N)``; for arguments and errors see :meth:`scores`."""
+        scores = self.scores(pose, embeddings).astype(np.float64)
+        scores -= logsumexp(scores, axis=(1, 2), keepdims=True) - np.log(scores[0].size)
+        return scores
+
+    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
+        """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
+
+        Args:
+            hypotheses: index of H hypotheses of each shape, ``(K, H)``.
+            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
+
+        Raises:
+            ValueError: the model has no hypotheses yet.
+        """
+        num_poses, number, width = self.references.shape
+        kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
+        table = self._table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)
+        found = table @ _in_single(self.references[:, kept], self.temperature).swapaxes(1, 2)
+        found -= self._log_normalisers[:, None, kept]
+        found -= found.max(axis=2, keepdims=True)
+        np.exp(np.maximum(found, _LEAST_LOG, out=found), out=found)
+        found /= found.sum(axis=2, keepdims=True)
+        found.flags.writeable = False
+        return found.reshape(num_poses, *hypotheses.shape, -1)
+
+    @cached_property
+    def _log_normalisers(self) -> Floats32:
+        """Log sum of the likelihood scores of every reference over all hypotheses, ``(P, M)``."""
+        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
+        blocks = np.array_split(np.arange(self.references.shape[1]), -(-self.references.shape[1] // size))
+        return np.stack(
+            [
+                np.concatenate([_log_sum(self.scores(pose, some[block])) for block in blocks])
+                for pose, some in enumerate(self.references)
+            ]
+        )
+
+    @property
+    def _table(self) -> Floats32:
+        """The embedded hypotheses."""
         if self.hypotheses is None:
             raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
-        table = self.hypotheses[pose].reshape(-1, self.hypotheses.shape[-1])
-        scores = (embeddings.astype(np.float32) @ table.T).astype(np.float64) / self.temperature
-        scores -= logsumexp(scores, axis=1, keepdims=True) - np.log(scores.shape[1])
-        return scores.reshape(len(embeddings), len(self.shape_labels), -1)
+        return self.hypotheses
 
     def start(self) -> RigidBodyEvidence:
         """See :class:`ArrayModel`."""
+        return self._start
+
+    @cached_property
+    def _start(self) -> RigidBodyEvidence:
+        """One for all objects, so that what it has computed is computed once."""
         return RigidBodyEvidence(self, frozen(np.zeros((len(self.shape_labels), self.num_hypotheses))))
 
     def log_weights(self, batch: TouchBatch) -> Floats:
@@ -268,7 +336,37 @@ class RigidBodyModel(ArrayModel):
 
 def _marginal(log_weights: Floats) -> Floats:
     """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
-    return np.asarray(logsumexp(log_weights, axis=-1) - np.log(log_weights.shape[-1]))
+    largest = log_weights.max(axis=-1, keepdims=True)
+    return np.asarray(largest[..., 0] + np.log(np.exp(log_weights - largest).mean(axis=-1)))
+
+
+def _log_sum(scores: Floats32) -> Floats32:
+    """Log of the sum of exponentials over shapes and hypotheses, ``(n,)``."""
+    return np.asarray(logsumexp(scores, axis=(1, 2)), np.float32)
+
+
+def _some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], Floats]:
+    """Indices and weights of at most ``number`` hypotheses of each shape, ``(K, H)`` each.
+
+    All with their weights if there are no more; otherwise by systematic resampling, in which a hypothesis of weight w
+    appears ``number`` times w times, rounded up or down.
+    """
+    shares = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    num_shapes, num_hypotheses = shares.shape
+    if num_hypotheses <= number:
+        chosen = np.tile(np.arange(num_hypotheses), (num_shapes, 1))
+        return chosen, shares / shares.sum(axis=1, keepdims=True)
+    cumulative = shares.cumsum(axis=1)
+    places = (np.arange(number) + 0.5) / number
+    chosen = np.stack([row.searchsorted(places * row[-1]) for row in cumulative])
+    return chosen, np.full(chosen.shape, 1.0 / number)
+
+
+def _in_single(embeddings: Floats, temperature: float) -> Floats32:
+    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
+    with np.errstate(over="ignore"):
+        scaled = np.asarray(embeddings, np.float64) / temperature
+    return np.clip(scaled, -_LARGEST, _LARGEST).astype(np.float32)
 
 
 def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:

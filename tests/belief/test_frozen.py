@@ -24,6 +24,7 @@ from belief.observation_model import (
 )
 from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.tabular import TabularModel
 from belief.out_of_distribution import MahalanobisScore
@@ -51,6 +52,7 @@ HOLDERS = {
     "TouchBatch of touches": (lambda a: TouchBatch.of([[Touch(0, row) for row in a]]), [ROWS]),
     "LabelledTouches": (lambda a, b: LabelledTouches.of([Touch(0, row) for row in a], b, None), [ROWS, TRUTH]),
     "OutcomeTable": (OutcomeTable, [TABLE]),
+    "OutcomeMixture": (OutcomeMixture, [np.array([[0.5, 0.5], [1.0, 0.0]]), np.full((1, 2, 2, 3), 1 / 3)]),
     "TabularModel": (lambda a: TabularModel(LABELS, OutcomeTable(a)), [TABLE]),
     "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
     "FeatureEmbedding": (

@@ -1,0 +1,89 @@
+"""Outcome tables of the next touch of an object, given the touches so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.frozen import FrozenArrays
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Floats
+from belief.validation import SUM_TOLERANCE
+
+_NEGLIGIBLE = 1e-10  # below the rounding of single precision; products of smaller numbers would be slow
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeMixture(FrozenArrays):
+    """p(outcome of the next touch | pose, shape, touches so far), as a mixture over H hypotheses of each shape.
+
+    Given a hypothesis, touches are independent. The mixture therefore also holds the joint distribution of the outcomes
+    of several touches.
+
+    Attributes:
+        weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
+        probs: p(outcome | pose, shape, hypothesis), ``(P, K, H, M)``; the last axis sums to one.
+
+    Raises:
+        ValueError: arrays that do not fit, a negative or NaN entry, or a row that does not sum to one.
+
+    A shape has two equally probable hypotheses, and each determines the outcome. A repeat gives the same outcome:
+
+    >>> mixture = OutcomeMixture(np.array([[0.5, 0.5]]), np.eye(2)[None, None])
+    >>> mixture.table.probs.tolist()
+    [[[0.5, 0.5]]]
+    >>> mixture.two_touches(0, np.ones((1, 1)))[0, :, 0].tolist()
+    [[0.5, 0.0], [0.0, 0.5]]
+    """
+
+    weights: Floats
+    probs: NDArray[np.floating]
+
+    def __post_init__(self) -> None:
+        if self.probs.ndim != 4 or self.probs.size == 0 or self.weights.shape != self.probs.shape[1:3]:
+            raise ValueError(
+                f"probs must be (P, K, H, M) with no axis empty and weights (K, H), got {self.probs.shape} and "
+                f"{self.weights.shape}"
+            )
+        for name, rows in (("weights", self.weights), ("probs", self.probs)):
+            if not (rows.min() >= 0.0 and (np.abs(rows.sum(axis=-1) - 1.0) <= SUM_TOLERANCE).all()):  # NaN fails
+                raise ValueError(f"each row of {name} must be probabilities that sum to one")
+        self.freeze()
+
+    @cached_property
+    def table(self) -> OutcomeTable:
+        """p(outcome | pose, shape), averaged over the hypotheses."""
+        return OutcomeTable((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
+
+    def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
+        """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
+
+        Args:
+            pose: index of the first touch's pose.
+            factors: ``(J, K)``; for the probability of the outcomes, the belief as one row.
+
+        Returns:
+            ``(J, M, P, M)``, in single precision: outcome of the first touch, then pose and outcome of the second.
+        """
+        num_poses, _, _, num_outcomes = self.probs.shape
+        first = slice(pose * num_outcomes, (pose + 1) * num_outcomes)
+        found = np.zeros((len(factors), num_outcomes, num_poses * num_outcomes), np.float32)
+        largest = np.abs(factors).max(axis=0)
+        for shape in np.flatnonzero(largest > _NEGLIGIBLE * largest.max()):
+            rows = self._weighted[shape]
+            both = rows[:, first].T @ rows
+            for total, factor in zip(found, factors[:, shape].tolist(), strict=True):
+                total += np.float32(factor) * both
+        return found.reshape(len(factors), num_outcomes, num_poses, num_outcomes)
+
+    @cached_property
+    def _weighted(self) -> NDArray[np.float32]:
+        """Outcome probabilities times the root of the weight, ``(K, H, P M)``, in single precision."""
+        num_shapes, num_hypotheses = self.weights.shape
+        rows = self.probs.astype(np.float32).transpose(1, 2, 0, 3).reshape(num_shapes, num_hypotheses, -1)
+        rows *= np.sqrt(self.weights)[..., None].astype(np.float32)
+        rows[rows < _NEGLIGIBLE] = 0.0
+        return rows
