@@ -35,7 +35,7 @@ class OutcomeMixture(FrozenArrays):
     >>> mixture = OutcomeMixture(np.array([[0.5, 0.5]]), np.eye(2)[None, None])
     >>> mixture.table.probs.tolist()
     [[[0.5, 0.5]]]
-    >>> mixture.two_touches(0, np.ones((1, 1)))[0, :, 0].tolist()
+    >>> mixture.two_touches(0, np.ones((1, 1)))[0, :, 0].round(3).tolist()
     [[0.5, 0.0], [0.0, 0.5]]
     """
 

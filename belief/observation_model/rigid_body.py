@@ -226,7 +226,7 @@ class RigidBodyModel(ArrayModel):
         return found.reshape(len(embeddings), *table.shape[:2])
 
     def log_ratios(self, pose: int, embeddings: Floats) -> Floats:
-        """Log p(touch | shape, orientation, size) / p(touch), ``(n, K, N)``; for arguments and errors see :meth:`scores`."""
+        """Log p(touch | shape, orientation, size) / p(touch), ``(n, K, N)``. See :meth:`scores`, also for errors."""
         scores = self.scores(pose, embeddings).astype(np.float64)
         scores -= logsumexp(scores, axis=(1, 2), keepdims=True) - np.log(scores[0].size)
         return scores
