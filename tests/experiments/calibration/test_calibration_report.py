@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,6 +271,21 @@ def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path)
     assert numbers["num_objects"] == {"calibration": 16, "test": 12}
     assert len(numbers["models"][0]["fused"]["distinct poses"]) == 6
     assert "| model |" in (tmp_path / "1" / "tables.md").read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(collection, tmp_path):
+    CalibrationReport(
+        data=collection, sensor=Path("coarse-rigid-body"), out=tmp_path, resamples=5, jobs=1, anyway=True
+    ).run()
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert "rigid body" in {model["name"] for model in numbers["models"]}
+    found = {(test["shape"], test["num_touches"]): test["num_objects"] for test in numbers["orientation"]}
+    assert found == {(shape, n): 7 for shape in ("sphere", "cube", "cylinder", "cone") for n in (1, 2, 3, 6)}
+    assert "Orientation and size" in (tmp_path / "report.html").read_text()
+    assert (tmp_path / "orientation.svg").exists()
 
 
 @pytest.mark.mujoco
