@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
+from numpy.typing import NDArray
 from PIL import Image
 
 from belief import SearchProblem
@@ -122,17 +123,27 @@ def _bodies(places: Sequence[Axes], frame: Frame, bodies: Bodies, true_label: st
     assert frame.evidence is not None, "the model is a joint one"
     shown = bodies.likeliest(frame.evidence, frame.posterior, len(places))
     for axes, (label, prob, picture) in zip(places, shown, strict=True):
-        shade, coverage = np.moveaxis(picture, 2, 0)
-        with np.errstate(invalid="ignore"):
-            colours = _SURFACE(np.nan_to_num(shade / coverage))
-        colours[..., 3] = coverage * (0.25 + 0.75 * prob)
-        axes.imshow(colours, origin="lower")
+        axes.imshow(coloured(picture, prob), origin="lower")
         if label == true_label:
             outline = bodies.outline(label, frame.body.orientation, frame.body.scale)
             axes.contour(outline, levels=[0.5], colors=PALETTE[2], linewidths=1.3)
         axes.set(xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         axes.set_title(f"{label} {prob:.2f}", fontsize=9, color=INK, pad=2)
+
+
+def coloured(picture: NDArray[np.float64], prob: float) -> NDArray[np.float64]:
+    """Colours and opacity of a body's picture, ``(H, W, 4)``, fainter if the shape is less probable.
+
+    Args:
+        picture: from :class:`~experiments.search.body_picture.Bodies`.
+        prob: of the shape.
+    """
+    shade, coverage = np.moveaxis(picture, 2, 0)
+    with np.errstate(invalid="ignore"):
+        colours = np.asarray(_SURFACE(np.nan_to_num(shade / coverage)))
+    colours[..., 3] = coverage * (0.25 + 0.75 * prob)
+    return colours
 
 
 def _sought(episode: Episode, problem: SearchProblem) -> str:

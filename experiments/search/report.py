@@ -15,10 +15,12 @@ from PIL import Image
 
 from belief import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
+from experiments.search.body_picture import Bodies
 from experiments.search.figures import pictures
 from experiments.search.frames import Frame, action_words, replay
+from experiments.search.replay_figures import coloured
 from experiments.search.run_folder import RunFolder
-from experiments.search.setting import Setting
+from experiments.search.setting import Setting, load_sensor
 from experiments.search.summary import Comparison
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
@@ -97,14 +99,18 @@ class Story:
     @property
     def num_bytes(self) -> int:
         """Approximate size on the page."""
-        return sum(len(panel["picture"] or "") + 600 for panel in self.panels)
+        return sum(
+            len(panel["picture"] or "") + len(panel["body"][1] if panel["body"] else "") + 600 for panel in self.panels
+        )
 
 
 def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], list[str]]:
     """Searches to display, and titles of those omitted to limit the size of the page."""
     stories, left_out, total = [], [], 0
-    for decider, episode in choose(comparison):
-        story = _story(setting, decider, episode)
+    chosen = choose(comparison)
+    bodies = Bodies.of(load_sensor(setting)) if chosen else None
+    for decider, episode in chosen:
+        story = _story(setting, decider, episode, bodies)
         if total + story.num_bytes > _MOST_BYTES:
             left_out.append(story.title)
             continue
@@ -125,17 +131,22 @@ def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
     return chosen
 
 
-def _story(setting: Setting, decider: str, episode: Episode) -> Story:
+def _story(setting: Setting, decider: str, episode: Episode, bodies: Bodies | None) -> Story:
     problem = setting.problem
     verdict = "success" if episode.success else _FAILURES[episode.outcome]
     searches = f"{decider} searches for a {problem.shape_labels[episode.target]}"
     title = f"{searches}: {verdict}, {episode.num_touches} touches (episode {episode.seed[-1]})"
-    return Story(title, episode.success, [_panel(problem, episode, frame) for frame in replay(setting, episode)])
+    panels = [_panel(problem, episode, frame, bodies) for frame in replay(setting, episode)]
+    return Story(title, episode.success, panels)
 
 
-def _panel(problem: SearchProblem, episode: Episode, frame: Frame) -> dict[str, Any]:
-    labels = problem.shape_labels
+def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodies | None) -> dict[str, Any]:
+    labels, body = problem.shape_labels, None
+    if bodies is not None and frame.evidence is not None and frame.image is not None:
+        [(label, prob, picture)] = bodies.likeliest(frame.evidence, frame.posterior, 1)
+        body = (label, _picture((255 * coloured(picture, prob)).astype(np.uint8)))
     return {
+        "body": body,
         "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         "action": action_words(frame.step.decision.action, problem),
         "picture": None if frame.image is None else _picture(frame.image),

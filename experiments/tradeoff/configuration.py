@@ -151,9 +151,10 @@ class Configuration:
 
     def command(self, sensor: Path | None) -> str:
         """The ``compare`` command for this configuration; ``sensor`` is the folder of its sensor, None if shipped."""
+        named = sensor if sensor is not None else independent_sensor(self.scene).name
         words = [f"activetouch compare --scene {self.scene} --deciders {self.decider} --touch-cost {self.touch_cost:g}"]
         words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
-        words += [f"--sensor {sensor}"] if sensor is not None else []
+        words += [f"--sensor {named}"]
         return " ".join([*words, f"--out runs/compare-{self.key}"])
 
 

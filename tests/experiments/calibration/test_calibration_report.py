@@ -277,9 +277,7 @@ def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path)
 @pytest.mark.mujoco
 @pytest.mark.torch
 def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(collection, tmp_path):
-    CalibrationReport(
-        data=collection, sensor=Path("coarse-rigid-body"), out=tmp_path, resamples=5, jobs=1, anyway=True
-    ).run()
+    CalibrationReport(data=collection, sensor=Path("coarse"), out=tmp_path, resamples=5, jobs=1, anyway=True).run()
     numbers = json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}
     found = {(test["shape"], test["num_touches"]): test["num_objects"] for test in numbers["orientation"]}

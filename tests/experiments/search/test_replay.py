@@ -13,6 +13,7 @@ from experiments.search.body_picture import Bodies
 from experiments.search.frames import replay
 from experiments.search.replay import NoSuchEpisode, Replay
 from experiments.search.replay_figures import animate_search, draw_search
+from experiments.search.report import _story
 from experiments.search.run_folder import RunFolder, Shard, ShardKey, episode_lines
 from experiments.search.setting import Setting, load_sensor, play_episodes
 
@@ -74,6 +75,8 @@ def test_a_search_with_a_joint_belief_shows_the_bodies_it_believes_in(tmp_path):
         draw(episode, frames, joint.problem, tmp_path / name, bodies)
         with Image.open(tmp_path / name) as picture:
             assert picture.width > 400
+    for panel in _story(joint, "information_gain", episode, bodies).panels:
+        assert (panel["body"] is None) == (panel["picture"] is None)
     assert Bodies.of(load_sensor(COARSE)) is None
     assert all(frame.evidence is None for frame in replay(COARSE, play_episodes(COARSE, "threshold", 0, 0, [0])[0][0]))
 
