@@ -24,13 +24,14 @@ import numpy as np
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, READER_FILE, load_observation_model
+from activetouch.world import READER_FILE, load_observation_model
 from belief import SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap
 from belief.synthetic import sample_arrangement
 from experiments.calibration.sequences import Rounds
-from experiments.sensor.scores import read_logits
+from experiments.sensor.scores import read_touches
+from experiments.sensor_choice import independent_sensor
 from planners import Decider, search_lockstep
 from planners.decider import SequentialDecider
 from planners.probing import TargetInformationGain
@@ -70,9 +71,9 @@ class RecordedWorld:
 
 def read_rounds(data: Path, sensor: Path) -> Rounds:
     manifest = read_manifest(data)
-    touches = read_split(data, "test")
-    logits = read_logits(TactileReader.load(sensor / READER_FILE), touches.images, "reading test touches")
-    return Rounds.of(touches, logits, len(manifest.pose_labels))
+    truth = read_split(data, "test")
+    touches = read_touches(TactileReader.load(sensor / READER_FILE), truth, "reading test touches")
+    return Rounds.of(truth, touches, len(manifest.pose_labels))
 
 
 def deciders(table: OutcomeTable, known: RepeatDiscount) -> Mapping[str, Decider]:
@@ -93,7 +94,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    sensor = MODELS / arguments.scene
+    sensor = independent_sensor(arguments.scene)
     rounds = read_rounds(Path("data") / f"{arguments.scene}-repeats", sensor)
     model = load_observation_model(sensor)
     known = repeat_discount(model)
