@@ -21,7 +21,6 @@ from belief.observation_model.rigid_body import RigidBodyEvidence, RigidBodyMode
 
 Floats = NDArray[np.float64]
 
-_PIXELS, _DRAWS = 96, 64
 _TOWARDS = np.array([0.80, -0.45, 0.40])  # from the body to the camera; the pad comes along x
 _LIGHT = np.array([0.55, -0.05, 0.85])
 _STEP = 1e-3  # between the rays that give a normal, relative to the bounding radius
@@ -35,19 +34,30 @@ class Bodies:
         shapes: solids by label.
         rests: orientations at rest, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors, ``(N,)``.
+        pixels: width and height of a picture; its cost grows with the square.
+        draws: bodies of which a picture is the mean.
     """
 
     shapes: Mapping[str, Shape]
     rests: Floats
     sizes: Floats
+    pixels: int = 96
+    draws: int = 64
 
     @classmethod
-    def of(cls, sensor: TactileSensor) -> Bodies | None:
-        """Those of a sensor's joint belief; None for a sensor with any other observation model."""
+    def of(cls, sensor: TactileSensor, pixels: int = 96, draws: int = 64) -> Bodies | None:
+        """Those of a sensor's joint belief; None for a sensor with any other observation model.
+
+        Args:
+            sensor: the sensor.
+            pixels: width and height of a picture.
+            draws: bodies of which a picture is the mean.
+        """
         model = sensor.model
         if not isinstance(model, RigidBodyModel):
             return None
-        return cls(sensor.scene.solids, *HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses))
+        rests, sizes = HypothesisTable(sensor.reader, sensor.scene).hypotheses(model.num_hypotheses)
+        return cls(sensor.scene.solids, rests, sizes, pixels, draws)
 
     def likeliest(self, evidence: RigidBodyEvidence, probs: Floats, number: int) -> list[tuple[str, float, Floats]]:
         """Label, probability and mean picture of the most probable shapes.
@@ -60,17 +70,18 @@ class Bodies:
         labels = list(self.shapes)
         found = []
         for shape in np.argsort(-probs, kind="stable")[:number].tolist():
-            rows, counts = _draws(evidence.log_weights[shape])
+            rows, counts = _draws(evidence.log_weights[shape], self.draws)
             rotations, solid = to_matrices(self.rests[rows]), self.shapes[labels[shape]]
             each = [
-                _shaded(solid, turn, size, self._radius) for turn, size in zip(rotations, self.sizes[rows], strict=True)
+                _shaded(solid, turn, size, self._radius, self.pixels)
+                for turn, size in zip(rotations, self.sizes[rows], strict=True)
             ]
             found.append((labels[shape], float(probs[shape]), np.average(each, axis=0, weights=counts)))
         return found
 
     def outline(self, label: str, rest: Floats, size: float) -> Floats:
         """Whether the true body covers each pixel, ``(H, W)``, for its outline."""
-        return _shaded(self.shapes[label], to_matrices(rest[None])[0], size, self._radius)[..., 1]
+        return _shaded(self.shapes[label], to_matrices(rest[None])[0], size, self._radius, self.pixels)[..., 1]
 
     @property
     def _radius(self) -> float:
@@ -78,12 +89,12 @@ class Bodies:
         return max(solid.bounding_radius for solid in self.shapes.values()) * float(self.sizes.max())
 
 
-def _draws(log_weights: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices of some hypotheses, and how many of :data:`_DRAWS` even quantiles of the weights fall on each."""
+def _draws(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices of some hypotheses, and how many of so many even quantiles of the weights fall on each."""
     weights = np.exp(log_weights - log_weights.max())
     order = np.random.default_rng(0).permutation(len(weights))  # neighbours in the sequence have similar orientations
     above = weights[order].cumsum()
-    drawn = np.searchsorted(above, (np.arange(_DRAWS) + 0.5) / _DRAWS * above[-1])
+    drawn = np.searchsorted(above, (np.arange(number) + 0.5) / number * above[-1])
     rows, counts = np.unique(order[np.minimum(drawn, len(order) - 1)], return_counts=True)
     return rows, counts
 
@@ -97,7 +108,7 @@ def _camera() -> tuple[Floats, Floats, Floats]:
     return forward, right, np.cross(right, forward)
 
 
-def _shaded(solid: Shape, rotation: Floats, size: float, reach: float) -> Floats:
+def _shaded(solid: Shape, rotation: Floats, size: float, reach: float, pixels: int) -> Floats:
     """Shade times coverage, and coverage, of every pixel, ``(H, W, 2)``; row 0 is at the bottom.
 
     Args:
@@ -105,10 +116,11 @@ def _shaded(solid: Shape, rotation: Floats, size: float, reach: float) -> Floats
         rotation: from its frame to the world's, ``(3, 3)``.
         size: its size factor.
         reach: half of the picture's width [m].
+        pixels: width and height of the picture.
     """
     forward, right, up = _camera()
     step, away = _STEP * reach, 2.0 * reach
-    place = reach * (2.0 * np.arange(_PIXELS) + 1.0 - _PIXELS) / _PIXELS
+    place = reach * (2.0 * np.arange(pixels) + 1.0 - pixels) / pixels
     across, high = (grid.ravel() for grid in np.meshgrid(place, place))
 
     def distances(across: Floats, high: Floats) -> Floats:
@@ -122,4 +134,4 @@ def _shaded(solid: Shape, rotation: Floats, size: float, reach: float) -> Floats
     along, upward = (np.where(np.isfinite(slope), slope, 0.0) for slope in slopes)
     normals = along[:, None] * right + upward[:, None] * up - forward
     light = np.clip(normals @ _LIGHT / np.linalg.norm(_LIGHT) / np.linalg.norm(normals, axis=1), 0.0, 1.0)
-    return np.stack([np.where(hit, 0.25 + 0.75 * light, 0.0), hit], axis=1).reshape(_PIXELS, _PIXELS, 2)
+    return np.stack([np.where(hit, 0.25 + 0.75 * light, 0.0), hit], axis=1).reshape(pixels, pixels, 2)

@@ -108,7 +108,7 @@ def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], lis
     """Searches to display, and titles of those omitted to limit the size of the page."""
     stories, left_out, total = [], [], 0
     chosen = choose(comparison)
-    bodies = Bodies.of(load_sensor(setting)) if chosen else None
+    bodies = Bodies.of(load_sensor(setting), pixels=48, draws=24) if chosen else None
     for decider, episode in chosen:
         story = _story(setting, decider, episode, bodies)
         if total + story.num_bytes > _MOST_BYTES:
