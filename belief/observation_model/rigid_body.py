@@ -341,8 +341,11 @@ def _marginal(log_weights: Floats) -> Floats:
 
 
 def _log_sum(scores: Floats32) -> Floats32:
-    """Log of the sum of exponentials over shapes and hypotheses, ``(n,)``."""
-    return np.asarray(logsumexp(scores, axis=(1, 2)), np.float32)
+    """Log of the sum of exponentials over shapes and hypotheses, ``(n,)``; overwrites the scores."""
+    largest = scores.max(axis=(1, 2))
+    scores -= largest[:, None, None]
+    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
+    return np.asarray(largest + np.log(scores.sum(axis=(1, 2))))
 
 
 def _some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], Floats]:
