@@ -30,7 +30,6 @@ from belief.observation_model.selection import log_posteriors
 from belief.problem import Touch
 from belief.statistics import cluster_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
-from experiments.bayes_error.touched_objects import touch_orders
 from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
@@ -177,7 +176,8 @@ def in_random_order(touches: TouchBatch, truth: TouchSet, seed: int) -> TouchBat
     num_objects = len(np.unique(truth.object_ids))
     rounds = regrouped(touches, (num_objects, -1))
     rows = np.arange(num_objects)[:, None]
-    orders = touch_orders(num_objects, int(truth.poses.max()) + 1, seed)
+    poses = np.tile(np.arange(truth.poses.max() + 1), (num_objects, 1))
+    orders = np.random.default_rng(seed).permuted(poses, axis=1)
     features = None if rounds.features is None else rounds.features[rows, orders]
     return TouchBatch(rounds.poses[rows, orders], rounds.logits[rows, orders], features)
 
