@@ -83,9 +83,9 @@ class Entry:
     megabytes: float
 
     @property
-    def model(self) -> str:
-        """The observation model in words."""
-        return f"joint, N = {self.hypotheses}" if self.hypotheses else "independent"
+    def name(self) -> str:
+        """Network and model in words."""
+        return f"{self.network}, " + (f"N = {self.hypotheses}" if self.hypotheses else "independent")
 
 
 @dataclass(frozen=True)
@@ -208,18 +208,18 @@ def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
     """Results of readers and models, and what they cost."""
     rows = [
         (
-            *(entry.network, entry.model, f"{entry.read_milliseconds:.2f} + {entry.update_milliseconds:.2f}"),
-            *(r.touches, r.accuracy, r.accuracy_interval, r.nll, r.nll_interval, r.stated - r.accuracy),
+            *(entry.name, r.touches, r.accuracy, r.accuracy_interval, r.nll, r.stated - r.accuracy),
+            f"{entry.read_milliseconds:.1f} + {entry.update_milliseconds:.1f}",
         )
         for entry in entries
         for r in entry.results
     ]
-    columns = ["touches", ("accuracy", ".3f"), ("95 %", ".3f"), ("NLL", ".4f"), ("95 %", ".4f")]
+    columns = ["reader, model", "touches", ("accuracy", ".3f"), ("95 %", ".3f"), ("NLL", ".4f"), ("gap", "+.3f"), "ms"]
     return Table(
         f"scene {scene}, {num_objects} unseen objects, poses in random order",
-        ["reader", "model", "ms", *columns, ("stated minus accuracy", "+.3f")],
+        columns,
         rows,
-        "ms: to read one image, and to update the belief with it.",
+        "gap: stated confidence minus accuracy. ms: to read one image, and to update the belief with it.",
     )
 
 

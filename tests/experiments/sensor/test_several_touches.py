@@ -50,7 +50,7 @@ def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
     assert four["nll"] < few["results"][1]["nll"]
     assert many["megabytes"] == 256 * few["megabytes"]
     assert (tmp_path / "out" / "several-touches.svg").exists()
-    assert "joint, N = 512" in (tmp_path / "out" / "several-touches.md").read_text()
+    assert "N = 512" in (tmp_path / "out" / "several-touches.md").read_text()
 
 
 def test_more_touches_than_poses_are_refused(tmp_path):
