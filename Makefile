@@ -57,6 +57,7 @@ REPEATS.coarse := --plan.repeats 6
 REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
+TRAIN.coarse := --change.batch-size 512 --change.cell 0
 TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn
