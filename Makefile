@@ -98,9 +98,9 @@ policies: development
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies
 	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(INDEPENDENT)/policies/
 
-# The README's figure is one of the default comparison's searches.
-figures: search
-	$(BIN)/activetouch replay --target cone --number 121 --out docs/search.png
+figures: environment
+	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
+	$(BIN)/activetouch replay --folder runs/figure --target cone --number 48 --out docs/search.png
 	$(BIN)/activetouch gallery --out docs/gallery.png
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.
