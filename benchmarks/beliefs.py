@@ -19,6 +19,7 @@ from belief import Touch
 from belief.arrangement import arrangement_marginals
 from belief.bayes import target_information_gain, update, update_probs
 from belief.observation_model import information_of_touch
+from experiments.sensor_choice import independent_sensor
 
 BATCH, NUM_SHAPES = 100_000, 4
 THEIRS = "pomdp-py, one belief"
@@ -72,7 +73,7 @@ def others() -> dict[str, Callable[[int], object]]:
         f"exact marginals of {n} distinct objects": lambda _, w=w: arrangement_marginals(w) for n, w in weights.items()
     }
     for name in ("gel", "many", "hard"):
-        model = load_observation_model(MODELS / name)
+        model = load_observation_model(independent_sensor(name))
         table, num_shapes = model.outcome_table().probs, len(model.shape_labels)
         some = [Touch(i % len(table), row) for i, row in enumerate(rng.normal(size=(12, num_shapes)))]
         probs = rng.dirichlet(np.ones(num_shapes))

@@ -19,12 +19,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from activetouch.world import MODELS, load_observation_model
+from activetouch.world import load_observation_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, make_decider, search_lockstep
 from planners.pomdp_py_adapter import Pouct, RandomRollout
 from planners.registry import TRAINED
@@ -68,7 +69,7 @@ class Timed:
 
 
 def tables() -> dict[str, OutcomeTable]:
-    coarse = load_observation_model(MODELS / "coarse")
+    coarse = load_observation_model(independent_sensor("coarse"))
     return {"coarse": coarse.outcome_table(), "random": random_model(np.random.default_rng(3)).outcome_table()}
 
 

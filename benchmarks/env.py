@@ -49,7 +49,7 @@ class Counter(gymnasium.Env):
 
 def main(scene: str, folder: Path) -> None:
     torch.set_num_threads(1)
-    sensor, bank = TactileSensor.shipped(scene), TouchBank.open(folder)
+    sensor, bank = TactileSensor.shipped(f"{scene}-independent"), TouchBank.open(folder)
     live, sampled = LiveTouches(sensor), SampledTouches(sensor.model, sensor.scene.pose_labels)
     target, model = sensor.scene.shape_labels[-1], sensor.model
 

@@ -16,16 +16,17 @@ import numpy as np
 from repeats import read_rounds
 from scipy.special import softmax
 
-from activetouch.world import MODELS, load_observation_model
+from activetouch.world import load_observation_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
+from experiments.sensor_choice import independent_sensor
 
 
 def recorded_posteriors(scene: str, model: ArrayModel) -> tuple[Floats, np.ndarray]:
     """Posteriors ``(n, K)`` of recorded objects after their first touch in every pose, and their shapes."""
-    rounds = read_rounds(Path("data") / f"{scene}-repeats", MODELS / scene)
+    rounds = read_rounds(Path("data") / f"{scene}-repeats", independent_sensor(scene))
     first = rounds.logits[:, 0]  # (n, P, K)
     poses = np.broadcast_to(np.arange(rounds.num_poses), first.shape[:2])
     return np.exp(log_posteriors(model, TouchBatch(poses, first))), rounds.shapes
@@ -50,7 +51,7 @@ def main() -> None:
     print("| scene | shape | recorded: accuracy | probability of the true shape | drawn: accuracy | probability |")
     print("|---|---|---|---|---|---|")
     for scene in arguments.scenes:
-        model = load_observation_model(MODELS / scene)
+        model = load_observation_model(independent_sensor(scene))
         rng = np.random.default_rng(arguments.seed)
         found = (
             recorded_posteriors(scene, model),
