@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -135,7 +136,7 @@ class SeveralTouches:
                 raise InvalidArgument(f"{path} tells shapes only; activetouch train makes one that knows orientations")
             known = read_touches(reader, calibration, f"{path}, calibration touches").sequence(0)
             read = in_random_order(read_touches(reader, test, f"{path}, test touches"), test, self.seed)
-            seconds = _milliseconds(lambda reader=reader: reader.read(test.images[:1]))
+            seconds = _milliseconds(partial(reader.read, test.images[:1]))
             for number in (0, *self.hypotheses):
                 model = _fitted(known, calibration, manifest, HypothesisTable(reader, scene), number)
                 entries.append(
@@ -167,7 +168,7 @@ class SeveralTouches:
             tuple(after(log_posteriors(model, read.first(n)), truth, n, self.seed) for n in self.touches),
             read_milliseconds,
             _milliseconds(lambda: start.update(touch).log_likelihood),
-            model.hypotheses.nbytes / 1e6 if isinstance(model, RigidBodyModel) and number else 0.0,
+            _table_bytes(model) / 1e6,
         )
 
 
@@ -270,11 +271,24 @@ def _fitted(
     known: Sequence[Touch], truth: TouchSet, manifest: Manifest, hypotheses: HypothesisTable, number: int
 ) -> ArrayModel:
     """The joint model with so many hypotheses; with none, the model of independent touches."""
-    labels = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
+    shapes, num_poses = manifest.shape_labels, len(manifest.pose_labels)
     if not number:
-        return RatioModel.fit(known, truth.shapes, truth.object_ids, **labels)
-    options = {**labels, "embed": hypotheses, "num_hypotheses": number}
-    return RigidBodyModel.fit(known, truth.shapes, truth.object_ids, **options)
+        return RatioModel.fit(known, truth.shapes, truth.object_ids, shape_labels=shapes, num_poses=num_poses)
+    return RigidBodyModel.fit(
+        known,
+        truth.shapes,
+        truth.object_ids,
+        shape_labels=shapes,
+        num_poses=num_poses,
+        embed=hypotheses,
+        num_hypotheses=number,
+    )
+
+
+def _table_bytes(model: ArrayModel) -> int:
+    """Memory of a model's table of hypotheses; 0 without one."""
+    table: NDArray[np.float32] | None = getattr(model, "hypotheses", None)
+    return 0 if table is None else table.nbytes
 
 
 def _milliseconds(call: Callable[[], object]) -> float:
