@@ -21,7 +21,7 @@ from belief.touch_batch import TouchBatch
 from experiments.bayes_error.held_out import Stream, held_out_readings
 from experiments.parallel import run_tasks
 from experiments.reporting.tables import Table
-from experiments.sensor.scores import read_logits
+from experiments.sensor.scores import readings as read_in_parts
 
 Floats = NDArray[np.float64]
 
@@ -65,9 +65,12 @@ class LimitStudy:
 
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
-        logits = read_logits(self.sensor.reader, readings, "reading with the classifier")
+        parts = list(read_in_parts(self.sensor.reader, readings, "reading with the classifier"))
+        logits, embeddings = (
+            np.concatenate(column) for column in zip(*((p.logits, p.embeddings) for p in parts), strict=True)
+        )
         poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as in held_out_touch
-        return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None]))
+        return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None], embeddings[:, None]))
 
 
 @dataclass(frozen=True)

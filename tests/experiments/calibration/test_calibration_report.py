@@ -255,7 +255,8 @@ def collection(tmp_path_factory):
 @pytest.mark.torch
 def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path):
     for jobs in (1, 2):
-        CalibrationReport(data=collection, out=tmp_path / str(jobs), resamples=5, jobs=jobs).run()
+        sensor = Path("gel-independent")
+        CalibrationReport(data=collection, sensor=sensor, out=tmp_path / str(jobs), resamples=5, jobs=jobs).run()
     names = {path.name for path in (tmp_path / "1").iterdir()}
     pictures = {"reliability", "fused_error", "fused_nll", "claims", "discount"}
     assert names == {"report.html", "numbers.json", "tables.md"} | {
