@@ -16,7 +16,7 @@ from activetouch.perception.card import ClassifierCard
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
 _CACHED = 1 << 15  # numbers of an array that stay in the cache
-_ERFC = tuple(np.float32([1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592]))
+_ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
 

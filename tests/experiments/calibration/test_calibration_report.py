@@ -255,7 +255,7 @@ def collection(tmp_path_factory):
 @pytest.mark.torch
 def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path):
     for jobs in (1, 2):
-        sensor = Path("gel-independent")
+        sensor = Path("coarse-independent")
         CalibrationReport(data=collection, sensor=sensor, out=tmp_path / str(jobs), resamples=5, jobs=jobs).run()
     names = {path.name for path in (tmp_path / "1").iterdir()}
     pictures = {"reliability", "fused_error", "fused_nll", "claims", "discount"}
