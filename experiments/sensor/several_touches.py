@@ -235,7 +235,7 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
     Raises:
         CannotWrite: there is no room, or no permission.
     """
-    from matplotlib.ticker import StrMethodFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
     from experiments.reporting.style import PALETTE, figure
 
@@ -260,7 +260,10 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
             touches = entries[0].results[n].touches
             axes.set(xscale="log", yscale="log", title=f"{touches} touch{'es' * (touches > 1)}")
             axes.set(xlabel="ms per touch, read and update")
-            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+                axis.set_minor_formatter(NullFormatter())
             axes.grid(alpha=0.25)
         panels[0].set_ylabel("NLL of the shape [nats]")
         panels[-1].legend(frameon=False, fontsize=8)
