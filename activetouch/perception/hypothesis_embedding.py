@@ -140,10 +140,8 @@ def _gelu(x: Floats32) -> Floats32:
 
     Φ is a rational approximation times a Gaussian (Abramowitz & Stegun 1964, 7.1.26), one block in the cache at a time.
     """
-    found = np.empty_like(x)
-    for rows, out in zip(
-        np.array_split(x, -(-x.size // _CACHED)), np.array_split(found, -(-x.size // _CACHED)), strict=True
-    ):
+    found, blocks = np.empty_like(x), -(-x.size // _CACHED)
+    for rows, out in zip(np.array_split(x, blocks), np.array_split(found, blocks), strict=True):
         t = np.abs(rows)
         t *= np.float32(0.3275911 * np.sqrt(0.5))
         t += np.float32(1.0)

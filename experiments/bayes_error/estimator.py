@@ -17,11 +17,10 @@ from activetouch.world import TactileSensor
 from belief.files import write_text
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import paired_bootstrap, wilson_interval
-from belief.touch_batch import TouchBatch
 from experiments.bayes_error.held_out import Stream, held_out_readings
 from experiments.parallel import run_tasks
 from experiments.reporting.tables import Table
-from experiments.sensor.scores import readings as read_in_parts
+from experiments.sensor.scores import read_images, regrouped
 
 Floats = NDArray[np.float64]
 
@@ -65,12 +64,9 @@ class LimitStudy:
 
     def classify(self, readings: NDArray[np.uint8]) -> Floats:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
-        parts = list(read_in_parts(self.sensor.reader, readings, "reading with the classifier"))
-        logits, embeddings = (
-            np.concatenate(column) for column in zip(*((p.logits, p.embeddings) for p in parts), strict=True)
-        )
         poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as in held_out_touch
-        return log_posteriors(self.sensor.model, TouchBatch(poses[:, None], logits[:, None], embeddings[:, None]))
+        touches = read_images(self.sensor.reader, readings, poses, "reading with the classifier")
+        return log_posteriors(self.sensor.model, regrouped(touches, (-1, 1)))
 
 
 @dataclass(frozen=True)

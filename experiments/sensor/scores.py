@@ -36,16 +36,16 @@ class Scores:
         return f"{self.accuracy:.4f} [{low:.4f}, {high:.4f}]"
 
 
-def read_logits(reader: ImageReader, images: NDArray[np.uint8], what: str) -> NDArray[np.float64]:
-    """Logits ``(N, K)`` of many images, with a progress bar."""
-    return np.concatenate([reading.logits for reading in readings(reader, images, what)])
-
-
 def read_touches(reader: TactileReader, touches: TouchSet, what: str) -> TouchBatch:
     """What a reader makes of recorded touches, as one sequence, with a progress bar."""
-    logits, embeddings = zip(*((r.logits, r.embeddings) for r in readings(reader, touches.images, what)), strict=True)
+    return read_images(reader, touches.images, touches.poses, what)
+
+
+def read_images(reader: TactileReader, images: NDArray[np.uint8], poses: NDArray[np.int64], what: str) -> TouchBatch:
+    """What a reader makes of images and the poses they were felt in ``(N,)``, as one sequence, with a progress bar."""
+    logits, embeddings = zip(*((r.logits, r.embeddings) for r in readings(reader, images, what)), strict=True)
     kept = np.concatenate(embeddings)[None] if reader.hypotheses is not None else None
-    return TouchBatch(touches.poses[None], np.concatenate(logits)[None], kept)
+    return TouchBatch(poses[None], np.concatenate(logits)[None], kept)
 
 
 def regrouped(touches: TouchBatch, shape: tuple[int, int]) -> TouchBatch:
