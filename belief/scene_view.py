@@ -104,6 +104,14 @@ class ReadableScene:
         return 1.0 - prob_shape_absent(self._log_likelihoods[unknown], bag, target, self._on_table[unknown])
 
     @property
+    def log_conflict(self) -> float:
+        """Natural log of the e-value against "all touches so far come from the world that the model knows".
+
+        In that world it exceeds log(1/α) at any time with probability at most α. It is 0.0 for models without a test.
+        """
+        return 0.0
+
+    @property
     def state(self) -> ExactState:
         """The smallest exact state of this scene at present; touched objects enlarge it, known objects do not count."""
         unknown = self._known == UNKNOWN
