@@ -124,8 +124,8 @@ class RigidBodyModel(ArrayModel):
 
     Attributes:
         shape_labels: names of the K shapes.
-        hypotheses: embedded hypotheses g of every pose, ``(P, K, N, D)`` float32; None in a model that was just read
-            from a file, which :meth:`with_hypotheses` completes.
+        hypotheses: embedded hypotheses g of every pose, ``(P, K, N, D)`` float32, or what embeds them at first use;
+            None in a model that was just read from a file, which :meth:`with_hypotheses` completes.
         num_hypotheses: N, of each shape.
         temperature: by which log ratios are divided, fitted to sequences of touches.
         references: embeddings of touches that stand for all, of each pose as many, ``(P, M, D)``; used to sample and
@@ -138,17 +138,16 @@ class RigidBodyModel(ArrayModel):
 
     name: ClassVar[str] = "rigid body"
     shape_labels: tuple[str, ...]
-    hypotheses: Floats32 | None
+    hypotheses: Floats32 | Embeds | None
     num_hypotheses: int
     temperature: float
     references: Floats
     reference_logits: Floats
 
     def __post_init__(self) -> None:
-        num_poses, number, embedding = self.references.shape
-        wanted = (num_poses, len(self.shape_labels), self.num_hypotheses, embedding)
-        if self.hypotheses is not None and self.hypotheses.shape != wanted:
-            raise ValueError(f"hypotheses must be {wanted} (poses, shapes, N, D), got {self.hypotheses.shape}")
+        num_poses, number, _ = self.references.shape
+        if isinstance(self.hypotheses, np.ndarray):
+            self._require_shape(self.hypotheses)
         if self.reference_logits.shape != (num_poses, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
@@ -197,14 +196,14 @@ class RigidBodyModel(ArrayModel):
         return replace(self, temperature=temperature)
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
-        """The model with its table of hypotheses.
+        """The model with its table of hypotheses, which is embedded at first use.
 
         Args:
             embed: embeds hypotheses.
             num_hypotheses: N, of each shape; as many as the model was fitted with by default.
         """
         number = self.num_hypotheses if num_hypotheses is None else num_hypotheses
-        return replace(self, hypotheses=embed(number), num_hypotheses=number)
+        return replace(self, hypotheses=embed, num_hypotheses=number)
 
     @property
     def num_poses(self) -> int:
@@ -221,7 +220,7 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the model has no hypotheses yet.
         """
-        table = self._table[pose]
+        table = self.table[pose]
         found = _in_single(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T
         return found.reshape(len(embeddings), *table.shape[:2])
 
@@ -243,7 +242,7 @@ class RigidBodyModel(ArrayModel):
         """
         num_poses, number, width = self.references.shape
         kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
-        table = self._table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)
+        table = self.table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)
         found = table @ _in_single(self.references[:, kept], self.temperature).swapaxes(1, 2)
         found -= self._log_normalisers[:, None, kept]
         found -= found.max(axis=2, keepdims=True)
@@ -264,12 +263,31 @@ class RigidBodyModel(ArrayModel):
             ]
         )
 
-    @property
-    def _table(self) -> Floats32:
-        """The embedded hypotheses."""
+    @cached_property
+    def table(self) -> Floats32:
+        """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
+
+        Raises:
+            ValueError: the model has no hypotheses yet, or they do not fit the references.
+        """
         if self.hypotheses is None:
             raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
-        return self.hypotheses
+        if isinstance(self.hypotheses, np.ndarray):
+            return self.hypotheses
+        table = self.hypotheses(self.num_hypotheses)
+        self._require_shape(table)
+        return frozen(table)
+
+    def _require_shape(self, table: Floats32) -> None:
+        num_poses, _, embedding = self.references.shape
+        wanted = (num_poses, len(self.shape_labels), self.num_hypotheses, embedding)
+        if table.shape != wanted:
+            raise ValueError(f"hypotheses must be {wanted} (poses, shapes, N, D), got {table.shape}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process is sent: the table instead of what embeds it, so that it is embedded once."""
+        state = {name: value for name, value in vars(self).items() if name != "table"}
+        return state if self.hypotheses is None else {**state, "hypotheses": self.table}
 
     def start(self) -> RigidBodyEvidence:
         """See :class:`ArrayModel`."""

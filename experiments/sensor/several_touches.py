@@ -290,7 +290,7 @@ def _fitted(
 
 def _table_bytes(model: ArrayModel) -> int:
     """Memory of a model's table of hypotheses; 0 without one."""
-    table: NDArray[np.float32] | None = getattr(model, "hypotheses", None)
+    table: NDArray[np.float32] | None = getattr(model, "table", None)
     return 0 if table is None else table.nbytes
 
 

@@ -1,5 +1,6 @@
 """The joint model over shape, orientation and size keeps Bayes' rule, at the extremes too."""
 
+import copy
 import json
 
 import numpy as np
@@ -213,3 +214,28 @@ def test_arrays_that_do_not_fit_are_refused(world):
     ):
         with pytest.raises(ValueError, match=words):
             RigidBodyModel(("a", "b"), *arguments)
+
+
+def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
+    made = []
+
+    def embed(num_hypotheses):
+        made.append(num_hypotheses)
+        return world.embed(num_hypotheses)
+
+    whole = world.model(rng)
+    model = whole.with_hypotheses(embed)
+    assert made == []
+    touches = touches_of(world, 0, 1, [0, 1], rng)
+    np.testing.assert_array_equal(model.log_likelihood(touches), whole.log_likelihood(touches))
+    sent = copy.deepcopy(model)
+    np.testing.assert_array_equal(sent.log_likelihood(touches), whole.log_likelihood(touches))
+    assert made == [N]
+    for one in (model, sent):
+        assert not one.table.flags.writeable
+
+
+def test_hypotheses_that_do_not_fit_are_refused_at_first_use(world, rng):
+    model = world.model(rng).with_hypotheses(lambda number: world.embed(number)[:, :1])
+    with pytest.raises(ValueError, match="hypotheses must be"):
+        model.start().update(world.touch(0, 0, 0, rng))

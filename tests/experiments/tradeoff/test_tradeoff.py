@@ -81,7 +81,7 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path / f"{scene}-repeats")
     network = Network.of("coarse", MODELS / "coarse" / READER_FILE)
     configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
-    assert observation_model(configuration, tmp_path).hypotheses.shape[:3] == (6, 4, 64)
+    assert observation_model(configuration, tmp_path).table.shape[:3] == (6, 4, 64)
     result, _ = measured(configuration, tmp_path)
     assert min(result.touches) > 0
 
