@@ -37,7 +37,7 @@ from belief.observation_model.registry import JOINT_MODELS
 MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
-INDEPENDENT = "-independent"  # at the end of a shipped sensor's name: it takes touches as independent given the shape
+INDEPENDENT_SUFFIX = "-independent"  # of a shipped sensor that takes touches as independent given the shape
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -110,24 +110,26 @@ def write_observation_model(
     write_text(folder / file, model.to_json({"scene": scene}) + "\n")
 
 
-def sensor_shift(folder: Path, scene: Scene, anyway: bool = False) -> tuple[str, ...]:
+def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
     """How a scene differs from the one that the sensor in a folder was made for, found without loading its network.
 
     Args:
         folder: of reader and observation model.
         scene: in which it is to be used.
         anyway: whether to use it whatever the differences are, as long as its network can read the images at all.
+        independent: whether its model that takes touches as independent given the shape is to be used.
 
     Returns:
         The differences, in words: known shifts, and with ``anyway`` all others too; none for the sensor's own scene.
 
     Raises:
         CorruptFile: one of the files is damaged or missing.
+        NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: it was made for other shapes or poses than the scene's.
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
     card = read_card(folder / READER_FILE)
-    return _shift(folder, card, *observation_model_and_scene(folder), scene, anyway)
+    return _shift(folder, card, *observation_model_and_scene(folder, independent), scene, anyway)
 
 
 def observation_model_and_scene(folder: Path, independent: bool = False) -> tuple[ArrayModel, Mapping[str, Any] | None]:
@@ -259,7 +261,7 @@ class TactileSensor:
         if name not in known:
             raise UnknownName("sensor", name, known)
         return cls.load(
-            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(INDEPENDENT)].scene, anyway
+            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(INDEPENDENT_SUFFIX)].scene, anyway
         )
 
     def __repr__(self) -> str:

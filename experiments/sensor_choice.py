@@ -17,12 +17,12 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from activetouch.world import (
-    INDEPENDENT,
+    INDEPENDENT_SUFFIX,
     MODELS,
-    OBSERVATION_FILE,
     POLICIES,
     READER_FILE,
     TactileSensor,
+    observation_file,
     sensor_shift,
 )
 from belief.errors import ActiveTouchError
@@ -126,7 +126,7 @@ def independent_sensor(scene: str) -> Path:
     Args:
         scene: name of the scene.
     """
-    return MODELS / f"{in_file_names(scene)}{INDEPENDENT}"
+    return MODELS / f"{in_file_names(scene)}{INDEPENDENT_SUFFIX}"
 
 
 def sensor_folder(given: Path | None, scene: str) -> Path:
@@ -142,16 +142,24 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
     return shipped if len(given.parts) == 1 and not given.exists() and shipped.is_dir() else given
 
 
-def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False) -> tuple[str, ...]:
+def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
     """Differences between a scene and that of a sensor, as :func:`activetouch.world.sensor_shift`.
+
+    Args:
+        folder: of the sensor.
+        choice: the scene.
+        anyway: whether to accept any scene.
+        independent: whether its model that takes touches as independent given the shape is to be used.
 
     Raises:
         NoSensor: The folder holds no sensor.
         CorruptFile: A file of the sensor is damaged.
+        NoIndependentModel: the sensor has only a joint model.
         LabelMismatch: The sensor was made for other shapes or poses.
         WrongScene: The sensor was made for another scene; the message names the commands that make a fitting one.
     """
-    return _with_remedy(partial(sensor_shift, folder, choice.named.scene, anyway), folder, choice)
+    shift = partial(sensor_shift, folder, choice.named.scene, anyway, independent)
+    return _with_remedy(shift, folder, choice, independent)
 
 
 def open_sensor(folder: Path | None, choice: SceneChoice, anyway: bool = False) -> TactileSensor:
@@ -194,22 +202,22 @@ def tell_shift(shift: tuple[str, ...]) -> None:
         print(f"warning: {sentence}", file=sys.stderr)
 
 
-def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice) -> T:
-    for name in (READER_FILE, OBSERVATION_FILE):
-        if not (folder / name).is_file():
-            where = f"{folder} holds no sensor: there is no {name} in it"
+def _with_remedy(read: Callable[[], T], folder: Path, choice: SceneChoice, independent: bool = False) -> T:
+    for path in (folder / READER_FILE, observation_file(folder, independent)):
+        if not path.is_file():
+            where = f"{folder} holds no sensor: there is no {path.name} in it"
             none = f"no sensor comes with the scene {choice.scene}; name one with --sensor"
             raise NoSensor(f"{where if folder.parent != MODELS else none}. {_remedy(choice)}")
     try:
         return read()
     except (LabelMismatch, WrongScene) as error:
-        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(folder, choice)}") from error
+        raise type(error)(f"{error}. {_remedy(choice)}{_anyway(folder, choice, independent)}") from error
 
 
-def _anyway(folder: Path, choice: SceneChoice) -> str:
+def _anyway(folder: Path, choice: SceneChoice, independent: bool) -> str:
     """Advice to use ``--anyway``, if the network can read the images of the scene."""
     try:
-        sensor_shift(folder, choice.named.scene, anyway=True)
+        sensor_shift(folder, choice.named.scene, anyway=True, independent=independent)
     except ActiveTouchError:
         return ""
     return "\nTo use it nevertheless, add --anyway."

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.statistics import cluster_bootstrap
-from experiments.bayes_error.estimator import paired_difference, share, words
+from experiments.bayes_error.estimator import paired_difference, words
 from experiments.bayes_error.simulation import log_loss
 from experiments.reporting.tables import Table
+from experiments.sensor.after_touches import after_touches
 
 Floats = NDArray[np.float64]
 
@@ -25,15 +25,13 @@ def quality(log_probs: Floats, shapes: NDArray[np.int64], touches: int, seed: in
         touches: of each object; only noted.
         seed: of the bootstrap.
     """
+    found = after_touches(log_probs, shapes, touches, seed)
     right, stated = log_probs.argmax(axis=1) == shapes, np.exp(log_probs.max(axis=1))
-    loss, *interval = cluster_bootstrap(
-        log_loss(log_probs, shapes), np.arange(len(shapes)), np.random.default_rng(seed)
-    )
     return {
         "touches": touches,
-        "accuracy": share(right),
-        "nll": {"value": loss, "interval": interval},
-        "stated": float(stated.mean()),
+        "accuracy": {"value": found.accuracy, "interval": found.accuracy_interval},
+        "nll": {"value": found.nll, "interval": found.nll_interval},
+        "stated": found.stated,
         "stated_minus_accuracy": paired_difference(stated, right, seed),
     }
 

@@ -24,7 +24,7 @@ from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, 
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
-from experiments.calibration.models import INDEPENDENT, fit_model, free_weights, score_model
+from experiments.calibration.models import UNDISCOUNTED, fit_model, free_weights, score_model
 from experiments.calibration.orientation import rank_tests
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
@@ -163,7 +163,7 @@ class CalibrationReport:
         ratio = choices["ratio"].model
         assert isinstance(ratio, RatioModel), "as registered"
         models = {name: (choice.model, choice.losses[name]) for name, choice in choices.items()}
-        models[INDEPENDENT] = (replace(ratio, correlation=0.0), None)
+        models[UNDISCOUNTED] = (replace(ratio, correlation=0.0), None)
         sequences = {kind: gather(test, self._rng(1, index)) for index, (kind, gather) in enumerate(KINDS.items())}
         scores = self._in_order(
             [

@@ -12,7 +12,7 @@ from scipy.stats import binom
 
 from belief.metrics import ReliabilityCurve, StopScore
 from belief.observation_model.repeat_discount import effective_touches
-from experiments.calibration.models import INDEPENDENT, ModelScores, Weight
+from experiments.calibration.models import UNDISCOUNTED, ModelScores, Weight
 from experiments.calibration.orientation import BINS, QUANTITIES, RankTest
 from experiments.calibration.targets import FUSED
 from experiments.reporting.style import INK, PALETTE, Picture
@@ -22,10 +22,10 @@ _MIN_STOPS = 20  # smallest number of stops with a point in the figure
 
 
 def model_colours(names: Sequence[str]) -> dict[str, str]:
-    """A colour for every model; :data:`INDEPENDENT` has the colour of the text."""
-    fitted = [name for name in names if name != INDEPENDENT]
+    """A colour for every model; :data:`UNDISCOUNTED` has the colour of the text."""
+    fitted = [name for name in names if name != UNDISCOUNTED]
     colours = {name: PALETTE[index % len(PALETTE)] for index, name in enumerate(reversed(fitted))}
-    return {name: INK if name == INDEPENDENT else colours[name] for name in names}
+    return {name: INK if name == UNDISCOUNTED else colours[name] for name in names}
 
 
 def reliability(curves: Mapping[str, ReliabilityCurve]) -> Picture:
@@ -83,7 +83,7 @@ def _by_number(
             for scores in models:
                 fused = scores.fused[kind]
                 numbers, values = [some.num_touches for some in fused], [value(some) for some in fused]
-                style = "--" if scores.name == INDEPENDENT else "-"
+                style = "--" if scores.name == UNDISCOUNTED else "-"
                 width = 2.4 if scores.name == chosen else 1.2
                 axes.plot(numbers, values, style, color=colours[scores.name], linewidth=width, marker="o", markersize=3)
                 if shows_chance and scores.name == chosen:

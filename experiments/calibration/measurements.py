@@ -24,7 +24,7 @@ class Measurements:
         num_objects: number of objects by split.
         num_rounds: number of rounds of all poses in which every object was touched.
         touches: scores by calibration, the raw softmax first.
-        models: scores in the order of the registry of models, :data:`~experiments.calibration.models.INDEPENDENT` last.
+        models: scores in the order of the registry of models, the model without a discount last.
         correlation: ρ of the ratio model.
         weights: weights of touches in one pose, by split.
         orientation: tests of the joint model's posterior of orientation and size; none without such a model.

@@ -22,7 +22,7 @@ from experiments.sensor.scores import regrouped
 
 Floats = NDArray[np.float64]
 
-INDEPENDENT = "independent"
+UNDISCOUNTED = "independent"
 """Name of the ratio model without its discount: touches in one pose are taken as independent."""
 _FUSED = 6  # largest number of touches with scores
 
@@ -59,7 +59,7 @@ class ModelScores:
 
     Attributes:
         name: name of the model.
-        cross_validated_nll: loss on sequences of the calibration split [nats]; None for :data:`INDEPENDENT`.
+        cross_validated_nll: loss on sequences of the calibration split [nats]; None for :data:`UNDISCOUNTED`.
         fused: scores after 1, 2, … touches, by kind of sequence.
         stops: scores at stopping, by kind of sequence.
     """

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from belief.metrics import CalibrationError
 from experiments.calibration.figures import claims, discount, fused_error, fused_nll, orientation_ranks, reliability
 from experiments.calibration.measurements import Measurements
-from experiments.calibration.models import INDEPENDENT, Fused
+from experiments.calibration.models import UNDISCOUNTED, Fused
 from experiments.calibration.orientation import LEAST_P, QUANTITIES
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import GroupScores, TouchScores
@@ -48,7 +48,7 @@ def _verdict(found: Measurements) -> Section:
 
 def _without_discount(found: Measurements) -> str:
     """Accuracy and stated confidence at stopping, with repeats assumed independent and with the chosen model."""
-    naive = next(scores for scores in found.models if scores.name == INDEPENDENT)
+    naive = next(scores for scores in found.models if scores.name == UNDISCOUNTED)
     both = [scores.stops["one pose"].claims for scores in (naive, found.model)]
     words = [f"{c.overall.share_right:.3f} at a stated confidence of {c.overall.mean_stated:.3f}" for c in both if c]
     if len(words) < 2:
@@ -65,7 +65,7 @@ def _what_was_measured(found: Measurements) -> str:
     return (
         f"Scene {found.scene}, seed {found.seed}. Models were fitted to {known} objects and measured on {test} others, "
         f"each touched in {found.num_rounds} rounds of all poses. Sequences: {sequences}; all have a uniform prior. "
-        f"“{INDEPENDENT}” is the ratio model with touches in one pose assumed independent. The error by chance is the "
+        f"“{UNDISCOUNTED}” is the ratio model with touches in one pose assumed independent. The error by chance is the "
         "95 % quantile of the error of a perfectly calibrated model with the same predictions and independent labels. "
         "Errors of touches of one object are correlated, so the true quantile is larger; only intervals that resample "
         "objects account for this."
@@ -191,7 +191,7 @@ def _fusion(found: Measurements) -> Section:
 
 
 def _stops(found: Measurements) -> Section:
-    shown = list(dict.fromkeys([INDEPENDENT, "ratio", found.model.name]))
+    shown = list(dict.fromkeys([UNDISCOUNTED, "ratio", found.model.name]))
     headings = ("model", "stops", "touches", "confidence", "accuracy", "Clopper-Pearson ≥", "objects resampled")
     columns = ("model", "touches", "stops", "confidence", "accuracy [Clopper-Pearson]")
     overall, by_touches = [], []

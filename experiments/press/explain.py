@@ -17,7 +17,7 @@ from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments
 from experiments.command_line.console import plain_console
-from experiments.press.belief_cost import belief_table
+from experiments.press.belief_table import belief_table
 from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table

@@ -41,7 +41,7 @@ from experiments.robustness.shifted_touches import (
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
 
-INDEPENDENT = "independent"
+INDEPENDENT_MODEL = "independent"
 """Name of the model that takes touches as independent given the shape, beside a joint one."""
 _REFERENCE, _UNSEEN = "more known objects", "unseen shapes"
 
@@ -142,7 +142,7 @@ class Robustness:
         folder = sensor_folder(self.sensor, self.choice.scene)
         models: dict[str, ArrayModel] = {sensor.model.name: sensor.model}
         if observation_file(folder, independent=True) != observation_file(folder):
-            models[INDEPENDENT] = load_observation_model(folder, independent=True)
+            models[INDEPENDENT_MODEL] = load_observation_model(folder, independent=True)
         return models
 
 

@@ -102,7 +102,7 @@ class Setting:
     @property
     def shift(self) -> tuple[str, ...]:
         """Differences between the scene and that of the sensor (:func:`experiments.sensor_choice.check_sensor`)."""
-        return check_sensor(self.sensor_folder, self.choice, self.anyway)
+        return check_sensor(self.sensor_folder, self.choice, self.anyway, self.is_independent)
 
     @property
     def problem(self) -> SearchProblem:

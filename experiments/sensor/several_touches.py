@@ -29,38 +29,18 @@ from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Touch
-from belief.statistics import cluster_bootstrap, wilson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder
+from experiments.sensor.after_touches import AfterTouches, after_touches
+from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.scores import read_touches, regrouped
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 _ROUNDS = 30
 """Of timing; the median counts."""
-
-
-@dataclass(frozen=True)
-class AfterTouches:
-    """How good a model is after some touches of an object, with 95 % intervals over objects.
-
-    Attributes:
-        touches: how many.
-        accuracy: share of objects whose likeliest shape is the true one.
-        accuracy_interval: Wilson.
-        nll: mean negative log posterior of the true shape [nats].
-        nll_interval: bootstrap.
-        stated: mean posterior of the likeliest shape.
-    """
-
-    touches: int
-    accuracy: float
-    accuracy_interval: tuple[float, float]
-    nll: float
-    nll_interval: tuple[float, float]
-    stated: float
 
 
 @dataclass(frozen=True)
@@ -73,7 +53,7 @@ class Entry:
         results: by number of touches.
         read_milliseconds: to read one image.
         update_milliseconds: of the belief, for one touch.
-        megabytes: of the table of hypotheses.
+        megabytes: of the observation model's arrays.
     """
 
     network: str
@@ -161,14 +141,14 @@ class SeveralTouches:
         read: TouchBatch,
         truth: NDArray[np.int64],
     ) -> Entry:
-        start, touch = model.start(), read.sequence(0)[0]
+        cost = belief_cost(model, 0 if read.features is None else read.features.shape[-1])
         return Entry(
             f"{reader.card.backbone} {reader.card.input_size} px",
             number,
-            tuple(after(log_posteriors(model, read.first(n)), truth, n, self.seed) for n in self.touches),
+            tuple(after_touches(log_posteriors(model, read.first(n)), truth, n, self.seed) for n in self.touches),
             read_milliseconds,
-            _milliseconds(lambda: start.update(touch).log_likelihood),
-            _table_bytes(model) / 1e6,
+            cost.update,
+            cost.memory,
         )
 
 
@@ -181,28 +161,6 @@ def in_random_order(touches: TouchBatch, truth: TouchSet, seed: int) -> TouchBat
     orders = np.random.default_rng(seed).permuted(poses, axis=1)
     features = None if rounds.features is None else rounds.features[rows, orders]
     return TouchBatch(rounds.poses[rows, orders], rounds.logits[rows, orders], features)
-
-
-def after(log_probs: NDArray[np.float64], shapes: NDArray[np.int64], touches: int, seed: int) -> AfterTouches:
-    """How good posteriors of objects ``(M, K)`` are.
-
-    Args:
-        log_probs: log posteriors.
-        shapes: true shapes, ``(M,)``.
-        touches: of each object; only noted.
-        seed: of the bootstrap.
-    """
-    number = np.arange(len(shapes))
-    right = log_probs.argmax(axis=1) == shapes
-    nll, *interval = cluster_bootstrap(-log_probs[number, shapes], number, np.random.default_rng(seed))
-    return AfterTouches(
-        touches,
-        float(right.mean()),
-        wilson_interval(int(right.sum()), len(right)),
-        nll,
-        (interval[0], interval[1]),
-        float(np.exp(log_probs.max(axis=1)).mean()),
-    )
 
 
 def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
@@ -286,12 +244,6 @@ def _fitted(
         embed=hypotheses,
         num_hypotheses=number,
     )
-
-
-def _table_bytes(model: ArrayModel) -> int:
-    """Memory of a model's table of hypotheses; 0 without one."""
-    table: NDArray[np.float32] | None = getattr(model, "table", None)
-    return 0 if table is None else table.nbytes
 
 
 def _milliseconds(call: Callable[[], object]) -> float:

@@ -268,3 +268,14 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):
         known_model(replace(independent, sensor=tmp_path / "sensor"))
+    with pytest.raises(NoIndependentModel, match="calibrate writes both"):
+        _ = replace(independent, sensor=tmp_path / "sensor").shift
+
+
+def test_only_the_model_that_is_asked_for_is_checked(tmp_path):
+    shutil.copytree(MODELS / "coarse", tmp_path / "sensor")
+    (tmp_path / "sensor" / OBSERVATION_FILE).write_text("{}")
+    joint = Setting(SceneChoice("coarse"), sensor=tmp_path / "sensor")
+    assert replace(joint, observation_model="independent").shift == ()
+    with pytest.raises(CorruptFile, match=OBSERVATION_FILE):
+        _ = joint.shift

@@ -10,7 +10,7 @@ from activetouch.distributions import Constant
 from activetouch.orientations import Resampled, Tumbled, Upright
 from activetouch.world import MODELS
 from belief.observation_model import OutcomeTable
-from experiments.press.belief_cost import belief_table, latent
+from experiments.press.belief_table import belief_table, latent
 from experiments.press.explain import limits_table
 
 

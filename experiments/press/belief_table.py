@@ -2,35 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 from activetouch.orientations import Resampled, Upright
 from activetouch.scene import Scene
 from activetouch.world import TactileSensor
-from belief import Touch
-from belief.observation_model import ArrayModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.reporting.tables import Table, Value
-
-_UPDATES = 50
-
-
-@dataclass(frozen=True)
-class BeliefCost:
-    """Cost of the belief about one object.
-
-    Attributes:
-        memory: arrays of the observation model [MB].
-        update: time to add a touch and to compute the likelihood of every shape [ms].
-    """
-
-    memory: float
-    update: float
+from experiments.sensor.belief_cost import belief_cost
 
 
 def latent(scene: Scene) -> list[str]:
@@ -44,32 +24,6 @@ def latent(scene: Scene) -> list[str]:
     low, high = scene.variation.size.support
     turned = ["heading", "tilt"] if isinstance(scene.presentation, Upright) else ["orientation"]
     return turned + (["size"] if low < high else [])
-
-
-def belief_cost(model: ArrayModel, num_features: int) -> BeliefCost:
-    """Measure a model.
-
-    Args:
-        model: an observation model, complete with its hypotheses if any.
-        num_features: features of a touch.
-    """
-    rng = np.random.default_rng(0)
-    touches = [
-        Touch(
-            number % model.num_poses,
-            rng.normal(size=len(model.shape_labels)),
-            rng.normal(size=num_features).astype(np.float32),
-        )
-        for number in range(_UPDATES)
-    ]
-    evidence = model.start().update(touches[0])
-    started = time.thread_time()
-    for touch in touches:
-        evidence = evidence.update(touch)
-        _ = evidence.log_likelihood
-    seconds = (time.thread_time() - started) / _UPDATES
-    arrays = {id(value): value.nbytes for value in vars(model).values() if isinstance(value, np.ndarray)}
-    return BeliefCost(sum(arrays.values()) / 1e6, 1e3 * seconds)
 
 
 def belief_table(name: str, scene: Scene, folders: Sequence[Path]) -> Table:

@@ -1,0 +1,52 @@
+"""What a belief about one object costs with an observation model: memory, and time for a touch."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief import Touch
+from belief.observation_model import ArrayModel
+
+_UPDATES = 50
+
+
+@dataclass(frozen=True)
+class BeliefCost:
+    """Cost of the belief about one object.
+
+    Attributes:
+        memory: arrays of the observation model [MB].
+        update: time to add a touch and to compute the likelihood of every shape [ms].
+    """
+
+    memory: float
+    update: float
+
+
+def belief_cost(model: ArrayModel, num_features: int) -> BeliefCost:
+    """Measure a model.
+
+    Args:
+        model: an observation model, complete with its hypotheses if any.
+        num_features: features of a touch.
+    """
+    rng = np.random.default_rng(0)
+    touches = [
+        Touch(
+            number % model.num_poses,
+            rng.normal(size=len(model.shape_labels)),
+            rng.normal(size=num_features).astype(np.float32),
+        )
+        for number in range(_UPDATES)
+    ]
+    evidence = model.start().update(touches[0])
+    started = time.thread_time()
+    for touch in touches:
+        evidence = evidence.update(touch)
+        _ = evidence.log_likelihood
+    seconds = (time.thread_time() - started) / _UPDATES
+    arrays = {id(value): value.nbytes for value in vars(model).values() if isinstance(value, np.ndarray)}
+    return BeliefCost(sum(arrays.values()) / 1e6, 1e3 * seconds)
