@@ -19,6 +19,7 @@ from activetouch.orientations import Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
+from activetouch.randomisation import randomised
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Mesh
@@ -133,6 +134,9 @@ class SceneChoice:
     """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; the file name without its ending becomes the shape's name."""
     mesh_scale: Positive = 1.0
     """Metres per unit of the mesh files: 0.001 for millimetres."""
+    randomised: bool = False
+    """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
+    readers that stand changes of the world."""
     robot: Literal["panda_allegro"] | None = None
     """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 
@@ -164,7 +168,8 @@ class SceneChoice:
                     f"have other names and differ from each other, got {', '.join(p.stem for p in self.meshes)}"
                 )
             changes["shapes"] = {**named.scene.shapes, **added}
-        return replace(named, scene=replace(named.scene, **changes))
+        scene = replace(named.scene, **changes)
+        return replace(named, scene=randomised(scene) if self.randomised else scene)
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""

@@ -62,7 +62,8 @@ def scene_words(choice: SceneChoice) -> list[str]:
         value = getattr(choice, field.name)
         if field.name != "scene" and value != field.default:
             words.append(f"--{field.name.replace('_', '-')}")
-            words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
+            if not isinstance(value, bool):
+                words += [str(part) for part in value] if isinstance(value, tuple) else [str(value)]
     return words
 
 

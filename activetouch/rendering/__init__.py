@@ -8,7 +8,17 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from activetouch.rendering.check import check_renderer
-from activetouch.rendering.faults import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, read_out
+from activetouch.rendering.faults import (
+    DeadTaxels,
+    DrawnDeadTaxels,
+    DrawnNoise,
+    Fault,
+    Gain,
+    Hysteresis,
+    Noise,
+    Quantisation,
+    read_out,
+)
 from activetouch.rendering.force_patch import ForcePatchRenderer
 from activetouch.rendering.gelsight import GelSightRenderer
 from activetouch.rendering.pressure import PressureRenderer
@@ -22,6 +32,8 @@ RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
 __all__ = [
     "RENDERERS",
     "DeadTaxels",
+    "DrawnDeadTaxels",
+    "DrawnNoise",
     "Fault",
     "ForcePatchRenderer",
     "Gain",

@@ -14,6 +14,7 @@ from typing import ClassVar, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import Distribution
 from activetouch.errors import UnknownLikelihood
 
 Image = NDArray[np.floating]
@@ -96,6 +97,53 @@ class DeadTaxels:
         faulty = image.copy()
         faulty[dead.reshape(image.shape[:2])] = 0.0
         return faulty
+
+
+@dataclass(frozen=True)
+class DrawnNoise:
+    """Gaussian noise as of :class:`Noise`, whose standard deviation is another one in every touch.
+
+    Attributes:
+        std: relative to full scale.
+        factor: distribution of the factor on it, not negative.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    std: float
+    factor: Distribution
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.std < np.inf:
+            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
+        if self.factor.support[0] < 0.0:
+            raise ValueError(f"factor must be ≥ 0, got {self.factor}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        return Noise(self.std * self.factor.sample(rng))(image, rng)
+
+
+@dataclass(frozen=True)
+class DrawnDeadTaxels:
+    """Taxels that read zero, other ones in every touch.
+
+    Attributes:
+        share: distribution of the fraction of all taxels, within [0, 1]; rounded to a whole number of taxels.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    share: Distribution
+
+    def __post_init__(self) -> None:
+        low, high = self.share.support
+        if not 0.0 <= low <= high <= 1.0:
+            raise ValueError(f"share must be in [0, 1], got {self.share}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        return DeadTaxels(self.share.sample(rng), int(rng.integers(2**32)))(image, rng)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,63 @@
+"""Domain randomisation: a scene whose nuisances vary more than the scene itself says, to train readers in.
+
+    reader trained in randomised(SCENES["coarse"].scene)  →  keeps its promise where the world is not quite that scene
+
+Half of all forces, noises and broken taxels are those of the scene, so that a reader loses little there (Tobin et al.
+2017).
+
+>>> from activetouch.named_scenes import SCENES
+>>> wide = randomised(SCENES["coarse"].scene)
+>>> wide.variation.stiffness
+LogUniform(low=0.5, high=2.0)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from activetouch.distributions import Constant, Distribution, LogUniform, Mixture, Uniform
+from activetouch.rendering.faults import DrawnDeadTaxels, DrawnNoise, Fault, Gain, Noise
+from activetouch.scene import Scene
+
+STIFFNESS = LogUniform(0.5, 2.0)
+"""Factor on the scene's own stiffness, where that is constant."""
+_SIZE = 0.15  # beyond the smallest and the largest size
+_FORCE = (1 / 1.5, 2.0)  # factors on the smallest and the largest force
+_NOISE = LogUniform(1.0, 3.0)
+_GAIN = 0.2  # half range, at least
+_DEAD = 0.2  # share of taxels, at most
+
+
+def randomised(scene: Scene) -> Scene:
+    """The scene with wider distributions of size, force, friction, stiffness, noise, gain and broken taxels.
+
+    Images that are drawings, such as the force patch, have no faults, and get none.
+    """
+    vary = scene.variation
+    (smallest, largest), (lightest, heaviest) = vary.size.support, vary.force.support
+    wider = replace(
+        vary,
+        size=Uniform(max(0.5 * smallest, smallest - _SIZE), largest + _SIZE),
+        force=Mixture(vary.force, LogUniform(lightest * _FORCE[0], heaviest * _FORCE[1])),
+        friction=_unless_varied(vary.friction, Uniform(0.3, 1.0)),
+        stiffness=_unless_varied(vary.stiffness, STIFFNESS),
+    )
+    faults = tuple(_drawn(fault) for fault in scene.faults)
+    if scene.faults:
+        faults += (DrawnDeadTaxels(Mixture(Constant(0.0), Uniform(0.0, _DEAD))),)
+    return replace(scene, variation=wider, faults=faults)
+
+
+def _unless_varied(own: Distribution, wide: Distribution) -> Distribution:
+    """What the scene says, unless that is one number."""
+    low, high = own.support
+    return own if low < high else wide
+
+
+def _drawn(fault: Fault) -> Fault:
+    match fault:
+        case Noise(std=std):
+            return DrawnNoise(std, Mixture(Constant(1.0), _NOISE))
+        case Gain(half_range=half_range):
+            return Gain(max(half_range, _GAIN))
+    return fault
