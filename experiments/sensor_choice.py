@@ -6,7 +6,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -246,6 +246,18 @@ def open_collection(folder: Path, scene: str, repeats: bool) -> Manifest:
         return read_manifest(folder)
     except NoCollection as error:
         raise NoCollection(f"{error}. Record one with: {_collect(scene, folder, repeats)}") from error
+
+
+def to_be_read(manifest: Manifest) -> Manifest:
+    """The manifest of a collection for training, with the scene that the reader is for.
+
+    That is the scene of the collection without domain randomisation.
+    """
+    choice = manifest.choice
+    if choice is None or not choice.get("randomised"):
+        return manifest
+    plain = SceneChoice.from_dict({**choice, "randomised": False})
+    return replace(manifest, scene=scene_fields(plain.named.scene))
 
 
 def require_collection(

@@ -36,6 +36,8 @@ class ClassifierCard:
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
+        log_stiffness_mean, log_stiffness_std: they do so for the stiffness; the spread is 0 where all training touches
+            had the same, and hypotheses then have none.
     """
 
     backbone: str
@@ -52,6 +54,13 @@ class ClassifierCard:
     embedding: int = 0
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
+    log_stiffness_mean: float = 0.0
+    log_stiffness_std: float = 0.0
+
+    @property
+    def knows_stiffness(self) -> bool:
+        """Whether a hypothesis is about the stiffness too."""
+        return self.log_stiffness_std > 0.0
 
     def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
         """Check that the reader was trained for these shapes and poses.

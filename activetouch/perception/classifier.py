@@ -42,7 +42,7 @@ class TouchNetwork(nn.Module):
         self.head: nn.Module
         if card.embedding:
             self.head = nn.Sequential(nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, card.embedding))
-            self.hypotheses = HypothesisNetwork(num_shapes, card.embedding, card.log_size_mean, card.log_size_std)
+            self.hypotheses = HypothesisNetwork(card)
         else:
             self.head = nn.Linear(width, num_shapes)
 

@@ -84,8 +84,11 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     )
     rows = np.linspace(0, len(touches.sizes) - 1, min(len(touches.sizes), _FIXED)).round().astype(int)
     rotations = to_matrices(touches.orientations[rows]).astype(np.float32)
-    sizes = np.random.default_rng(0).permutation(touches.sizes)[: len(rows)].astype(np.float32)
-    return HypothesisEmbedding(classifier.card, layers, rotations, sizes)
+    rng = np.random.default_rng(0)
+    sizes = rng.permutation(touches.sizes)[: len(rows)].astype(np.float32)
+    stiffnesses = rng.permutation(touches.stiffnesses)[: len(rows)].astype(np.float32)
+    knows = classifier.card.knows_stiffness
+    return HypothesisEmbedding(classifier.card, layers, rotations, sizes, stiffnesses if knows else None)
 
 
 def _in_half_precision(model: ModelProto) -> bytes:

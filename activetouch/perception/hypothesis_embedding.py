@@ -1,4 +1,4 @@
-"""The embedding g(shape, rotation, size) of hypotheses, in numpy: a multilayer perceptron with GELU between layers."""
+"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a perceptron with GELU between layers."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
+_STIFFNESSES = "hypotheses.stiffnesses"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +29,11 @@ class HypothesisEmbedding:
     Attributes:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, and the standardised log size.
+            entries of the rotation matrix row by row, the standardised log size and, where the card knows stiffness,
+            its standardised logarithm.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
+        stiffnesses: of the fixed hypotheses, ``(M,)``; all 1 if not given.
 
     Raises:
         ValueError: the arrays do not fit each other or the card.
@@ -40,9 +43,10 @@ class HypothesisEmbedding:
     layers: tuple[tuple[Floats32, Floats32], ...]
     rotations: Floats32
     sizes: Floats32
+    stiffnesses: Floats32 | None = None
 
     def __post_init__(self) -> None:
-        width = len(self.card.shape_labels) + 10
+        width = len(self.card.shape_labels) + 10 + self.card.knows_stiffness
         for number, (weight, bias) in enumerate(self.layers):
             if weight.ndim != 2 or weight.shape != (len(bias), width):
                 raise ValueError(f"layer {number} of the hypotheses must read {width} numbers, got {weight.shape}")
@@ -51,14 +55,24 @@ class HypothesisEmbedding:
             raise ValueError(f"the hypotheses' embedding must have {self.card.embedding} numbers, got {width}")
         if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
             raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
+        stiffnesses = self.stiffnesses
+        if stiffnesses is not None and not (stiffnesses.shape == self.sizes.shape and (stiffnesses > 0).all()):
+            raise ValueError("the fixed hypotheses must have positive stiffnesses (M,)")
 
-    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> Floats32:
+    def embed(
+        self,
+        shapes: NDArray[np.int64],
+        rotations: NDArray[Any],
+        sizes: NDArray[Any],
+        stiffnesses: NDArray[Any] | None = None,
+    ) -> Floats32:
         """Embeddings of hypotheses.
 
         Args:
             shapes: indices, ``(H,)``.
             rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
             sizes: relative to the nominal size, ``(H,)``.
+            stiffnesses: relative to the pad's, ``(H,)``; all 1 if not given. They count only where the card knows them.
 
         Returns:
             ``(H, D)``.
@@ -67,21 +81,24 @@ class HypothesisEmbedding:
             ValueError: the arguments are of other lengths or shapes, or a shape is unknown.
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
-        if rotations.shape != (number, 3, 3) or np.shape(sizes) != (number,):
+        stiffnesses = np.ones(number) if stiffnesses is None else stiffnesses
+        if rotations.shape != (number, 3, 3) or not np.shape(sizes) == np.shape(stiffnesses) == (number,):
             raise ValueError(
-                f"{number} shapes need rotations ({number}, 3, 3) and sizes ({number},), got {rotations.shape} and "
-                f"{np.shape(sizes)}"
+                f"{number} shapes need rotations ({number}, 3, 3), sizes ({number},) and stiffnesses ({number},), got "
+                f"{rotations.shape}, {np.shape(sizes)} and {np.shape(stiffnesses)}"
             )
         if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
             raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
-        log_sizes = (np.log(sizes) - self.card.log_size_mean) / self.card.log_size_std
+        card = self.card
+        numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
+        if card.knows_stiffness:
+            numbers.append((np.log(stiffnesses) - card.log_stiffness_mean) / card.log_stiffness_std)
+        standard = np.stack(numbers, axis=1)
         found = np.empty((number, self.card.embedding), np.float32)
         for first in range(0, number, _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
             kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
-            hidden = np.concatenate(
-                [kind, rotations[some].reshape(-1, 9), log_sizes[some, None]], axis=1, dtype=np.float32
-            )
+            hidden = np.concatenate([kind, rotations[some].reshape(-1, 9), standard[some]], axis=1, dtype=np.float32)
             for weight, bias in self.layers[:-1]:
                 hidden = _gelu(hidden @ weight.T + bias)
             weight, bias = self.layers[-1]
@@ -96,6 +113,7 @@ class HypothesisEmbedding:
             np.repeat(np.arange(num_shapes), number),
             np.tile(self.rotations, (num_shapes, 1, 1)),
             np.tile(self.sizes, num_shapes),
+            None if self.stiffnesses is None else np.tile(self.stiffnesses, num_shapes),
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
@@ -111,6 +129,8 @@ class HypothesisEmbedding:
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""
         found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
+        if self.stiffnesses is not None:
+            found[_STIFFNESSES] = self.stiffnesses
         for number, (weight, bias) in enumerate(self.layers):
             found[f"{_LAYER}.{number}.weight"] = weight.astype(np.float16)
             found[f"{_LAYER}.{number}.bias"] = bias.astype(np.float16)
@@ -132,7 +152,7 @@ class HypothesisEmbedding:
             )
             for layer in range(number)
         )
-        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES])
+        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES))
 
 
 def _gelu(x: Floats32) -> Floats32:

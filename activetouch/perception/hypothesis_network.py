@@ -1,6 +1,6 @@
-"""The network g(shape, rotation, size) that embeds a hypothesis about an object, in torch, for training.
+"""The network g(shape, rotation, size, stiffness) that embeds a hypothesis about an object, in torch, for training.
 
-With the embedding f(o) of an image, f(o) · g(k, R, s) is the log ratio log p(o | k, R, s) / p(o), up to a constant of
+With the embedding f(o) of an image, f(o) · g(k, R, s) is the log ratio log p(o | k, R, s, c) / p(o), up to a constant of
 the image. :mod:`activetouch.perception.hypothesis_embedding` computes the same network without torch.
 """
 
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from activetouch.perception.card import ClassifierCard
 from activetouch.poses import hamilton_product, matrix_rows
 
 WIDTH, HIDDEN_LAYERS = 192, 3
@@ -23,11 +24,13 @@ class Hypotheses(NamedTuple):
         shapes: indices, ``(H,)``.
         orientations: unit quaternions ``wxyz`` from the object's frame to the pad's, ``(H, 4)``.
         sizes: relative to the nominal size, ``(H,)``.
+        stiffnesses: relative to the pad's, ``(H,)``.
     """
 
     shapes: Tensor
     orientations: Tensor
     sizes: Tensor
+    stiffnesses: Tensor
 
     def select(self, rows: Tensor | slice) -> Hypotheses:
         """Some of them, by index."""
@@ -39,29 +42,32 @@ class Hypotheses(NamedTuple):
 
 
 class HypothesisNetwork(nn.Sequential):
-    """A multilayer perceptron with GELU from (one-hot shape, rotation matrix, standardised log size) to ``(H, D)``.
+    """A multilayer perceptron with GELU between layers, to ``(H, D)``.
+
+    Its inputs are the one-hot shape, the rotation matrix, the standardised log size and, where training touches differed
+    in it, the standardised log stiffness.
 
     Args:
-        num_shapes: how many shapes there are.
-        embedding: length D of an embedding.
-        log_size_mean: mean of log size over the training touches.
-        log_size_std: its standard deviation.
+        card: says which shapes there are, the length D of an embedding, and how to standardise.
     """
 
-    def __init__(self, num_shapes: int, embedding: int, log_size_mean: float, log_size_std: float) -> None:
+    def __init__(self, card: ClassifierCard) -> None:
         layers: list[nn.Module] = []
-        width = num_shapes + 10
+        width = len(card.shape_labels) + 10 + card.knows_stiffness
         for _ in range(HIDDEN_LAYERS):
             layers += [nn.Linear(width, WIDTH), nn.GELU()]
             width = WIDTH
-        super().__init__(*layers, nn.Linear(width, embedding))
-        self.num_shapes, self.log_size_mean, self.log_size_std = num_shapes, log_size_mean, log_size_std
+        super().__init__(*layers, nn.Linear(width, card.embedding))
+        self.card = card
 
     def forward(self, hypotheses: Hypotheses) -> Tensor:
         """Embeddings ``(H, D)``."""
-        kinds = nn.functional.one_hot(hypotheses.shapes, self.num_shapes).float()
-        log_sizes = (hypotheses.sizes.log() - self.log_size_mean) / self.log_size_std
+        card = self.card
+        kinds = nn.functional.one_hot(hypotheses.shapes, len(card.shape_labels)).float()
+        log_sizes = (hypotheses.sizes.log() - card.log_size_mean) / card.log_size_std
         columns = [kinds, rotation_matrices(hypotheses.orientations).flatten(1), log_sizes[:, None]]
+        if card.knows_stiffness:
+            columns.append(((hypotheses.stiffnesses.log() - card.log_stiffness_mean) / card.log_stiffness_std)[:, None])
         return super().forward(torch.cat(columns, dim=1).float())
 
 

@@ -78,8 +78,8 @@ class Contrast:
     """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
     The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
-    draws from the prior: each shape equally often; orientation and size each those of a random training touch. The
-    minimiser over all functions is log p(o | k, R, s) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010;
+    draws from the prior: each shape equally often; orientation, size and stiffness each those of a random training
+    touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image (Gutmann & Hyvärinen 2010;
     Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood is the mean over the draws
     of that shape. It has the same minimiser, and spends the network's capacity on what the belief is asked for.
 
@@ -97,9 +97,9 @@ class Contrast:
 
     def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
         number = max(number, self._num_shapes)
-        first, second = torch.randint(len(self._known.shapes), (2, number), generator=chance)
+        known, rows = self._known, torch.randint(len(self._known.shapes), (3, number), generator=chance)
         shapes = torch.arange(number) % self._num_shapes
-        return Hypotheses(shapes, self._known.orientations[first], self._known.sizes[second])
+        return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -162,8 +162,9 @@ def hypotheses_of(touches: TouchSet) -> Hypotheses:
     """
     if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
         raise ValueError("these touches do not say in which orientation and of which size the objects were")
-    orientations, sizes = (torch.from_numpy(column).float() for column in (touches.orientations, touches.sizes))
-    return Hypotheses(torch.from_numpy(touches.shapes), orientations, sizes)
+    stiffnesses = np.where(np.isnan(touches.stiffnesses), 1.0, touches.stiffnesses)
+    columns = (touches.orientations, touches.sizes, stiffnesses)
+    return Hypotheses(torch.from_numpy(touches.shapes), *(torch.from_numpy(column).float() for column in columns))
 
 
 def turned(hypotheses: Hypotheses, angles: Tensor) -> Hypotheses:

@@ -96,7 +96,13 @@ class TactileReader:
             return Reading(embeddings.astype(np.float64), features, features)
         return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
 
-    def embed(self, shapes: NDArray[np.int64], rotations: NDArray[Any], sizes: NDArray[Any]) -> NDArray[np.float32]:
+    def embed(
+        self,
+        shapes: NDArray[np.int64],
+        rotations: NDArray[Any],
+        sizes: NDArray[Any],
+        stiffnesses: NDArray[Any] | None = None,
+    ) -> NDArray[np.float32]:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
 
         Raises:
@@ -104,7 +110,7 @@ class TactileReader:
         """
         if self.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.hypotheses.embed(shapes, rotations, sizes)
+        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -31,7 +32,7 @@ from experiments.command_line.arguments import (
 )
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
-from experiments.sensor_choice import open_collection, require_named_scene
+from experiments.sensor_choice import open_collection, require_named_scene, to_be_read
 
 if TYPE_CHECKING:
     from torch import nn
@@ -120,7 +121,7 @@ class Train:
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
         require_writable(out)
-        manifest = open_collection(data, self.scene, repeats=False)
+        manifest = to_be_read(open_collection(data, self.scene, repeats=False))
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone
@@ -220,7 +221,17 @@ def card_for(
         embedding=embedding,
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
+        **(_stiffness_fields(train.stiffnesses) if embedding else {}),
     )
+
+
+def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, float]:
+    """How to standardise log stiffness; nothing where all touches have the same, or it is not known."""
+    if np.isnan(stiffnesses).any() or np.ptp(stiffnesses) == 0.0:
+        return {}
+    logs = np.log(stiffnesses)
+    mean, std = round(float(logs.mean()), 4), round(max(float(logs.std()), 1e-3), 4)
+    return {"log_stiffness_mean": mean, "log_stiffness_std": std}
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:

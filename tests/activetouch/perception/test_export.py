@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from activetouch.distributions import Uniform
+from activetouch.distributions import LogUniform, Uniform
 from activetouch.errors import WrongScene
 from activetouch.hypotheses import quaternions, sizes
 from activetouch.perception.card import ClassifierCard
@@ -66,33 +66,37 @@ def test_weights_that_diverged_are_not_exported():
         export_reader(diverged, (16, 16))
 
 
-def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng):
+@pytest.mark.parametrize("knows_stiffness", [False, True])
+def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng, knows_stiffness):
     num_shapes, width, embedding = 3, 20, 5
     single = classifier("cnn", 16, num_shapes=embedding)  # the outputs of its head are the embedding
     card = replace(
-        single.card, shape_labels=("a", "b", "c"), embedding=embedding, log_size_mean=0.02, log_size_std=0.06
-    )
+        single.card, shape_labels=("a", "b", "c"), embedding=embedding, log_size_mean=0.02, log_size_std=0.06,
+        log_stiffness_mean=0.1, log_stiffness_std=0.4 if knows_stiffness else 0.0,
+    )  # fmt: skip
     g = torch.nn.Sequential(
-        torch.nn.Linear(num_shapes + 10, width), torch.nn.GELU(),
+        torch.nn.Linear(num_shapes + 10 + knows_stiffness, width), torch.nn.GELU(),
         torch.nn.Linear(width, width), torch.nn.GELU(), torch.nn.Linear(width, embedding),
     ).half().float()  # fmt: skip
     layers = tuple((layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in list(g)[::2])
     turns, scales = to_matrices(quaternions(50)).astype(np.float32), sizes(Uniform(0.9, 1.1), 50).astype(np.float32)
-    hypotheses = HypothesisEmbedding(card, layers, turns, scales)
+    skins = sizes(LogUniform(0.5, 2.0), 50).astype(np.float32) if knows_stiffness else None
+    hypotheses = HypothesisEmbedding(card, layers, turns, scales, skins)
     reader = replace(export_reader(single, (16, 16)), hypotheses=hypotheses)
     reader = replace(reader, card=replace(card, image_shape=(16, 16)))
     reader.save(tmp_path / "reader.safetensors")
     reader = TactileReader.load(tmp_path / "reader.safetensors")
 
-    def embedded(shape, rotation, size):
-        standard = (np.log(size) - card.log_size_mean) / card.log_size_std
-        row = np.concatenate([np.eye(num_shapes)[shape], rotation.ravel(), [standard]])
+    def embedded(shape, rotation, size, stiffness):
+        standard = [(np.log(size) - card.log_size_mean) / card.log_size_std]
+        standard += [(np.log(stiffness) - 0.1) / 0.4] if knows_stiffness else []
+        row = np.concatenate([np.eye(num_shapes)[shape], rotation.ravel(), standard])
         return g(torch.tensor(row, dtype=torch.float32)).detach().numpy()
 
     expected = np.stack(
-        [[embedded(k, turn, scale) for turn, scale in zip(turns, scales, strict=True)] for k in range(3)]
+        [[embedded(k, *row) for row in zip(turns, scales, np.ones(50) if skins is None else skins)] for k in range(3)]
     )
-    found = reader.embed(np.full(50, 1), turns, scales)
+    found = reader.embed(np.full(50, 1), turns, scales, skins)
     np.testing.assert_allclose(found, expected[1], atol=1e-5)
     images = rng.integers(0, 255, (4, 16, 16)).astype(np.uint8)
     reading = reader.read(images)
