@@ -17,10 +17,11 @@ from dataclasses import replace
 
 from activetouch.distributions import Constant, Distribution, LogUniform, Mixture, Uniform
 from activetouch.rendering.faults import DrawnDeadTaxels, DrawnNoise, Fault, Gain, Noise
-from activetouch.scene import Scene
+from activetouch.scene import Scene, Variation
 
 STIFFNESS = LogUniform(0.5, 2.0)
 """Factor on the scene's own stiffness, where that is constant."""
+_AS_SAID = 0.6  # share of hypotheses for which the world is as the scene says
 _SIZE = 0.15  # beyond the smallest and the largest size
 _FORCE = (1 / 1.5, 2.0)  # factors on the smallest and the largest force
 _NOISE = LogUniform(1.0, 3.0)
@@ -34,10 +35,10 @@ def randomised(scene: Scene) -> Scene:
     Images that are drawings, such as the force patch, have no faults, and get none.
     """
     vary = scene.variation
-    (smallest, largest), (lightest, heaviest) = vary.size.support, vary.force.support
+    lightest, heaviest = vary.force.support
     wider = replace(
         vary,
-        size=Uniform(max(0.5 * smallest, smallest - _SIZE), largest + _SIZE),
+        size=_wider_sizes(vary.size),
         force=Mixture(vary.force, LogUniform(lightest * _FORCE[0], heaviest * _FORCE[1])),
         friction=_unless_varied(vary.friction, Uniform(0.3, 1.0)),
         stiffness=_unless_varied(vary.stiffness, STIFFNESS),
@@ -46,6 +47,27 @@ def randomised(scene: Scene) -> Scene:
     if scene.faults:
         faults += (DrawnDeadTaxels(Mixture(Constant(0.0), Uniform(0.0, _DEAD))),)
     return replace(scene, variation=wider, faults=faults)
+
+
+def assumed(variation: Variation, stiffness: Distribution | None = None) -> Variation:
+    """What the belief of a sensor takes for possible, whose reader was trained on a randomised scene.
+
+    Most of the prior is for what the scene says, the rest for other sizes and stiffnesses.
+
+    Args:
+        variation: of the scene.
+        stiffness: where it is known better, as after ``activetouch adapt``.
+    """
+    return replace(
+        variation,
+        size=Mixture(variation.size, _wider_sizes(variation.size), _AS_SAID),
+        stiffness=stiffness or Mixture(variation.stiffness, STIFFNESS, _AS_SAID),
+    )
+
+
+def _wider_sizes(own: Distribution) -> Distribution:
+    smallest, largest = own.support
+    return Uniform(max(0.5 * smallest, smallest - _SIZE), largest + _SIZE)
 
 
 def _unless_varied(own: Distribution, wide: Distribution) -> Distribution:

@@ -15,11 +15,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activetouch.distributions import LogUniform
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
@@ -82,7 +83,7 @@ def load_observation_model(folder: Path, independent: bool = False) -> ArrayMode
         CorruptFile: it is damaged, was changed since, or is missing.
         NoIndependentModel: the sensor has no such model.
     """
-    return observation_model_and_scene(folder, independent)[0]
+    return fitted_model(folder, independent).model
 
 
 def observation_file(folder: Path, independent: bool = False) -> Path:
@@ -97,7 +98,11 @@ def observation_file(folder: Path, independent: bool = False) -> Path:
 
 
 def write_observation_model(
-    folder: Path, model: ArrayModel, scene: Mapping[str, Any], file: str = OBSERVATION_FILE
+    folder: Path,
+    model: ArrayModel,
+    scene: Mapping[str, Any],
+    file: str = OBSERVATION_FILE,
+    stiffness: tuple[float, float] | None = None,
 ) -> None:
     """Write the observation model of a sensor.
 
@@ -106,8 +111,10 @@ def write_observation_model(
         model: the model.
         scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
         file: name of the file; :data:`INDEPENDENT_FILE` for a second model beside a joint one.
+        stiffness: range that hypotheses of a joint model are about, where it was measured.
     """
-    write_text(folder / file, model.to_json({"scene": scene}) + "\n")
+    origin = {"scene": scene, **({} if stiffness is None else {"stiffness": list(stiffness)})}
+    write_text(folder / file, model.to_json(origin) + "\n")
 
 
 def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
@@ -129,11 +136,26 @@ def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: 
         WrongScene: it was made for a scene that differs by more than a known shift.
     """
     card = read_card(folder / READER_FILE)
-    return _shift(folder, card, *observation_model_and_scene(folder, independent), scene, anyway)
+    fitted = fitted_model(folder, independent)
+    return _shift(folder, card, fitted.model, fitted.scene, scene, anyway)
 
 
-def observation_model_and_scene(folder: Path, independent: bool = False) -> tuple[ArrayModel, Mapping[str, Any] | None]:
-    """The observation model in a folder, and the fields of the scene it was fitted to, if it says so.
+class FittedModel(NamedTuple):
+    """An observation model, and what its file says about the world that it was fitted to.
+
+    Attributes:
+        model: the model.
+        scene: fields of the scene; None if the file has none.
+        stiffness: its range where it was measured.
+    """
+
+    model: ArrayModel
+    scene: Mapping[str, Any] | None
+    stiffness: LogUniform | None
+
+
+def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
+    """The observation model in a folder, and what it was fitted to.
 
     Args:
         folder: of the sensor.
@@ -146,9 +168,13 @@ def observation_model_and_scene(folder: Path, independent: bool = False) -> tupl
     path = observation_file(folder, independent)
     try:
         text = path.read_text(encoding="utf-8")
-        scene = (read_origin(text) or {}).get("scene")
+        origin = read_origin(text) or {}
+        scene, ends = origin.get("scene"), origin.get("stiffness")
         if not (scene is None or isinstance(scene, dict)):
             raise ValueError(f"its scene is {scene!r}")
+        if not (ends is None or (isinstance(ends, list) and len(ends) == 2 and all(type(end) is float for end in ends))):
+            raise ValueError(f"its stiffness is {ends!r}, not two numbers")
+        stiffness = None if ends is None else LogUniform(*ends)
         model = read_observation_model(text)
     except OSError as error:
         raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
@@ -159,7 +185,7 @@ def observation_model_and_scene(folder: Path, independent: bool = False) -> tupl
             f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
             "The command calibrate writes both files"
         )
-    return model, scene
+    return FittedModel(model, scene, stiffness)
 
 
 def _shift(
@@ -231,7 +257,7 @@ class TactileSensor:
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift.
         """
-        model, fitted_to = observation_model_and_scene(folder, independent)
+        model, fitted_to, stiffness = fitted_model(folder, independent)
         reader = TactileReader.load(folder / READER_FILE)
         shift = _shift(folder, reader.card, model, fitted_to, scene, anyway)
         if shift and not anyway:
@@ -241,7 +267,7 @@ class TactileSensor:
                 stacklevel=2,
             )
         if reader.hypotheses is not None:
-            model = model.with_hypotheses(HypothesisTable(reader, scene))
+            model = model.with_hypotheses(HypothesisTable(reader, scene, stiffness))
         return cls(scene, reader, model, shift=shift)
 
     @classmethod

@@ -195,6 +195,15 @@ class RigidBodyModel(ArrayModel):
         """The model at another temperature."""
         return replace(self, temperature=temperature)
 
+    def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
+        """The model at the temperature that suits touches of another world.
+
+        Args:
+            touches: of S objects, one sequence each.
+            shapes: true shape of each object, ``(S,)``.
+        """
+        return self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64)))
+
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with its table of hypotheses, which is embedded at first use.
 
@@ -408,13 +417,23 @@ def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     length = min(len(row) for row in rows)
     chosen = np.stack([row[:length] for row in rows])
     assert data.batch.features is not None, "checked by the caller"
-    truth = data.shapes[chosen[:, 0]]
-    weights = np.zeros((len(chosen), len(model.shape_labels), model.num_hypotheses), np.float32)
+    touches = TouchBatch(data.poses[chosen], data.logits[chosen], data.batch.features[0][chosen])
+    return _best_temperature(model, touches, data.shapes[chosen[:, 0]])
+
+
+def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
+    """The temperature with the lowest mean NLL of the shape after each touch of sequences of S objects.
+
+    Args:
+        model: at the temperature 1.
+        touches: S sequences.
+        truth: shape of each object, ``(S,)``.
+    """
+    model = model.at(1.0)
+    weights = np.zeros((len(touches), len(model.shape_labels), model.num_hypotheses), np.float32)
     sums = []
-    features = data.batch.features[0]
-    for step in chosen.T[:, :, None]:
-        one_each = TouchBatch(data.poses[step], data.logits[step], features[step])
-        weights = weights + model.log_weights(one_each).astype(np.float32)
+    for step in range(touches.num_touches):
+        weights = weights + model.log_weights(touches.touches(slice(step, step + 1))).astype(np.float32)
         sums.append(weights)
 
     def loss(log_temperature: float) -> float:

@@ -190,7 +190,7 @@ class CalibrationReport:
                 for choice in choices.values()
                 if isinstance(choice.model, RigidBodyModel) and hypotheses is not None
                 for test_of_shape in rank_tests(
-                    choice.model, *hypotheses(choice.model.num_hypotheses), [calibration, test], self._rng(4)
+                    choice.model, *hypotheses(choice.model.num_hypotheses)[:2], [calibration, test], self._rng(4)
                 )
             ],
         )

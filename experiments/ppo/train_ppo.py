@@ -14,7 +14,7 @@ import numpy as np
 from activetouch.errors import WrongScene
 from activetouch.extras import require_extra
 from activetouch.scene_description import require_scene
-from activetouch.world import observation_model_and_scene
+from activetouch.world import fitted_model
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_writable, write_text
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
@@ -162,7 +162,7 @@ class TrainPPO:
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
         sensor = self.sensor if self.sensor is not None else independent_sensor(self.scene)
-        model, fitted_to = observation_model_and_scene(sensor)
+        model, fitted_to, _ = fitted_model(sensor)
         remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
         try:
             bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
