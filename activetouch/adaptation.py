@@ -67,7 +67,7 @@ def stiffness_posterior(
     Raises:
         InvalidArgument: the sensor cannot tell, or there are no objects.
     """
-    model = _joint_model(sensor)
+    model = require_adaptable(sensor)
     if not len(touches) or touches.features is None:
         raise InvalidArgument("adaptation needs touches with embeddings of at least one object")
     found = np.array([_log_likelihood(sensor, model, touches, shapes, value) for value in GRID])
@@ -81,7 +81,7 @@ def adapted(
 
     Args, and errors: see :func:`stiffness_posterior`.
     """
-    model, found = _joint_model(sensor), stiffness_posterior(sensor, touches, shapes)
+    model, found = require_adaptable(sensor), stiffness_posterior(sensor, touches, shapes)
     table = HypothesisTable(sensor.reader, sensor.scene, LogUniform(*found.interval))
     model = model.with_hypotheses(table)
     if shapes is not None:
@@ -89,7 +89,12 @@ def adapted(
     return replace(sensor, model=model), found
 
 
-def _joint_model(sensor: TactileSensor) -> RigidBodyModel:
+def require_adaptable(sensor: TactileSensor) -> RigidBodyModel:
+    """The joint model of a sensor that can adapt.
+
+    Raises:
+        InvalidArgument: it cannot.
+    """
     if not isinstance(sensor.model, RigidBodyModel) or not sensor.reader.card.knows_stiffness:
         raise InvalidArgument(
             f"this sensor cannot adapt: its observation model is {sensor.model.name!r}, and its reader "

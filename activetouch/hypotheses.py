@@ -1,4 +1,4 @@
-"""Evenly spread hypotheses of an object's orientation, size and stiffness: low-discrepancy sequences, the same on every machine.
+"""Evenly spread hypotheses of an object's orientation, size and stiffness: low-discrepancy sequences.
 
 >>> cover = quaternions(1000)
 >>> bool(np.allclose(cover.T @ cover / 1000, np.eye(4) / 4, atol=0.01))        # as uniform orientations have it

@@ -172,7 +172,9 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
         scene, ends = origin.get("scene"), origin.get("stiffness")
         if not (scene is None or isinstance(scene, dict)):
             raise ValueError(f"its scene is {scene!r}")
-        if not (ends is None or (isinstance(ends, list) and len(ends) == 2 and all(type(end) is float for end in ends))):
+        if not (
+            ends is None or (isinstance(ends, list) and len(ends) == 2 and all(type(end) is float for end in ends))
+        ):
             raise ValueError(f"its stiffness is {ends!r}, not two numbers")
         stiffness = None if ends is None else LogUniform(*ends)
         model = read_observation_model(text)

@@ -1,7 +1,7 @@
 """The network g(shape, rotation, size, stiffness) that embeds a hypothesis about an object, in torch, for training.
 
-With the embedding f(o) of an image, f(o) · g(k, R, s) is the log ratio log p(o | k, R, s, c) / p(o), up to a constant of
-the image. :mod:`activetouch.perception.hypothesis_embedding` computes the same network without torch.
+With the embedding f(o) of an image, f(o) · g(k, R, s, c) is the log ratio log p(o | k, R, s, c) / p(o), up to a
+constant of the image. :mod:`activetouch.perception.hypothesis_embedding` computes the same network without torch.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Hypotheses(NamedTuple):
 class HypothesisNetwork(nn.Sequential):
     """A multilayer perceptron with GELU between layers, to ``(H, D)``.
 
-    Its inputs are the one-hot shape, the rotation matrix, the standardised log size and, where training touches differed
-    in it, the standardised log stiffness.
+    Its inputs are the one-hot shape, the rotation matrix, the standardised log size and, where training touches
+    differed in it, the standardised log stiffness.
 
     Args:
         card: says which shapes there are, the length D of an embedding, and how to standardise.

@@ -80,6 +80,7 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng, kn
     ).half().float()  # fmt: skip
     layers = tuple((layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in list(g)[::2])
     turns, scales = to_matrices(quaternions(50)).astype(np.float32), sizes(Uniform(0.9, 1.1), 50).astype(np.float32)
+    ones = np.ones(50)
     skins = sizes(LogUniform(0.5, 2.0), 50).astype(np.float32) if knows_stiffness else None
     hypotheses = HypothesisEmbedding(card, layers, turns, scales, skins)
     reader = replace(export_reader(single, (16, 16)), hypotheses=hypotheses)
@@ -94,7 +95,10 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng, kn
         return g(torch.tensor(row, dtype=torch.float32)).detach().numpy()
 
     expected = np.stack(
-        [[embedded(k, *row) for row in zip(turns, scales, np.ones(50) if skins is None else skins)] for k in range(3)]
+        [
+            [embedded(k, *row) for row in zip(turns, scales, ones if skins is None else skins, strict=True)]
+            for k in range(3)
+        ]
     )
     found = reader.embed(np.full(50, 1), turns, scales, skins)
     np.testing.assert_allclose(found, expected[1], atol=1e-5)

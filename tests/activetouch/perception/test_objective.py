@@ -50,8 +50,9 @@ def test_small_rotations_turn_the_label_the_same_way(rng):
     orientation = torch.from_numpy(random_orientation(rng)).float()[None]
     image = torch.from_numpy((255 * image_of(orientation[0])).round().astype(np.uint8))[None]
     shown, angles = augment(image, Symmetry.ROTATIONS, 30.0, torch.Generator().manual_seed(1))
-    there = turned(Hypotheses(torch.zeros(1, dtype=torch.long), orientation, torch.ones(1), torch.ones(1)), angles).orientations
-    back = turned(Hypotheses(torch.zeros(1, dtype=torch.long), orientation, torch.ones(1), torch.ones(1)), -angles).orientations
+    one = torch.ones(1)
+    body = Hypotheses(torch.zeros(1, dtype=torch.long), orientation, one, one)
+    there, back = (turned(body, sign * angles).orientations for sign in (1, -1))
     errors = [np.abs(255 * image_of(there_or_back[0]) - shown[0].numpy()).mean() for there_or_back in (there, back)]
     assert errors[0] < 0.3 * errors[1]
 
