@@ -81,7 +81,8 @@ class Contrast:
     draws from the prior: each shape equally often; orientation, size and stiffness each those of a random training
     touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image (Gutmann &
     Hyvärinen 2010; Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood is the mean
-    over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the belief is asked for.
+    over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the belief is
+    asked for.
 
     Args:
         train: what is learned from, with known orientations and sizes.
