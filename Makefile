@@ -48,17 +48,17 @@ $(VENV)/ready-dev: $(VENV)/ready
 # (half an hour on two cores).
 SCENE ?= gel
 COLLECT.gel := --plan.test 0
-COLLECT.coarse := --plan.train 13500 --plan.test 0
-COLLECT.hard := --plan.train 1200 --plan.calibration 100 --plan.test 0
+COLLECT.coarse := --randomised --plan.train 9000 --plan.calibration 200 --plan.test 0
+COLLECT.hard := --randomised --plan.train 1200 --plan.calibration 80 --plan.test 0
 COLLECT.many := $(COLLECT.hard)
-COLLECT.paper := --plan.train 3000 --plan.calibration 150 --plan.test 0
+COLLECT.paper := --randomised --plan.train 1800 --plan.calibration 100 --plan.test 0
 REPEATS.gel := --plan.repeats 2 --plan.calibration 150
 REPEATS.coarse := --plan.repeats 6
 REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
-TRAIN.coarse := --change.batch-size 512 --change.cell 0
-TRAIN.hard := --change.epochs 16
+TRAIN.coarse := --change.epochs 10 --change.cell 0
+TRAIN.hard := --change.epochs 14
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn
 sensor: development

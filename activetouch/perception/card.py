@@ -95,8 +95,9 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them."""
-        return asdict(self)
+        """Its fields, as a file has them: nothing about stiffness where it is not known."""
+        stiffness = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
+        return {name: value for name, value in asdict(self).items() if name not in stiffness}
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
