@@ -8,7 +8,7 @@ from belief.composition import Composition, Counts
 from belief.errors import ActiveTouchError, ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
 from belief.observation_model.evidence import ObjectEvidence
-from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch
+from belief.problem import Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.scene_belief import SceneBelief
 from belief.scene_view import SceneView
 from belief.tracker import BeliefTracker
@@ -29,5 +29,6 @@ __all__ = [
     "SearchProblem",
     "Touch",
     "TouchHistory",
+    "Unsure",
     "ZeroPriorTarget",
 ]

@@ -75,7 +75,12 @@ class Reject:
     """Put the current object aside for the rest of the search and go on to the next."""
 
 
-Action: TypeAlias = Probe | Confirm | Reject
+@dataclass(frozen=True)
+class Unsure:
+    """Answer "I do not know": ends the search without naming an object; only where the search has ``unsure_reward``."""
+
+
+Action: TypeAlias = Probe | Confirm | Reject | Unsure
 
 
 @dataclass(frozen=True)
@@ -90,10 +95,15 @@ class SearchProblem:
             from which they are drawn.
         touch_cost: λ ≥ 0, cost of one touch in units of a success.
         touch_limit: number of touches after which the search is truncated.
+        unsure_reward: reward of the answer "I do not know" (:class:`Unsure`), at least that of a wrong answer (-1) and
+            below that of a success (+1). At 0, a searcher that wants the largest return gives an answer if it is more
+            probably right than wrong; at c, if it is right with probability above (1 + c) / 2. None: the search does
+            not have this answer.
 
     Raises:
         ValueError: labels that are empty, equal or not strings; a number of objects or touches that is not an integer
-            ≥ 1; more objects than the composition allows; a touch cost that is negative or not finite.
+            ≥ 1; more objects than the composition allows; a touch cost that is negative or not finite; a reward of
+            "I do not know" outside [-1, 1).
         UnknownName: the bag holds a shape without a label.
 
     >>> problem = SearchProblem(("sphere", "cube"), ("front",), 2, Counts({"sphere": 1, "cube": 3}))
@@ -107,6 +117,7 @@ class SearchProblem:
     composition: Composition | Counts = Composition.DISTINCT
     touch_cost: float = 0.02
     touch_limit: int = 48
+    unsure_reward: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.composition, Counts):
@@ -124,6 +135,11 @@ class SearchProblem:
             )
         if not (np.isfinite(self.touch_cost) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
+        if self.unsure_reward is not None and not -1.0 <= self.unsure_reward < 1.0:  # NaN fails too
+            raise ValueError(
+                "unsure_reward must be None, or at least -1 (a wrong answer) and below 1 (a success), "
+                f"got {self.unsure_reward!r}"
+            )
 
     @property
     def num_shapes(self) -> int:
@@ -157,7 +173,14 @@ class SearchProblem:
         others = left - np.array(self.counts)[:, None]  # of another shape, given that all earlier draws were
         return np.asarray(np.prod(np.maximum(others, 0.0) / left, axis=1))
 
-    def reward(self, confirmed_shape: int | None, target: int, num_touches: int, target_present: bool = True) -> float:
+    def reward(
+        self,
+        confirmed_shape: int | None,
+        target: int,
+        num_touches: int,
+        target_present: bool = True,
+        is_unsure: bool = False,
+    ) -> float:
         """Return of a finished search (decision 0004), which is not the sum of the paper's single-object rewards.
 
         Args:
@@ -165,9 +188,26 @@ class SearchProblem:
             target: shape sought.
             num_touches: number of touches in the whole search.
             target_present: whether any object had the target shape.
+            is_unsure: whether the search ended with :class:`Unsure`.
 
         Returns:
-            +1 for a correct confirmation or a correct "no target", -1 otherwise; minus ``touch_cost`` per touch.
+            +1 for a correct confirmation or a correct "no target", ``unsure_reward`` for "I do not know", -1 otherwise;
+            minus ``touch_cost`` per touch.
+
+        Raises:
+            InvalidArgument: ``is_unsure`` in a search without this answer, or together with a confirmed shape.
+
+        >>> search = SearchProblem(("sphere", "cube"), ("front",), 2, unsure_reward=0.0)
+        >>> search.reward(None, 0, num_touches=3, is_unsure=True)
+        -0.06
         """
+        if is_unsure:
+            if self.unsure_reward is None or confirmed_shape is not None:
+                given = "unsure_reward=None" if self.unsure_reward is None else f"a confirmed shape {confirmed_shape}"
+                raise InvalidArgument(
+                    f"a search with {given} cannot have ended with Unsure(); it needs SearchProblem(unsure_reward=0.0) "
+                    "and confirms nothing"
+                )
+            return self.unsure_reward - self.touch_cost * num_touches
         right = confirmed_shape == target if confirmed_shape is not None else not target_present
         return (1.0 if right else -1.0) - self.touch_cost * num_touches

@@ -9,7 +9,7 @@ from dataclasses import replace
 from numbers import Real
 from typing import Any
 
-from belief import Confirm, Probe, Reject, SearchProblem
+from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.naming import index_of
 from planners.decider import Decision
@@ -25,7 +25,8 @@ def checked_decision(decision: Any, decider: object, problem: SearchProblem) -> 
     """The decision with Python numbers in place of numpy's.
 
     Raises:
-        BadDecision: it is not a :class:`Decision`, its action or pose is invalid, or a score is not a finite number.
+        BadDecision: it is not a :class:`Decision`, its action or pose is invalid, it is unsure in a search without this
+            answer, or a score is not a finite number.
 
     >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1)
     >>> checked_decision("confirm", None, problem)
@@ -42,6 +43,9 @@ Decision(Confirm()) or Decision(Reject())
         pose = _pose(action.pose, problem, who)
         if type(action.pose) is not int:
             decision = replace(decision, action=Probe(pose))
+    elif isinstance(action, Unsure):
+        if problem.unsure_reward is None:
+            raise BadDecision(f"{who} Unsure(), which this search does not have: set SearchProblem(unsure_reward=0.0)")
     elif not isinstance(action, Confirm | Reject):
         raise BadDecision(f"{who} the action {action!r}; {_WORKS}")
     return _with_plain_scores(decision, who)

@@ -44,6 +44,7 @@ def check_decider(
     model: ObservationModel | None = None,
     num_searches: int = 20,
     touch_limit: int = 60,
+    unsure_reward: float | None = None,
 ) -> list[Episode]:
     """Check that a decider keeps the contract of :class:`Decider`, in searches among synthetic objects.
 
@@ -56,6 +57,7 @@ def check_decider(
         model: source of the touches; by default a random model with four shapes and three poses.
         num_searches: half of them among distinct shapes, half among independent ones.
         touch_limit: of each search.
+        unsure_reward: reward of the answer "I do not know", which is a valid decision only where it has one.
 
     Returns:
         The searches.
@@ -77,7 +79,7 @@ def check_decider(
     for number in range(num_searches):
         problem = SearchProblem(
             tuple(model.shape_labels), poses, min(3, len(model.shape_labels)), _COMPOSITIONS[number % 2],
-            touch_limit=touch_limit,
+            touch_limit=touch_limit, unsure_reward=unsure_reward,
         )  # fmt: skip
         arrangement = sample_arrangement(problem, rng)
         target = int(rng.integers(problem.num_shapes))

@@ -23,6 +23,7 @@ from belief import (
     SearchProblem,
     Touch,
     TouchHistory,
+    Unsure,
 )
 from belief.errors import ActiveTouchError
 from belief.observation_model import OutcomeTable
@@ -101,7 +102,7 @@ class InformationState:
 class Decision:
     """An action, and named scores that explain it and are recorded with the episode."""
 
-    action: Probe | Confirm | Reject
+    action: Probe | Confirm | Reject | Unsure
     scores: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -129,7 +130,7 @@ class StoppingRule(Protocol):
     """Decides when to stop touching the current object."""
 
     def stop(self, info: InformationState) -> Decision | None:
-        """CONFIRM or REJECT, or None to go on probing."""
+        """CONFIRM, REJECT or UNSURE, or None to go on probing."""
 
 
 class ProbeSelector(Protocol):
@@ -144,7 +145,7 @@ class SequentialDecider:
     """Follows a stopping rule, and probes by a selector where it does not stop.
 
     Attributes:
-        stopping: decides when to confirm or reject.
+        stopping: decides when to stop.
         probing: chooses the next pose otherwise.
     """
 

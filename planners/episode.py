@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.naming import one_line
 from belief.problem import Action
 from planners.decider import Decision
 
-_ACTION_NAMES = {Confirm: "confirm", Reject: "reject"}
+ACTION_NAMES = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}
+"""Names of the actions that are not probes, in records and figures."""
+_ACTIONS: Mapping[str, Action] = {"confirm": Confirm(), "reject": Reject(), "unsure": Unsure()}
 
 
 class Outcome(StrEnum):
@@ -25,6 +27,8 @@ class Outcome(StrEnum):
     """Every object was rejected."""
     TRUNCATED = "truncated"
     """The touch limit was reached."""
+    UNSURE = "unsure"
+    """The decider answered "I do not know"."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +39,7 @@ class Step:
         object_index: the current object.
         belief: about that object, before the decision.
         decision: the action and its scores.
-        touch: result of a probe; None for CONFIRM, REJECT, and a probe beyond the touch limit.
+        touch: result of a probe; None for CONFIRM, REJECT, UNSURE, and a probe beyond the touch limit.
     """
 
     object_index: int
@@ -79,6 +83,11 @@ class Episode:
         return self.arrangement[self.steps[-1].object_index]
 
     @property
+    def is_answered(self) -> bool:
+        """Whether the search named an object or said that there is no target; not if it was unsure or truncated."""
+        return self.outcome in (Outcome.CONFIRMED, Outcome.EXHAUSTED)
+
+    @property
     def success(self) -> bool:
         """Whether a target was confirmed, or all objects were rejected and none was a target."""
         if self.outcome is Outcome.CONFIRMED:
@@ -89,7 +98,7 @@ class Episode:
         """Return of the search by :meth:`belief.problem.SearchProblem.reward`; truncation counts as failure."""
         shape = self.confirmed_shape
         present = self.target in self.arrangement or self.outcome is Outcome.TRUNCATED
-        return problem.reward(shape, self.target, self.num_touches, present)
+        return problem.reward(shape, self.target, self.num_touches, present, self.outcome is Outcome.UNSURE)
 
     def to_dict(self) -> dict[str, Any]:
         """Fields as JSON types, with exact floats."""
@@ -118,7 +127,7 @@ def _step_to_dict(step: Step) -> dict[str, Any]:
     return {
         "object": step.object_index,
         "belief": step.belief.probs.tolist(),
-        "action": action.pose if isinstance(action, Probe) else _ACTION_NAMES[type(action)],
+        "action": action.pose if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(step.decision.scores),
         "logits": None if step.touch is None else np.asarray(step.touch.logits, np.float64).tolist(),
     }
@@ -129,7 +138,7 @@ def _step_from_dict(fields: Mapping[str, Any], shape_labels: tuple[str, ...]) ->
     action: Action
     touch = None
     if isinstance(name, str):
-        action = Confirm() if name == _ACTION_NAMES[Confirm] else Reject()
+        action = _ACTIONS[name]
     else:
         action = Probe(name)
         if fields["logits"] is not None:

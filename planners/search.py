@@ -13,7 +13,7 @@ from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch, Unsure
 from belief.naming import Name, index_of, seed_words
 from belief.observation_model import ObservationModel
 from belief.seeding import deciding_rng, touch_rng
@@ -62,7 +62,7 @@ def search(
     model: ObservationModel,
     seed: int | Sequence[int],
 ) -> Episode:
-    """Search until an object is confirmed, all are rejected, or the touch limit is reached.
+    """Search until an object is confirmed, all are rejected, the decider is unsure, or the touch limit is reached.
 
     Args:
         world: the objects, which are visited in order.
@@ -152,6 +152,8 @@ def _loop(
         steps.append(Step(object_index, info.belief, decision, touch))
         if isinstance(action, Confirm):
             return end(Outcome.CONFIRMED)
+        if isinstance(action, Unsure):
+            return end(Outcome.UNSURE)
         if isinstance(action, Reject):
             object_index += 1
             if object_index == problem.num_objects:

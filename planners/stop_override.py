@@ -18,7 +18,7 @@ class StopOverride:
     The error rates of the rule hold for every decider, because they do not depend on which poses are probed.
 
     Attributes:
-        stopping: decides when to confirm or reject; it is asked first.
+        stopping: decides when to stop; it is asked first.
         decider: chooses the pose where the rule does not stop.
         fallback: chooses the pose where the decider would stop and the rule does not; the scores then say
             ``overruled``.

@@ -21,7 +21,7 @@ from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
-from experiments.search.setting import Setting, known_model
+from experiments.search.setting import Setting, known_model, require_abstain
 from experiments.search.shards import made_by
 from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
@@ -50,6 +50,7 @@ class Compare:
         activetouch compare --deciders threshold information_gain --targets cone --episodes 1000 --out runs/cone
         activetouch compare --scene coarse
         activetouch compare --scenes coarse gel
+        activetouch compare --scene coarse --abstain 0.02
         activetouch compare --renderers pressure gelsight --sensors 'runs/sensor-{scene}-{renderer}'
         activetouch compare --backend dask --scheduler tcp://10.0.0.1:8786
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
@@ -287,6 +288,9 @@ class Compare:
             problem = self.setting.problem
         except ValueError as error:
             raise BadArgument(str(error)) from error
+        require_abstain(self.setting)
+        if self.bound and self.setting.abstain is not None:
+            raise BadArgument("--bound is for searches without the answer UNSURE; leave out --bound or --abstain")
         shift = self.setting.shift  # raises WrongScene
         known_model(self.setting)  # raises NoIndependentModel
         if not self.deciders:

@@ -11,8 +11,8 @@ import tyro
 from belief import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
-from experiments.command_line.arguments import check_arguments
-from experiments.search.setting import Setting, known_model
+from experiments.command_line.arguments import BadArgument, check_arguments
+from experiments.search.setting import Setting, known_model, require_abstain
 from planners.export import to_pomdp
 from planners.point_based import PointBased
 from planners.repeats import repeat_discount
@@ -43,10 +43,14 @@ class Export:
         """Write the file.
 
         Raises:
+            BadArgument: An argument is invalid.
             UnknownName: The scene has no such shape.
             InvalidArgument: The search is too large; use fewer objects.
         """
         check_arguments(self)
+        if self.setting.abstain is not None:
+            raise BadArgument("--abstain is for compare; export writes a search without the answer UNSURE")
+        require_abstain(self.setting)
         problem = self.setting.problem
         if self.target not in problem.shape_labels:
             raise UnknownName("target", self.target, list(problem.shape_labels))

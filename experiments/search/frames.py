@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
-from belief import Confirm, Probe, Reject, SearchProblem
+from belief import Probe, Reject, SearchProblem
 from belief.observation_model.rigid_body import RigidBodyEvidence
 from belief.problem import Action
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, load_sensor, make_world
 from planners import Episode, Step
+from planners.episode import ACTION_NAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +40,10 @@ class Frame:
 
 
 def action_words(action: Action, problem: SearchProblem) -> str:
-    """An action in words: "touch corner", "confirm" or "reject"."""
+    """An action in words: "touch corner", "confirm", "reject" or "unsure"."""
     if isinstance(action, Probe):
         return f"touch {problem.pose_labels[action.pose]}"
-    return "confirm" if isinstance(action, Confirm) else "reject"
+    return ACTION_NAMES[type(action)]
 
 
 def replay(setting: Setting, episode: Episode) -> list[Frame]:

@@ -83,6 +83,9 @@ def compare(
     reference: str | None = None,
     num_objects: int | None = None,
     touch_cost: float = 0.02,
+    abstain: float | None = None,
+    promise: float = 0.95,
+    unsure_reward: float = 0.0,
     anyway: bool = False,
     jobs: int | None = None,
 ) -> Comparison:
@@ -104,6 +107,10 @@ def compare(
         reference: decider that the others are compared with; the first by default.
         num_objects: number of objects in a search; that of the scene by default.
         touch_cost: cost λ of one touch, in units of a success.
+        abstain: false-alarm rate of the conflict test, with which every decider can answer "I do not know"; not by
+            default.
+        promise: with ``abstain``, the smallest stated confidence of an answer.
+        unsure_reward: with ``abstain``, the reward of "I do not know".
         anyway: whether to accept a sensor that was made for another scene.
         jobs: number of processes; all cores by default.
 
@@ -132,6 +139,9 @@ def compare(
             _choice(scene),
             num_objects=num_objects,
             touch_cost=touch_cost,
+            abstain=abstain,
+            promise=promise,
+            unsure_reward=unsure_reward,
             anyway=anyway,
             players=MappingProxyType(players),
         ),

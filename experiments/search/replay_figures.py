@@ -16,7 +16,7 @@ from belief import SearchProblem
 from experiments.reporting.style import INK, PALETTE, figure
 from experiments.search.body_picture import Bodies
 from experiments.search.frames import Frame, action_words
-from planners import Episode
+from planners import Episode, Outcome
 
 _SHOWN = 2  # shapes whose orientation is drawn
 _SURFACE = LinearSegmentedColormap.from_list("surface", ["#0b1d33", "#3f6f9f", "#dbe7f2"])
@@ -151,6 +151,5 @@ def _sought(episode: Episode, problem: SearchProblem) -> str:
 
 
 def _title(episode: Episode, problem: SearchProblem) -> str:
-    return (
-        f"{_sought(episode, problem)}: {'found' if episode.success else 'failed'} after {episode.num_touches} touches"
-    )
+    ended = "found" if episode.success else "unsure" if episode.outcome is Outcome.UNSURE else "failed"
+    return f"{_sought(episode, problem)}: {ended} after {episode.num_touches} touches"

@@ -39,6 +39,7 @@ _FAILURES = {
     Outcome.CONFIRMED: "confirmed the wrong object",
     Outcome.EXHAUSTED: "rejected every object",
     Outcome.TRUNCATED: "reached the touch limit",
+    Outcome.UNSURE: "answered “I do not know”",
 }
 
 

@@ -25,11 +25,12 @@ from belief import Composition, SearchProblem, Touch
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
-from experiments.command_line.arguments import Count, NotNegative
+from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
 from experiments.sensor_choice import check_sensor, load_quietly, sensor_folder
 from planners import Decider, Episode, make_decider, search_lockstep
+from planners.abstaining import Abstaining
 from planners.search import TouchRequest
 
 _TOUCHES_PER_OBJECT = 12  # touch limit of a search, per object
@@ -54,6 +55,14 @@ class Setting:
     sensor's own model by default: about one rigid body, if it is a joint one."""
     touch_cost: NotNegative = 0.02
     """Cost λ of one touch, in units of a success."""
+    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
+    """False-alarm rate of the conflict test, such as 0.02. Every decider then answers "I do not know" (UNSURE) if the
+    touches do not fit the world that the sensor knows, or if it would answer with a stated confidence below
+    --promise. No decider does by default."""
+    promise: Annotated[float, Within(0.0, 1.0)] = 0.95
+    """With --abstain: smallest stated confidence of an answer."""
+    unsure_reward: Annotated[float, Within(-1.0, 1.0, open_high=True)] = 0.0
+    """With --abstain: reward of the answer "I do not know", between a wrong answer (-1) and a success (+1)."""
     anyway: bool = False
     """Accept a sensor that was made for another scene; the report lists the differences."""
 
@@ -116,7 +125,15 @@ class Setting:
             composition=named.composition if self.composition is None else Composition(self.composition),
             touch_cost=self.touch_cost,
             touch_limit=_TOUCHES_PER_OBJECT * num_objects,
+            unsure_reward=None if self.abstain is None else self.unsure_reward,
         )
+
+
+def require_abstain(setting: Setting) -> None:
+    """Raise BadArgument if --promise or --unsure-reward is given without --abstain, where it would do nothing."""
+    given = [name for name in ("promise", "unsure_reward") if getattr(setting, name) != getattr(Setting, name)]
+    if setting.abstain is None and given:
+        raise BadArgument(f"--{given[0].replace('_', '-')} does nothing without --abstain; add --abstain 0.02")
 
 
 Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
@@ -157,8 +174,12 @@ def _known_model(folder: Path, independent: bool, when: Stamps) -> tuple[Observa
 
 
 def build_decider(setting: Setting, name: str) -> Decider:
-    """Make the decider with this name, with the setting's observation model and policies."""
-    player = setting.player(name)
+    """Make the decider with this name, with the setting's observation model and policies; it abstains if asked to."""
+    decider = _build(setting, setting.player(name))
+    return decider if setting.abstain is None else Abstaining(decider, setting.abstain, setting.promise)
+
+
+def _build(setting: Setting, player: Decider | str) -> Decider:
     if not isinstance(player, str):
         return deepcopy(player)  # its state must not pass from one shard to another
     model, table = known_model(setting)

@@ -31,6 +31,7 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
     """
     shape, cost = index_of("shape", problem.shape_labels, target), problem.touch_cost
     counts = problem.counts
+    unsure = -1.0 if problem.unsure_reward is None else problem.unsure_reward
 
     def target_prob(others: int) -> float:
         """Probability that an object is a target, after so many were revealed to be others."""
@@ -53,6 +54,6 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
             return 2.0 * absent_prob(others, unknown) - 1.0
         prob = target_prob(others)
         touch = prob - cost + ((1.0 - prob) * value(others + 1, unknown) if prob < 1.0 else 0.0)
-        return max(touch, 2.0 * prob - 1.0, value(others, unknown + 1))
+        return max(touch, 2.0 * prob - 1.0, value(others, unknown + 1), unsure)
 
     return value(0, 0)

@@ -18,9 +18,28 @@ def test_reward_is_plus_one_for_the_right_end_and_minus_one_otherwise(confirmed,
     assert problem(touch_cost=0.1).reward(confirmed, target, 3, present) == pytest.approx(expected - 0.3)
 
 
+@pytest.mark.parametrize("reward", [-1.0, -0.25, 0.0, 0.9])
+def test_the_answer_unsure_has_its_own_reward_and_touches_cost_as_always(reward):
+    search = problem(unsure_reward=reward, touch_cost=0.1)
+    assert search.reward(None, 1, 3, is_unsure=True) == pytest.approx(reward - 0.3)
+    assert search.reward(None, 1, 3, target_present=False, is_unsure=True) == pytest.approx(reward - 0.3)
+    assert search.reward(1, 1, 3) == problem(touch_cost=0.1).reward(1, 1, 3)
+
+
+def test_a_search_without_the_answer_unsure_has_no_reward_for_it():
+    with pytest.raises(ActiveTouchError, match="unsure_reward=0.0"):
+        problem().reward(None, 1, 3, is_unsure=True)
+    with pytest.raises(ActiveTouchError, match="confirms nothing"):
+        problem(unsure_reward=0.0).reward(2, 1, 3, is_unsure=True)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"unsure_reward": 1.0}, "unsure_reward .* 1.0"),
+        ({"unsure_reward": -1.01}, "unsure_reward .* -1.01"),
+        ({"unsure_reward": float("nan")}, "unsure_reward .* nan"),
+        ({"unsure_reward": float("-inf")}, "unsure_reward .* -inf"),
         ({"num_objects": 5}, "5 objects cannot all differ"),
         ({"num_objects": 0}, "at least 1"),
         ({"touch_cost": -0.1}, "≥ 0"),

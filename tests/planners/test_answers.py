@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from belief import Confirm, Probe, Reject, SearchProblem
+from belief import Confirm, Probe, Reject, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld
-from planners import Decision, search
+from planners import Decision, Outcome, search
 from planners.answers import BadDecision
 from planners.probing import FixedOrder
 from planners.stop_override import StopOverride
@@ -72,6 +72,13 @@ def test_what_is_no_decision_is_an_error_that_says_who_answered_what(what, wrap,
 def test_an_action_by_itself_is_told_what_works(model):
     with pytest.raises(BadDecision, match=r"Decision\(Confirm\(\)\)"):
         play(Answers(Confirm()), model)
+
+
+def test_unsure_is_an_answer_only_of_a_search_that_has_it(model):
+    with pytest.raises(BadDecision, match=r"Answers answered Unsure\(\).*unsure_reward=0.0"):
+        play(Answers(Decision(Unsure())), model)
+    episode = play(Answers(Decision(Unsure(), {"why": 1})), model, unsure_reward=0.0)
+    assert (episode.outcome, episode.num_touches, len(episode.steps)) == (Outcome.UNSURE, 0, 1)
 
 
 def test_numbers_of_numpy_are_numbers_and_are_written_down_as_such(model):

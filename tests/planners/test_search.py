@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem
+from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Unsure
 from belief.calibration import TemperatureScaling
 from belief.errors import UnknownName
 from belief.observation_model import ConfusionModel
@@ -145,6 +145,21 @@ def test_the_touch_limit_cuts_a_search_off(model):
     assert isinstance(episode.steps[-1].decision.action, Probe)  # the one that was not allowed
     assert Episode.from_dict(episode.to_dict(), model.shape_labels).num_touches == 1
     assert episode.reward(problem_for(model)) == pytest.approx(-1.02)
+
+
+def test_a_search_that_ends_unsure_is_no_success_and_survives_json(model):
+    class TouchThenUnsure:
+        def decide(self, info, rng):
+            return Decision(Unsure() if info.history else Probe(0), {"target_prob": info.target_prob})
+
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4, unsure_reward=-0.5)
+    episode = search(SyntheticWorld(model, (3, 1, 0, 2)), TouchThenUnsure(), problem, 0, model, (5,))
+    copy = Episode.from_dict(json.loads(json.dumps(episode.to_dict())), model.shape_labels)
+    for one in (episode, copy):
+        assert one.outcome is Outcome.UNSURE
+        assert one.steps[-1].decision.action == Unsure()
+        assert (one.success, one.is_answered, one.confirmed_shape, one.num_touches) == (False, False, None, 1)
+        assert one.reward(problem) == pytest.approx(-0.52)
 
 
 def test_finding_nothing_is_right_when_the_target_is_absent():

@@ -1,0 +1,129 @@
+"""A decider that answers "I do not know" where its answer would not be reliable.
+
+There are three reasons. The scores of the decision name the one that applied:
+
+- ``is_conflict``: the conflict test of the observation model says that the touches do not come from the world that the
+  sensor knows, so the posterior means nothing. The test is read before every decision, not only before an answer. By
+  Ville's inequality its false-alarm rate covers all readings together; the first alarm is the strongest evidence; and
+  further touches cost, but cannot make the sensor fit the world.
+- ``is_doubtful``: the decider would answer although the probability that its answer is right is below the promise. This
+  happens at a maximum number of touches.
+- ``is_cut_off``: the decider would touch once more, and the touch limit of the search forbids it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isnan, log
+
+import numpy as np
+
+from belief import Confirm, Probe, Reject, Unsure
+from belief.errors import BrokenContract, InvalidArgument
+from planners.answers import checked_decision
+from planners.decider import Decider, Decision, InformationState
+
+CONFLICT, ANSWER = "log_conflict", "answer_prob"
+"""Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
+REASONS = ("is_conflict", "is_doubtful", "is_cut_off")
+"""Scores that say why a search ended with "I do not know"."""
+_LARGEST = 1e150  # a statistic of infinite size is recorded as this: scores are finite
+
+
+@dataclass(frozen=True)
+class Abstaining:
+    """Follows any decider, but answers "I do not know" on conflict, and where the promise cannot be kept.
+
+    Rejecting an object is an answer only if it is the last one: it says that there is no target. Rejecting an earlier
+    object is never overruled for its probability, because a later answer can still be reliable. To touch on where a
+    decider would stop below the promise, wrap a :class:`planners.stop_override.StopOverride`.
+
+    Every decision has the score ``log_conflict``, and every answer ``answer_prob``, the stated probability that it is
+    right.
+
+    Attributes:
+        decider: the decider that is followed.
+        false_alarm: probability of at most this size that the conflict test ends a search in the sensor's own world; in
+            (0, 1). The test raises an alarm when ``info.scene.log_conflict`` reaches log(1 / false_alarm).
+        promise: smallest stated probability of being right at which an answer is given; in [0, 1].
+
+    Raises:
+        InvalidArgument: a number is outside its range; in :meth:`decide`, the search does not have the answer
+            "I do not know".
+        BrokenContract: in :meth:`decide`, the statistic of the conflict test is NaN.
+
+    >>> from belief import Belief, SearchProblem
+    >>> from planners.random_confirm import RandomConfirm
+    >>> problem = SearchProblem(("cube", "cone"), ("front",), num_objects=1, unsure_reward=0.0)
+    >>> info = InformationState(problem, 0, Belief.uniform(("cube", "cone")))
+    >>> Abstaining(RandomConfirm()).decide(info, np.random.default_rng(0)).action
+    Unsure()
+    """
+
+    decider: Decider
+    false_alarm: float = 0.02
+    promise: float = 0.95
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.false_alarm < 1.0:
+            raise InvalidArgument(f"false_alarm must be a probability in (0, 1), got {self.false_alarm!r}")
+        if not 0.0 <= self.promise <= 1.0:
+            raise InvalidArgument(f"promise must be a probability in [0, 1], got {self.promise!r}")
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        if info.problem.unsure_reward is None:
+            raise InvalidArgument(
+                "an abstaining decider needs a search with the answer 'I do not know': SearchProblem(unsure_reward=0.0)"
+            )
+        conflict = _log_conflict(info)
+        if conflict >= -log(self.false_alarm):
+            return _unsure("is_conflict", {CONFLICT: conflict, "target_prob": info.target_prob})
+        wanted = checked_decision(self.decider.decide(info, rng), self.decider, info.problem)
+        scores = {**wanted.scores, CONFLICT: conflict}
+        if isinstance(wanted.action, Probe):
+            is_over = num_touches(info) >= info.problem.touch_limit
+            return _unsure("is_cut_off", scores) if is_over else Decision(wanted.action, scores)
+        prob = answer_prob(wanted.action, info)
+        if prob is None:
+            return Decision(wanted.action, scores)
+        scores[ANSWER] = prob
+        return _unsure("is_doubtful", scores) if prob < self.promise else Decision(wanted.action, scores)
+
+
+def answer_prob(action: Confirm | Reject | Unsure, info: InformationState) -> float | None:
+    """Stated probability that an answer is right: the object is the target, or no object is one.
+
+    Args:
+        action: that ends the touches of the current object.
+        info: on which it is based.
+
+    Returns:
+        None for an action that is no answer: "I do not know", or the rejection of an object that is not the last.
+    """
+    if isinstance(action, Confirm):
+        return min(info.target_prob, 1.0)
+    if isinstance(action, Unsure) or info.num_left > 1:
+        return None
+    if info.scene is None:
+        return max(1.0 - info.target_prob, 0.0)  # of this object alone: nothing is known about the rejected ones
+    return min(max(1.0 - info.scene.prob_present(info.target), 0.0), 1.0)
+
+
+def num_touches(info: InformationState) -> int:
+    """Touches of the whole search so far; of the current object alone without a joint belief."""
+    if info.scene is None:
+        return len(info.history)
+    return sum(len(info.scene.touches(index)) for index in range(info.scene.num_objects))
+
+
+def _log_conflict(info: InformationState) -> float:
+    """The statistic of the conflict test, finite; 0 without a joint belief."""
+    conflict = 0.0 if info.scene is None else float(info.scene.log_conflict)
+    if isnan(conflict):
+        raise BrokenContract("log_conflict of a scene is NaN; an observation model must give a number")
+    return min(max(conflict, -_LARGEST), _LARGEST)
+
+
+def _unsure(reason: str, scores: dict[str, float]) -> Decision:
+    return Decision(Unsure(), {**scores, reason: 1.0})
