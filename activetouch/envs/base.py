@@ -54,7 +54,8 @@ class TouchEnv(gymnasium.Env[State, int]):
         self.last_press: RecordedPress | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
         self._is_over = True
-        self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2)
+        has_unsure = problem.unsure_reward is not None
+        self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
         self.observation_space = spaces.Box(0.0, 1.0, (self._observation_size,), np.float32)
 
     @property
@@ -70,6 +71,11 @@ class TouchEnv(gymnasium.Env[State, int]):
     def reject(self) -> int:
         """Index of the action REJECT."""
         return self.problem.num_poses + 1
+
+    @property
+    def unsure(self) -> int | None:
+        """Index of the action UNSURE, "I do not know"; None in a search without it."""
+        return None if self.problem.unsure_reward is None else self.problem.num_poses + 2
 
     @property
     def _object_index(self) -> int:
@@ -109,8 +115,10 @@ class TouchEnv(gymnasium.Env[State, int]):
         return state[0].astype(np.float32)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Valid actions, ``(P + 2,)``: probes are invalid at the touch limit."""
-        return np.append(np.full(self.problem.num_poses, self._num_touches < self.problem.touch_limit), [True, True])
+        """Valid actions, one of each in the action space: probes are invalid at the touch limit."""
+        masks = np.ones(int(self.action_space.n), np.bool_)
+        masks[: self.problem.num_poses] = self._num_touches < self.problem.touch_limit
+        return masks
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
         """Start an episode; ``options={"seed": (0, 3, 17)}`` reproduces the episode with that key.
@@ -134,11 +142,11 @@ class TouchEnv(gymnasium.Env[State, int]):
         return self.observe(paper_state(self.situation, self.target)), self._info(False)
 
     def step(self, action: int) -> tuple[State, float, bool, bool, dict[str, Any]]:
-        """Probe, confirm or reject."""
+        """Probe, confirm, reject, or be unsure where the search has this action."""
         if self._is_over:
             raise gymnasium.error.ResetNeeded("the episode is over or was not started: call reset()")
         if not self.action_space.contains(action):
-            raise BadAction(f"action must be an integer in [0, {self.reject}], got {action!r}")
+            raise BadAction(f"action must be an integer in [0, {self.action_space.n - 1}], got {action!r}")
         reward, terminated, truncated, success = self._act(int(action))
         self._is_over = terminated or truncated
         observation = self.observe(paper_state(self.situation, self.target))

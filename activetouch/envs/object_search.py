@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from activetouch.envs.base import TouchEnv, live_or_given
+from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
 from activetouch.named_scenes import SCENES, NamedScene
 from belief import Composition, SearchProblem
@@ -22,7 +22,7 @@ class ObjectSearchEnv(TouchEnv):
     good. The touches of one object also change the belief about the others: four objects of four shapes all differ.
 
     ## Action Space
-    As in `activetouch/ObjectTest-v0`.
+    As in `activetouch/ObjectTest-v0`. With `unsure_reward`, the last action is UNSURE: "I do not know".
 
     ## Observation Space
     A `Box(0, 1, (14,), float32)` with four shapes and six poses: the state of the current object as in
@@ -33,15 +33,17 @@ class ObjectSearchEnv(TouchEnv):
     (seed, target index, number) for a search of `activetouch compare`.
 
     ## Rewards
-    CONFIRM: +1 if correct, else -1. REJECT: 0; of the last object +1 if the target is absent, else -1. Probe:
-    `-touch_cost` (λ). Truncation: -1. They sum to :meth:`belief.SearchProblem.reward` (decision 0004).
+    CONFIRM: +1 if correct, else -1. REJECT: 0; of the last object +1 if the target is absent, else -1. UNSURE:
+    `unsure_reward`. Probe: `-touch_cost` (λ). Truncation: -1. They sum to :meth:`belief.SearchProblem.reward`
+    (decision 0004).
 
     ## Episode End
-    - Termination: CONFIRM, or REJECT of the last object.
+    - Termination: CONFIRM, REJECT of the last object, or UNSURE, which leaves the observation as it is.
     - Truncation: a probe after `touch_limit` touches in all, which is not made.
 
     ## Information
-    As in `activetouch/ObjectTest-v0`, and `object_index`: number of rejected objects.
+    As in `activetouch/ObjectTest-v0`, and `object_index`: number of rejected objects. With `unsure_reward`, also
+    `is_unsure`: whether the episode ended with UNSURE.
 
     ## Arguments
     ```python
@@ -51,6 +53,7 @@ class ObjectSearchEnv(TouchEnv):
     - `scene`, `target`, `touch_cost`, `touches`, `render_mode`: as in `activetouch/ObjectTest-v0`.
     - `num_objects=None`, `composition=None`: those of the scene by default.
     - `touch_limit=None`: of the whole search; 12 per object by default.
+    - `unsure_reward=None`: reward of the action UNSURE, in [-1, 1); by default there is no such action.
 
     ## Version History
     * v0: first version
@@ -66,6 +69,7 @@ class ObjectSearchEnv(TouchEnv):
         touch_limit: int | None = None,
         touches: Touches | None = None,
         render_mode: str | None = None,
+        unsure_reward: float | None = None,
     ) -> None:
         source = live_or_given(touches, scene)
         named = SCENES.get(scene, NamedScene())
@@ -77,7 +81,9 @@ class ObjectSearchEnv(TouchEnv):
             named.composition if composition is None else composition,
             touch_cost,
             TOUCH_LIMIT * number if touch_limit is None else touch_limit,
+            unsure_reward,
         )
+        self._is_unsure = False
         super().__init__(problem, source, target, render_mode)
 
     @property
@@ -89,6 +95,11 @@ class ObjectSearchEnv(TouchEnv):
         left = 1.0 - self._num_rejected / self.problem.num_objects
         return np.append(super().observe(state), np.float32(left))
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
+        """See :class:`TouchEnv`."""
+        self._is_unsure = False
+        return super().reset(seed=seed, options=options)
+
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         return sample_arrangement(self.problem, rng)
 
@@ -99,6 +110,10 @@ class ObjectSearchEnv(TouchEnv):
                 return -1.0, False, True, False
             self._probe(action)
             return -cost, False, False, False
+        if action == self.unsure:
+            assert self.problem.unsure_reward is not None, "the action exists"
+            self._is_unsure = True
+            return self.problem.unsure_reward, True, False, False
         self._previous = action
         if action == self.confirm:
             right = self._arrangement[self._object_index] == self.target
@@ -112,4 +127,5 @@ class ObjectSearchEnv(TouchEnv):
         return 0.0, False, False, False
 
     def _info(self, success: bool) -> dict[str, Any]:
-        return {**super()._info(success), "object_index": self._num_rejected}
+        info = {**super()._info(success), "object_index": self._num_rejected}
+        return info if self.unsure is None else {**info, "is_unsure": self._is_unsure}

@@ -26,6 +26,7 @@ from belief.metrics.null_distribution import null_quantile
 from belief.metrics.reliability import ReliabilityCurve, reliability_curve
 from belief.metrics.report import CalibrationError, CalibrationReport, calibration_report
 from belief.metrics.scores import accuracy, negative_log_likelihood
+from belief.metrics.selective_risk import RiskCoverage, risk_coverage
 from belief.metrics.smooth import smooth_calibration_error
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "CalibrationError",
     "CalibrationReport",
     "ReliabilityCurve",
+    "RiskCoverage",
     "ShapeScore",
     "StopScore",
     "accuracy",
@@ -49,6 +51,7 @@ __all__ = [
     "negative_log_likelihood",
     "null_quantile",
     "reliability_curve",
+    "risk_coverage",
     "shape_scores",
     "smooth_calibration_error",
 ]

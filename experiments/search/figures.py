@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from experiments.reporting.style import INK, PALETTE, Picture
+from experiments.search.selective import RANKINGS
 from experiments.search.summary import ALL, Comparison
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
@@ -19,6 +20,11 @@ _SMALLEST_ERROR = 1e-4
 
 def pictures(comparison: Comparison) -> list[Picture]:
     """All figures of a comparison."""
+    found = _pictures(comparison)
+    return [*found, _selective_risk(comparison)] if comparison.is_selective else found
+
+
+def _pictures(comparison: Comparison) -> list[Picture]:
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     wide, flat = 2.6 + 0.1 * num_deciders, 0.9 + 0.2 * num_deciders
     return [
@@ -119,6 +125,30 @@ def _draw_times(axes: Axes, comparison: Comparison) -> None:
         left += width
     axes.set(xlabel="ms per touch", ylim=(len(names) - 0.4, -0.6))
     axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))
+
+
+def _selective_risk(comparison: Comparison) -> Picture:
+    names = [name for name, found in comparison.selective.items() if found is not None]
+    return Picture(
+        "selective_risk",
+        "Selective risk against coverage: the fraction of wrong answers if only the most trusted answers are given, "
+        "and the fraction of searches that these are. Left: answers ranked by their stated confidence; right: by the "
+        "statistic of the conflict test, least conflict first. A curve ends where all answers are given; the rest of "
+        "the searches ended with “I do not know” or at the touch limit. A ranking that tells right from wrong answers "
+        "begins at zero and rises to the right.",
+        [partial(_draw_selective_risk, comparison=comparison, ranking=ranking) for ranking in RANKINGS],
+        {name: _colour(comparison.deciders.index(name)) for name in names},
+        size=(_WIDTH / 1.4, 3.0),
+    )
+
+
+def _draw_selective_risk(axes: Axes, comparison: Comparison, ranking: str) -> None:
+    for name, found in comparison.selective.items():
+        if found is not None and ranking in found.curves:
+            curve = found.curves[ranking]
+            axes.plot(curve.coverage, curve.risk, color=_colour(comparison.deciders.index(name)))
+    axes.set(xlabel=f"coverage, by {ranking}", ylabel="fraction of wrong answers", xlim=(0, 1.02))
+    axes.set_ylim(0, max(axes.get_ylim()[1], 0.01))
 
 
 def _reference_lines(line: Callable[..., object], comparison: Comparison) -> None:

@@ -33,6 +33,7 @@ _SECTIONS = {
     "Position of the target": (("positions",), ("positions",)),
     "Touches": (("touches",), ("touches",)),
     "Calibration at stopping": (("stated_confidence",), ("stated_confidence", "calibration_at_stopping")),
+    "Answers and “I do not know”": (("selective_risk",), ("abstention", "selective_risk")),
     "Time": (("times",), ("times",)),
 }
 _FAILURES = {
@@ -66,8 +67,14 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
     for table in shown.values():
         table.write_csv(folder / "tables" / f"{table.name}.csv")
     sections = [
-        Section(title, (), [shown[name] for name in names if shown[name].rows], [drawn[name] for name in figures])
+        Section(
+            title,
+            (),
+            [shown[name] for name in names if name in shown and shown[name].rows],
+            [drawn[name] for name in figures if name in drawn],
+        )
         for title, (figures, names) in _SECTIONS.items()
+        if any(name in shown for name in names)
     ]
     stories, left_out = _stories(setting, comparison)
     path = folder / "report.html"

@@ -14,6 +14,7 @@ from belief.statistics import wilson_interval
 from experiments.search.episode_statistics import Place, by_position, calibration_of_confirmations, gap, regret
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.run_folder import Seconds
+from experiments.search.selective import Selective, selective
 from planners import Episode, Outcome
 
 ALL = "all"
@@ -31,6 +32,7 @@ class Cell:
         wrong: failed searches that confirmed an object of another shape.
         none: failed searches that rejected every object.
         truncated: failed searches that reached the touch limit.
+        unsure: searches that ended with "I do not know".
         touches: mean number of touches per search.
         touch_quantiles: median, 90 % quantile and maximum of the touches per search.
         reward: mean return.
@@ -43,6 +45,7 @@ class Cell:
     wrong: int
     none: int
     truncated: int
+    unsure: int
     touches: float
     touch_quantiles: tuple[int, int, int]
     reward: float
@@ -74,6 +77,7 @@ def summarise(episodes: Sequence[Episode], seconds: Seconds, problem: SearchProb
         wrong=count[Outcome.CONFIRMED],
         none=count[Outcome.EXHAUSTED],
         truncated=count[Outcome.TRUNCATED],
+        unsure=count[Outcome.UNSURE],
         touches=float(np.mean(touches)),
         touch_quantiles=(int(median), int(most_of_them), int(all_of_them)),
         reward=float(np.mean([episode.reward(problem) for episode in episodes])),
@@ -98,6 +102,7 @@ class Comparison:
         prob_best: fraction of bootstrap resamples in which the decider has the highest mean return, by decider.
         solved: whether the full-information oracle succeeds in each of the first episodes, by target
             (:mod:`experiments.search.oracle`).
+        selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
     """
 
@@ -111,6 +116,7 @@ class Comparison:
     gap: Mapping[str, tuple[float, float, float] | None]
     prob_best: Mapping[str, float]
     solved: Mapping[str, Sequence[bool]]
+    selective: Mapping[str, Selective | None]
     reference: str
 
     @property
@@ -122,6 +128,11 @@ class Comparison:
     def targets(self) -> list[str]:
         """Labels of the targets, in the order of the request."""
         return list(dict.fromkeys(target for _, target in self.episodes))
+
+    @property
+    def is_selective(self) -> bool:
+        """Whether some decider may answer "I do not know"."""
+        return any(found is not None for found in self.selective.values())
 
     @property
     def pressed_again(self) -> int:
@@ -184,5 +195,6 @@ def compare_episodes(
         gap={name: gap(by_target, bounds, problem, rng) for name, by_target in by_decider.items()},
         prob_best=prob_best({name: [e.reward(problem) for e in some] for name, some in together.items()}, rng),
         solved=solved,
+        selective={name: selective(some, rng) for name, some in together.items()},
         reference=reference,
     )

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from experiments.reporting.tables import Table, Value
+from experiments.search.selective_tables import abstention_table, selective_risk_table
 from experiments.search.summary import ALL, Comparison
 
 _SEARCHES = ("searches", "d")
@@ -21,6 +22,7 @@ def comparison_tables(comparison: Comparison) -> list[Table]:
         _positions(comparison),
         _stated_confidence(comparison),
         _calibration_at_stopping(comparison),
+        *([abstention_table(comparison), selective_risk_table(comparison)] if comparison.is_selective else []),
         _touches(comparison),
         _times(comparison),
     ]
@@ -31,21 +33,23 @@ def _results(comparison: Comparison) -> Table:
     for decider in comparison.deciders:
         for target in [*comparison.targets, ALL]:
             cell = comparison.cells[decider, target]
-            counts = (cell.wrong, cell.none, cell.truncated)
+            counts = (cell.wrong, cell.none, cell.truncated, cell.unsure)
             touched = (cell.touches, *cell.touch_quantiles)
             rows.append((decider, target, cell.num_episodes, cell.success, cell.success_interval, *counts, *touched))
-    return Table(
+    table = Table(
         "Success by target",
         [
             *("decider", ("target", ""), _SEARCHES, *_SUCCESS),
-            *(("wrong", "d"), ("none", "d"), ("cut off", "d")),
+            *(("wrong", "d"), ("none", "d"), ("cut off", "d"), ("unsure", "d")),
             *(("touches", ".2f"), ("half ≤", "d"), ("90 % ≤", "d"), ("most", "d")),
         ],
         rows,
         "Wilson intervals. Wrong: the decider confirmed an object of another shape. None: it rejected every object "
-        "although the target was there. Cut off: the search reached the touch limit.",
+        "although the target was there. Cut off: the search reached the touch limit."
+        + (" Unsure: it answered “I do not know”." if comparison.is_selective else ""),
         "results",
     )
+    return table if comparison.is_selective else table.without(["unsure"])
 
 
 def _differences(comparison: Comparison) -> Table:
@@ -85,7 +89,8 @@ def _returns(comparison: Comparison) -> Table:
             *(("to bound", ".3f"), ("95 % ", ".3f")),
         ],
         rows,
-        f"Return: +1 for success, −1 otherwise, minus {comparison.problem.touch_cost:g} per touch. P(best): fraction "
+        f"Return: +1 for success, {_unsure_reward(comparison)}−1 otherwise, minus "
+        f"{comparison.problem.touch_cost:g} per touch. P(best): fraction "
         "of bootstrap resamples of the episodes in which the mean return is the highest. Regret: difference to the "
         "return of the full-information oracle, which touches every object in every pose free of charge before it "
         f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run; no decider reaches 0. To "
@@ -95,6 +100,11 @@ def _returns(comparison: Comparison) -> Table:
         "given for searches that are small enough to solve.",
         "returns",
     )
+
+
+def _unsure_reward(comparison: Comparison) -> str:
+    reward = comparison.problem.unsure_reward
+    return "" if reward is None else f"{reward:g} for “I do not know”, "
 
 
 def _positions(comparison: Comparison) -> Table:

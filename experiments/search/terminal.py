@@ -20,6 +20,7 @@ def terminal_table(comparison: Comparison, width: int = 80) -> Table:
         width: width of the terminal [characters].
     """
     whole, omitted = _table(comparison), 0
+    whole = whole if comparison.is_selective else whole.without(["unsure"])
     table, console = whole, plain_console(width=10_000)
     while omitted < len(_DROPPED) and console.measure(table.rich()).maximum > width:
         omitted += 1
@@ -42,8 +43,8 @@ def _table(comparison: Comparison) -> Table:
             cell = comparison.cells[decider, target]
             low, high = cell.success_interval
             ms = "+".join(f"{part:.{part < 10:d}f}" for part in cell.seconds.ms_per_touch().values())
-            counts = (str(cell.wrong), str(cell.none + cell.truncated), f"{cell.touches:.2f}")
+            counts = (str(cell.wrong), str(cell.none + cell.truncated), str(cell.unsure), f"{cell.touches:.2f}")
             rows.append(
                 (f"  {target}", f"{cell.success:.3f}", f"{low:.2f}–{high:.2f}", *counts, ms if cell.touches else "–")
             )
-    return Table("", ["target", "success", "95 %", "wrong", "none", "touches", "ms/touch"], rows)
+    return Table("", ["target", "success", "95 %", "wrong", "none", "unsure", "touches", "ms/touch"], rows)

@@ -7,6 +7,7 @@ from statistics import fmean
 
 from belief.statistics.power import LEVEL
 from experiments.search.paired import Difference
+from experiments.search.selective import Selective
 from experiments.search.summary import ALL, Comparison
 from planners.bounds.one_touch import one_touch_bound
 
@@ -16,6 +17,7 @@ def verdict_sentences(comparison: Comparison) -> list[str]:
     sentences = [_best(comparison), _frame(comparison)]
     sentences += [_against(name, difference, comparison) for name, difference in comparison.differences.items()]
     sentences += _calibration(comparison)
+    sentences += [_selective(name, found) for name, found in comparison.selective.items() if found is not None]
     if comparison.pressed_again:
         sentences.append(f"{comparison.pressed_again} presses did not settle and were repeated.")
     return sentences
@@ -128,6 +130,18 @@ def _calibration(comparison: Comparison) -> list[str]:
                 f"is right in {_share(score.share_right)} [{_share(score.low)}, {_share(score.high)}]."
             )
     return sentences
+
+
+def _selective(name: str, found: Selective) -> str:
+    share, low, high = found.unsure
+    said = f"{name} answers “I do not know” in {_share(share)} [{_share(low)}, {_share(high)}] of searches"
+    if found.achieved is None or found.stated is None:
+        return f"{said}, and gives no other answer."
+    right, low, high = found.achieved
+    return (
+        f"{said}; of its {found.num_answered} other answers {_share(right)} [{_share(low)}, {_share(high)}] are right, "
+        f"at a stated confidence of {_share(found.stated)}."
+    )
 
 
 def _and(names: list[str]) -> str:

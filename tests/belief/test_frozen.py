@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.frozen import FrozenArrays, frozen
-from belief.metrics import reliability_curve
+from belief.metrics import RiskCoverage, reliability_curve
 from belief.observation_model import (
     ConfusionModel,
     FeatureEmbedding,
@@ -78,6 +78,7 @@ HOLDERS = {
         [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
+    "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),
     "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),
     "TouchProblem": (lambda a, b: TouchProblem(a, b, 0, 0.1), [TABLE, np.array([0.5, 0.5])]),
     "SearchTouchProblem": (

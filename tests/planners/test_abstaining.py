@@ -42,9 +42,7 @@ def state(model, conflict=0.0, touches=(), object_index=0, num_objects=2, **rule
     for index, pose in touches:
         scene.update(index, model.sample(1, [pose], rng))
     view = type("Scene", (Conflicting,), {"conflict": conflict})(scene)
-    return InformationState(
-        problem, 0, scene.belief(object_index), scene.touches(object_index), object_index, view
-    )
+    return InformationState(problem, 0, scene.belief(object_index), scene.touches(object_index), object_index, view)
 
 
 def reasons(decision):
@@ -125,7 +123,7 @@ def test_where_the_touch_limit_forbids_a_touch_the_search_ends_unsure(model, rng
 
 
 def test_a_search_without_the_answer_unsure_is_refused_at_once(model, rng):
-    with pytest.raises(InvalidArgument, match="unsure_reward=0.0"):
+    with pytest.raises(InvalidArgument, match="unsure_reward"):
         Abstaining(Always(Probe(0))).decide(state(model, unsure_reward=None), rng)
 
 
@@ -154,9 +152,9 @@ def test_without_a_joint_belief_the_current_object_alone_counts(model, rng):
 
 
 def played(model, wrap, number=150, **rules):
-    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 4, **rules)
+    problem = SearchProblem(model.shape_labels, ("p0", "p1", "p2"), 2, Composition.INDEPENDENT, **rules)
     worlds = [SyntheticWorld(model, sample_arrangement(problem, np.random.default_rng([s, 9]))) for s in range(number)]
-    decider = wrap(make_decider("information_gain(max_touches=3)", model.outcome_table()))
+    decider = wrap(make_decider("fixed_poses(max_touches=3)", model.outcome_table()))
     return search_lockstep(worlds, decider, problem, [0] * number, model, [(s,) for s in range(number)])
 
 
@@ -171,17 +169,17 @@ def test_searches_differ_from_those_of_the_bare_decider_only_where_they_end_unsu
         else:
             assert [s.decision.action for s in one.steps] == [s.decision.action for s in other.steps]
             assert other.steps[-1].decision.scores[ANSWER] >= 0.95
-    assert 10 < unsure < 140  # three touches are too few here for 0.95, and often enough
+    assert 10 < unsure < 145  # three touches are often too few here for 0.95
 
 
 def test_answers_that_are_given_keep_the_promise(model):
-    # 600 searches in an exact world; the bare decider, with three touches an object, is right far less often.
-    given = [e for e in played(model, Abstaining, 600, unsure_reward=0.0) if e.is_answered]
-    assert len(given) > 100
+    # 300 searches in an exact world; the bare decider, with three touches an object, is wrong more often.
+    given = [e for e in played(model, Abstaining, 300, unsure_reward=0.0) if e.is_answered]
+    assert len(given) > 50
     wrong = sum(not e.success for e in given)
     assert wrong <= 0.05 * len(given) + 3 * math.sqrt(0.05 * 0.95 * len(given))
-    bare = played(model, lambda d: d, 600)
-    assert sum(not e.success for e in bare) > 0.1 * len(bare)
+    bare = played(model, lambda d: d, 300)
+    assert sum(not e.success for e in bare) > 2 * wrong + 0.04 * len(bare)
 
 
 def test_it_is_a_decider(model, rng):

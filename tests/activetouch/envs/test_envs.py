@@ -18,11 +18,11 @@ from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
 from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage, WrappedTwice
-from belief import Confirm, Probe, Reject
+from belief import Confirm, Probe, Reject, Unsure
 from belief.errors import UnknownName
 from belief.seeding import arrangement_rng
 from belief.synthetic import SyntheticWorld
-from planners import make_decider, search
+from planners import Decision, Outcome, make_decider, search
 
 pytestmark = pytest.mark.torch
 WRAPPERS = {
@@ -177,16 +177,35 @@ def actions_of(episode, env):
                 yield env.confirm
             case Reject():
                 yield env.reject
+            case Unsure():
+                yield env.unsure
 
 
+class Shy:
+    """Confirms or rejects like another decider, but is unsure once it has touched five times in all."""
+
+    def __init__(self, decider):
+        self.decider = decider
+
+    def decide(self, info, rng):
+        touches = sum(len(info.scene.touches(index)) for index in range(info.scene.num_objects))
+        return Decision(Unsure()) if touches == 5 else self.decider.decide(info, rng)
+
+
+@pytest.mark.parametrize("unsure_reward", [None, 0.0, -0.75])
 @pytest.mark.parametrize("composition", ["distinct", "independent"])
-def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, sampled, model):
-    env = ObjectSearchEnv(touches=sampled, target="shape_0", composition=composition, touch_limit=9)
+def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsure_reward, sampled, model):
+    env = ObjectSearchEnv(
+        touches=sampled, target="shape_0", composition=composition, touch_limit=9, unsure_reward=unsure_reward
+    )
+    assert env.action_space.n == len(env.action_masks()) == env.problem.num_poses + (2 if unsure_reward is None else 3)
+    num_unsure = 0
     for number in range(60):
         key = (0, 0, number)
         env.reset(options={"seed": key})
         world = SyntheticWorld(model, env.arrangement)
         decider = make_decider(("information_gain", "threshold", "random_confirm")[number % 3], model.outcome_table())
+        decider = decider if unsure_reward is None else Shy(decider)
         episode = search(world, decider, env.problem, 0, model, key)
         total = 0.0
         for action, step in zip(actions_of(episode, env), episode.steps, strict=True):
@@ -196,6 +215,28 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, samp
         assert terminated or truncated
         assert info["is_success"] == episode.success
         assert total == pytest.approx(episode.reward(env.problem))
+        is_unsure = episode.outcome is Outcome.UNSURE
+        assert info.get("is_unsure") == (None if unsure_reward is None else is_unsure)
+        num_unsure += is_unsure
+    assert (num_unsure > 5) == (unsure_reward is not None)
+
+
+def test_being_unsure_ends_an_episode_and_is_no_action_by_default(sampled):
+    env = ObjectSearchEnv(touches=sampled, target="shape_0", unsure_reward=0.25)
+    env.reset(seed=0)
+    before, *_ = env.step(1)
+    state, reward, terminated, truncated, info = env.step(env.unsure)
+    np.testing.assert_array_equal(state, before)
+    assert (reward, terminated, truncated) == (0.25, True, False)
+    assert (info["is_success"], info["is_unsure"]) == (False, True)
+    _, info = env.reset(seed=0)
+    assert info["is_unsure"] is False
+    check_env_for_sb3(env)
+    bare = ObjectSearchEnv(touches=sampled, target="shape_0")
+    bare.reset(seed=0)
+    assert bare.unsure is None
+    with pytest.raises(BadAction, match="4"):
+        bare.step(5)
 
 
 def test_live_touches_are_those_of_the_world_that_compare_plays(coarse):

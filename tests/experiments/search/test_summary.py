@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.reporting.tables import Table
 from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
@@ -22,11 +22,11 @@ PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1)
 
 
 def search(actions, target=0, arrangement=(0, 1), outcome=Outcome.CONFIRMED, claim=0.5, number=0):
-    """An episode from a string of "t" (touch), "r" (reject) and "c" (confirm), all on one belief."""
+    """An episode from a string of "t" (touch), "r" (reject), "c" (confirm) and "u" (unsure), all on one belief."""
     steps, position = [], 0
     probs = (claim, 1 - claim) if target == 0 else (1 - claim, claim)
     for name in actions:
-        action = {"t": Probe(0), "r": Reject(), "c": Confirm()}[name]
+        action = {"t": Probe(0), "r": Reject(), "c": Confirm(), "u": Unsure()}[name]
         touch = Touch(0, np.zeros(2)) if name == "t" else None
         steps.append(Step(position, Belief.from_probs("ab", probs), Decision(action), touch))
         position += name == "r"

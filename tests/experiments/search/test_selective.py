@@ -1,0 +1,137 @@
+"""Abstention in the numbers, tables, figures and sentences of a comparison, on episodes made by hand."""
+
+import numpy as np
+import pytest
+
+from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
+from belief.statistics import clopper_pearson_interval
+from experiments.search.figures import pictures
+from experiments.search.overview import overview
+from experiments.search.run_folder import Seconds, episode_lines, read_episode
+from experiments.search.selective import RANKINGS, selective
+from experiments.search.summary import ALL, compare_episodes
+from experiments.search.tables import comparison_tables
+from experiments.search.terminal import terminal_table
+from experiments.search.verdict import verdict_sentences
+from planners import Decision, Episode, Outcome, Step
+
+PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1, unsure_reward=-0.25)
+
+
+def search(end, number=0, arrangement=(0, 1), **scores):
+    """One touch, then an end: "c" confirms the first object, "r" rejects both, "u" is unsure; the target is "a"."""
+    belief = Belief.from_probs("ab", (0.5, 0.5))
+    ends = {"c": [Confirm()], "r": [Reject(), Reject()], "u": [Unsure()], "t": [Probe(0)]}[end]
+    steps = [Step(0, belief, Decision(Probe(0)), Touch(0, np.zeros(2)))]
+    for index, action in enumerate(ends):
+        steps.append(Step(index, belief, Decision(action, scores), None))
+    outcome = {"c": Outcome.CONFIRMED, "r": Outcome.EXHAUSTED, "u": Outcome.UNSURE, "t": Outcome.TRUNCATED}[end]
+    return Episode((0, 0, number), 0, arrangement, tuple(steps), outcome)
+
+
+def answer(prob, conflict, is_right=True, number=0, end="c"):
+    arrangement = (0, 1) if is_right == (end == "c") else (1, 1)
+    return search(end, number, arrangement, answer_prob=prob, log_conflict=conflict)
+
+
+def unsure(reason="is_conflict", **scores):
+    return search("u", log_conflict=4.0, **{reason: 1.0}, **scores)
+
+
+EPISODES = [
+    *(answer(0.99, -1.0) for _ in range(6)),
+    answer(0.98, 0.5, end="r"),
+    answer(0.96, 2.0, is_right=False),
+    unsure(),
+    unsure("is_doubtful", answer_prob=0.7),
+    search("t", log_conflict=0.0),
+]
+
+
+def compared(by_decider, rng, problem=PROBLEM):
+    return compare_episodes(
+        problem,
+        {(name, "a"): some for name, some in by_decider.items()},
+        {(name, "a"): Seconds(0.1, 0.2, 0.3, 10) for name in by_decider},
+        {"a": [True]},
+        next(iter(by_decider)),
+        rng,
+    )
+
+
+def test_shares_are_of_all_searches_and_confidence_is_of_the_answers(rng):
+    found = selective(EPISODES, rng)
+    assert found.num_episodes == 11
+    assert found.unsure == (2 / 11, *clopper_pearson_interval(2, 11))
+    assert found.wrong == (1 / 11, *clopper_pearson_interval(1, 11))
+    assert dict(found.reasons) == {"is_conflict": 1, "is_doubtful": 1, "is_cut_off": 0}
+    assert found.num_answered == 8
+    assert found.stated == pytest.approx((6 * 0.99 + 0.98 + 0.96) / 8)
+    assert found.achieved == (7 / 8, *clopper_pearson_interval(7, 8))
+
+
+def test_both_rankings_put_the_wrong_answer_last_here_and_one_can_put_it_first(rng):
+    for curve in selective(EPISODES, rng).curves.values():
+        np.testing.assert_allclose(curve.risk, [0] * 7 + [1 / 8])
+        assert curve.coverage[-1] == pytest.approx(8 / 11)
+    odd = [answer(0.99, 3.0, is_right=False), answer(0.95, -3.0)]
+    curves = selective(odd, rng).curves
+    assert [curves[ranking].risk[0] for ranking in RANKINGS] == [1.0, 0.0]
+
+
+def test_episodes_without_the_statistics_have_no_such_numbers(rng):
+    assert selective([search("c"), search("r")], rng) is None
+    assert selective([*EPISODES, search("c")], rng) is None
+    assert selective([search("t")], rng) is None
+
+
+def test_a_decider_that_is_always_unsure_has_no_risk_and_no_curve(rng):
+    found = selective([unsure()] * 3, rng)
+    assert (found.unsure[0], found.num_answered, found.stated, found.achieved) == (1.0, 0, None, None)
+    assert not found.curves
+    comparison = compared({"shy": [unsure()] * 3, "x": [search("c")] * 3}, rng)
+    assert any("gives no other answer" in sentence for sentence in verdict_sentences(comparison))
+    for table in comparison_tables(comparison):
+        assert table.csv()
+    for picture in pictures(comparison):
+        assert all("<svg" in panel for panel in picture.inline())
+
+
+def test_unsure_searches_are_counted_priced_and_shown(rng, tmp_path):
+    comparison = compared({"x": EPISODES, "bare": [search("c")] * 11}, rng)
+    cell = comparison.cells["x", ALL]
+    assert (cell.successes, cell.wrong, cell.none, cell.truncated, cell.unsure) == (7, 1, 0, 1, 2)
+    assert cell.reward == pytest.approx((7 - 1 - 1 - 2 * 0.25) / 11 - 0.1)
+    assert comparison.differences["bare"].mcnemar.first_only == 4  # one that is unsure does not succeed
+    tables = {table.name: table for table in comparison_tables(comparison)}
+    assert tables["results"].rows[0][tables["results"].headings.index("unsure")] == 2
+    [row] = tables["abstention"].rows
+    assert dict(zip(tables["abstention"].headings, row, strict=True))["doubtful"] == 1
+    assert len(tables["selective_risk"].rows) == len(RANKINGS)
+    assert "-0.25 for “I do not know”" in tables["returns"].note
+    assert "unsure" in terminal_table(comparison, 200).headings
+    assert "unsure" in overview({"s": comparison}).headings
+    assert any("0.182" in sentence and "8 other answers" in sentence for sentence in verdict_sentences(comparison))
+    [picture] = [picture for picture in pictures(comparison) if picture.name == "selective_risk"]
+    assert list(picture.legend) == ["x"]
+    picture.write(tmp_path)
+    assert (tmp_path / "selective_risk.svg").stat().st_size > 1000
+
+
+def test_without_abstention_nothing_is_said_about_it(rng):
+    comparison = compared({"x": [search("c")] * 5}, rng, SearchProblem(("a", "b"), ("p",), 2))
+    texts = [
+        *(table.markdown() for table in comparison_tables(comparison)),
+        *verdict_sentences(comparison),
+        terminal_table(comparison, 200).markdown(),
+        overview({"s": comparison}).markdown(),
+    ]
+    assert not [text for text in texts if "unsure" in text.lower() or "I do not know" in text]
+    assert not [picture for picture in pictures(comparison) if picture.name == "selective_risk"]
+
+
+def test_an_unsure_search_survives_its_line_in_the_folder():
+    [line] = episode_lines("x", [unsure()])
+    copy = read_episode(line, ("a", "b"))
+    assert copy.outcome is Outcome.UNSURE
+    assert copy.steps[-1].decision == unsure().steps[-1].decision
