@@ -14,7 +14,9 @@ def abstention_table(comparison: Comparison) -> Table:
     for name, found in comparison.selective.items():
         if found is None:
             continue
-        achieved = (None, None) if found.achieved is None else (found.achieved[0], found.achieved[1:])
+        achieved: tuple[Value, Value] = (
+            (None, None) if found.achieved is None else (found.achieved[0], found.achieved[1:])
+        )
         rows.append(
             (
                 *(name, found.num_episodes, comparison.cells[name, ALL].success, found.wrong[0], found.wrong[1:]),

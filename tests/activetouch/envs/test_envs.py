@@ -198,7 +198,6 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
     env = ObjectSearchEnv(
         touches=sampled, target="shape_0", composition=composition, touch_limit=9, unsure_reward=unsure_reward
     )
-    assert env.action_space.n == len(env.action_masks()) == env.problem.num_poses + (2 if unsure_reward is None else 3)
     num_unsure = 0
     for number in range(60):
         key = (0, 0, number)
@@ -213,6 +212,7 @@ def test_a_search_in_the_environment_is_the_search_of_the_loop(composition, unsu
             _, reward, terminated, truncated, info = env.step(action)
             total += reward
         assert terminated or truncated
+        assert env.action_space.n == len(env.action_masks()) == env.problem.num_poses + 2 + (unsure_reward is not None)
         assert info["is_success"] == episode.success
         assert total == pytest.approx(episode.reward(env.problem))
         is_unsure = episode.outcome is Outcome.UNSURE
