@@ -43,6 +43,8 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
     ]
     if "searches" in numbers["conditions"][AS_TRAINED]["models"][models[0]]:
         found.append(_searches_table(numbers))
+        if "unsure" in numbers["conditions"][AS_TRAINED]["models"][models[0]]["searches"]:
+            found.append(_abstention_table(numbers))
     if numbers["unseen"]:
         pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
         unseen = [
@@ -116,6 +118,24 @@ def _searches_table(numbers: Mapping[str, Any]) -> Table:
         "Stated confidence and accuracy are those at confirmation.",
         "success",
         parts,
+    )
+
+
+def _abstention_table(numbers: Mapping[str, Any]) -> Table:
+    """Searches with a wrong confirmation and searches that ended with "I do not know", by condition and model."""
+    models = list(numbers["conditions"][AS_TRAINED]["models"])
+    columns: list[Sequence[str]] = ["condition"]
+    columns += [(f"{model}: {what}", "") for model in models for what in ("wrong", "unsure")]
+    rows: list[tuple[Value, ...]] = []
+    for condition, row in numbers["conditions"].items():
+        played = [row["models"][model].get("searches") for model in models]
+        cells = [None if one is None else interval(*one[what]) for one in played for what in ("wrong", "unsure")]
+        rows.append((condition, *cells))
+    return Table(
+        f"{numbers['scene']}: live searches that confirmed a wrong object, and that ended with “I do not know”",
+        columns,
+        rows,
+        "Fractions of all searches with Clopper-Pearson intervals.",
     )
 
 

@@ -26,7 +26,7 @@ from belief.observation_model.selection import log_posteriors
 from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
 from experiments.calibration.sequences import Sequences, stops
-from experiments.command_line.arguments import CountOrNone, Jobs, Seed, Within, check_arguments
+from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.robustness.conditions import CONDITIONS
@@ -74,6 +74,9 @@ class Robustness:
     searches: CountOrNone = 0
     """Number of live searches for every target, by information gain with each observation model, under every
     condition."""
+    abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
+    """False-alarm rate of the conflict test, such as 0.02, with which searches may end with "I do not know"; also if
+    the stated confidence is below that of stops. They never do by default."""
     seed: Seed = 0
     """Seed of the objects, their touches, the searches and the bootstrap."""
     out: Path | None = None
@@ -86,6 +89,8 @@ class Robustness:
     def run(self) -> None:
         """Touch, measure, print and write."""
         check_arguments(self)
+        if self.abstain is not None and not self.searches:
+            raise BadArgument("--abstain is for live searches; add --searches 25")
         from experiments.robustness.report import draw_conditions, robustness_tables  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
@@ -112,7 +117,9 @@ class Robustness:
         scores = {c: condition_scores(outputs[c], trained, models, self.seed) for c in conditions}
         if self.searches:
             scenes = {name: some.scene for name, some in shifted.items() if name in scores}
-            searched = search_scores(sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs)
+            searched = search_scores(
+                sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs, self.abstain
+            )
             for (condition, model), found in searched.items():
                 scores[condition]["models"][model]["searches"] = found
         unseen: dict[str, Any] = {}

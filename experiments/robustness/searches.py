@@ -20,7 +20,8 @@ from belief.statistics import clopper_pearson_interval
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
 from experiments.search.episode_statistics import calibration_of_confirmations
-from planners import Episode, make_decider, search_lockstep
+from planners import Decider, Episode, Outcome, make_decider, search_lockstep
+from planners.abstaining import Abstaining
 
 CONFIDENCE = 0.95
 """Posterior of a shape at which touching stops."""
@@ -55,6 +56,7 @@ def search_scores(
     episodes: int,
     seed: int,
     jobs: int,
+    abstain: float | None = None,
 ) -> dict[tuple[str, str], dict[str, Any]]:
     """Success and calibration at confirmation of live searches, by condition and model.
 
@@ -66,10 +68,13 @@ def search_scores(
         episodes: for every target, the same for all models.
         seed: of the episodes.
         jobs: number of processes.
+        abstain: false-alarm rate of the conflict test, with which the decider may answer "I do not know", also below a
+            stated confidence of :data:`CONFIDENCE`; not by default.
 
     Returns:
-        By condition and model: ``success`` with its ``interval``, ``touches`` a search, and ``stated`` confidence and
-        ``achieved`` accuracy at confirmation.
+        By condition and model: ``success`` with its ``interval``, ``touches`` a search, ``stated`` confidence and
+        ``achieved`` accuracy at confirmation, ``wrong``: fraction of searches with a wrong confirmation, and with
+        ``abstain`` ``unsure``: fraction that ended with "I do not know", each with its interval.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -77,9 +82,12 @@ def search_scores(
         num_objects=named.num_objects,
         composition=named.composition,
         touch_limit=12 * named.num_objects,
+        unsure_reward=None if abstain is None else 0.0,
     )
     tasks = [
-        partial(_search_all, (condition, name), replace(sensor, scene=scene, model=model), problem, episodes, seed)
+        partial(
+            _search_all, (condition, name), replace(sensor, scene=scene, model=model), problem, episodes, seed, abstain
+        )
         for condition, scene in scenes.items()
         if not scene.press_model.is_slow
         for name, model in models.items()
@@ -88,9 +96,15 @@ def search_scores(
 
 
 def _search_all(
-    key: tuple[str, str], sensor: TactileSensor, problem: SearchProblem, number: int, seed: int
+    key: tuple[str, str],
+    sensor: TactileSensor,
+    problem: SearchProblem,
+    number: int,
+    seed: int,
+    abstain: float | None,
 ) -> tuple[tuple[str, str], dict[str, Any]]:
-    decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
+    decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
+    decider = decider if abstain is None else Abstaining(decider, abstain, CONFIDENCE)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
     played: list[Episode] = []
     for first in range(0, len(seeds), _TOGETHER):
@@ -103,6 +117,9 @@ def _search_all(
         )
     won, confirmed = sum(episode.success for episode in played), calibration_of_confirmations(played)
     overall = None if confirmed is None else confirmed.overall
+    wrong = sum(episode.outcome is Outcome.CONFIRMED and not episode.success for episode in played)
+    unsure = sum(episode.outcome is Outcome.UNSURE for episode in played)
+    abstention = {"unsure": [unsure / len(played), *clopper_pearson_interval(unsure, len(played))]}
     return key, {
         "number": len(played),
         "success": won / len(played),
@@ -110,4 +127,6 @@ def _search_all(
         "touches": float(np.mean([episode.num_touches for episode in played])),
         "stated": None if overall is None else overall.mean_stated,
         "achieved": None if overall is None else overall.share_right,
+        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
+        **(abstention if abstain is not None else {}),
     }

@@ -189,6 +189,18 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
     assert [len(table.columns) for table in (stops, searches)] == [9, 9]
     assert "Largest gap of rigid body" in stops.note
     assert "Largest gap of independent" in searches.note
+    first = next(iter(scenes))
+    [shy] = search_scores(
+        sensor, {"independent": models["independent"]}, {first: scenes[first]}, SCENES["coarse"], 1, 0, 1, abstain=0.02
+    ).values()
+    assert shy["unsure"][1] <= shy["unsure"][0] <= shy["unsure"][2]
+    assert shy["unsure"][0] + shy["wrong"][0] + shy["success"] <= 1.0
+    for row in numbers.values():
+        for own in row["models"].values():
+            own["searches"] = shy
+    abstention = robustness_tables(report | {"conditions": numbers})[3]
+    assert len(abstention.rows) == len(numbers)
+    assert len(abstention.rows[0]) == 5
 
 
 def test_no_stops_have_no_confidence():
