@@ -10,6 +10,7 @@ import numpy as np
 
 from belief.arrangement import blank_objects, num_states, prob_shape_absent
 from belief.categorical import Belief
+from belief.conflict import log_conflict
 from belief.frozen import frozen
 from belief.history import TouchHistory
 from belief.naming import Name, index_of
@@ -107,9 +108,10 @@ class ReadableScene:
     def log_conflict(self) -> float:
         """Natural log of the e-value against "all touches so far come from the world that the model knows".
 
-        In that world it exceeds log(1/α) at any time with probability at most α. It is 0.0 for models without a test.
+        In that world it ever exceeds log(1/α) with probability at most α. It is 0.0 for models without a test. See
+        :mod:`belief.conflict`.
         """
-        return 0.0
+        return log_conflict(evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
 
     @property
     def state(self) -> ExactState:

@@ -33,6 +33,13 @@ class ObjectEvidence(Protocol):
     def log_likelihood(self) -> Floats:
         """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
 
+    @property
+    def log_bets(self) -> Floats | None:
+        """Log wealth of the strategies that bet against "these touches come from the world that the model knows".
+
+        ``(J,)``, read-only; None for a model without such a test. See :mod:`belief.conflict`.
+        """
+
     def update(self, touch: Touch) -> Self:
         """The evidence with one more touch."""
 
@@ -94,6 +101,10 @@ class SummarisedEvidence:
         statistics = self.model.statistics_with(self.statistics, touch)
         return SummarisedEvidence(self.model, statistics, self.num_touches + 1)
 
+    @property
+    def log_bets(self) -> None:
+        """See :class:`ObjectEvidence`: none, as the model has no test."""
+
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
         """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""
 
@@ -125,6 +136,10 @@ class RecomputedEvidence:
     def update(self, touch: Touch) -> RecomputedEvidence:
         """See :class:`ObjectEvidence`."""
         return RecomputedEvidence(self.model, (*self.touches, touch))
+
+    @property
+    def log_bets(self) -> None:
+        """See :class:`ObjectEvidence`: none, as the model has no test."""
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> None:
         """See :class:`ObjectEvidence`: none, as touches are taken as independent given the shape."""

@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
+from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict, log_conflict
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel, Embeds
@@ -49,6 +50,7 @@ _REFERENCES = 256  # touches kept of each pose
 _LARGEST = 1e30  # number in an embedding
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
 _FITTED_ON = 400  # objects, at most, for the temperature
+_TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
 class Diagnostics(NamedTuple):
@@ -58,10 +60,16 @@ class Diagnostics(NamedTuple):
         effective_hypotheses: effective sample size of each shape's hypotheses, ``(K,)``, between 1 and N. Near 1, the
             posterior is narrower than the hypotheses are dense.
         most_likely: index of each shape's most likely hypothesis, ``(K,)``.
+        p_values: of the last touch, ``(2,)``: that its image is so novel, and that it fits the earlier touches so
+            badly; ones without a test.
+        log_conflict: log e-value of all touches of the object against "they come from the world that the model was
+            fitted to"; 0.0 without a test.
     """
 
     effective_hypotheses: Floats
     most_likely: NDArray[np.int64]
+    p_values: Floats
+    log_conflict: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +80,13 @@ class RigidBodyEvidence:
         model: whose hypotheses they are.
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
         num_touches: how many touches it holds.
+        conflict: test that they come from the world that the model was fitted to; None if the model has none.
     """
 
     model: RigidBodyModel
     log_weights: Floats
     num_touches: int = 0
+    conflict: ObjectConflict | None = None
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
         """The evidence with one more touch; costs K N D multiplications.
@@ -85,8 +95,18 @@ class RigidBodyEvidence:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
         batch = self.model.alone(touch)
-        log_weights = self.log_weights + self.model.scores(batch.poses[0, 0], _embeddings(batch, self.model)[0])[0]
-        return RigidBodyEvidence(self.model, frozen(log_weights - log_weights.max()), self.num_touches + 1)
+        embedding = _embeddings(batch, self.model)[0]
+        scores = self.model.scores(batch.poses[0, 0], embedding)[0]
+        log_weights, conflict = self.log_weights + scores, self.conflict
+        if conflict is not None:
+            conflict = conflict.update(embedding[0], float(_misfit(self.log_weights, scores, log_weights)))
+        log_weights -= log_weights.max()
+        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, conflict)
+
+    @property
+    def log_bets(self) -> Floats | None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return None if self.conflict is None else self.conflict.log_bets
 
     @cached_property
     def log_likelihood(self) -> Floats:
@@ -115,7 +135,10 @@ class RigidBodyEvidence:
         """How well the hypotheses cover what was felt."""
         shares = np.exp(self.log_weights - self.log_weights.max(axis=1, keepdims=True))
         effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
-        return Diagnostics(frozen(effective), frozen(self.log_weights.argmax(axis=1)))
+        most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
+        if conflict is None:
+            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
+        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_conflict([conflict.log_bets]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +154,7 @@ class RigidBodyModel(ArrayModel):
         references: embeddings of touches that stand for all, of each pose as many, ``(P, M, D)``; used to sample and
             to tabulate only.
         reference_logits: the shape logits of these, ``(P, M, K)``.
+        conflict: test that touches come from the world that the model was fitted to; None without.
 
     Raises:
         ValueError: the arrays do not fit each other.
@@ -143,6 +167,7 @@ class RigidBodyModel(ArrayModel):
     temperature: float
     references: Floats
     reference_logits: Floats
+    conflict: ConflictTest | None = None
 
     def __post_init__(self) -> None:
         num_poses, number, _ = self.references.shape
@@ -168,7 +193,7 @@ class RigidBodyModel(ArrayModel):
         embed: Embeds,
         num_hypotheses: int = 2048,
     ) -> RigidBodyModel:
-        """Fit the temperature to sequences of touches, and keep some touches as references.
+        """Fit the temperature and the conflict test to sequences of touches, and keep some touches as references.
 
         Args:
             touches: calibration touches with embeddings as features, of objects that the reader was not trained on.
@@ -189,30 +214,41 @@ class RigidBodyModel(ArrayModel):
         rows = data.rows_of_poses(_REFERENCES)
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
         model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, *kept)
-        return model.at(_fit_temperature(model, data))
+        model = model.at(_fit_temperature(model, data))
+        return replace(model, conflict=_fit_conflict(model, data))
 
     def at(self, temperature: float) -> RigidBodyModel:
-        """The model at another temperature."""
-        return replace(self, temperature=temperature)
+        """The model at another temperature, without a conflict test, which holds at one temperature only."""
+        return replace(self, temperature=temperature, conflict=None)
 
     def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
-        """The model at the temperature that suits touches of another world.
+        """The model with the temperature and the conflict test of touches of another world.
 
         Args:
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        return self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64)))
+        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64)))
+        order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
+        order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
+        rows = np.arange(len(touches))[:, None]
+        some = TouchBatch(
+            touches.poses[rows, order], touches.logits[rows, order], _embeddings(touches, self)[rows, order]
+        )
+        return replace(model, conflict=_conflict_test(model, some, shapes))
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with its table of hypotheses, which is embedded at first use.
+
+        With another number of hypotheses it has no conflict test.
 
         Args:
             embed: embeds hypotheses.
             num_hypotheses: N, of each shape; as many as the model was fitted with by default.
         """
         number = self.num_hypotheses if num_hypotheses is None else num_hypotheses
-        return replace(self, hypotheses=embed, num_hypotheses=number)
+        conflict = self.conflict if number == self.num_hypotheses else None
+        return replace(self, hypotheses=embed, num_hypotheses=number, conflict=conflict)
 
     @property
     def num_poses(self) -> int:
@@ -305,7 +341,10 @@ class RigidBodyModel(ArrayModel):
     @cached_property
     def _start(self) -> RigidBodyEvidence:
         """One for all objects, so that what it has computed is computed once."""
-        return RigidBodyEvidence(self, frozen(np.zeros((len(self.shape_labels), self.num_hypotheses))))
+        conflict = None if self.conflict is None else self.conflict.start()
+        return RigidBodyEvidence(
+            self, frozen(np.zeros((len(self.shape_labels), self.num_hypotheses))), conflict=conflict
+        )
 
     def log_weights(self, batch: TouchBatch) -> Floats:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
@@ -316,6 +355,26 @@ class RigidBodyModel(ArrayModel):
                 here = np.flatnonzero(batch.poses[:, step] == pose)
                 weights[here] += self.log_ratios(pose, embeddings[here, step])
         return weights
+
+    def misfits(self, batch: TouchBatch) -> Floats:
+        """How much worse the earlier touches of a sequence predict each touch than the touch itself does, ``(S, n)``.
+
+        That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i), over the hypotheses i.
+        """
+        embeddings, found = _embeddings(batch, self), np.empty(batch.poses.shape)
+        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
+        for first in range(0, len(batch), size):
+            rows = np.arange(first, min(first + size, len(batch)))
+            before = np.zeros((len(rows), len(self.shape_labels), self.num_hypotheses))
+            for step in range(batch.num_touches):
+                scores = np.empty(before.shape, np.float32)
+                for pose in np.unique(batch.poses[rows, step]).tolist():
+                    here = batch.poses[rows, step] == pose
+                    scores[here] = self.scores(pose, embeddings[rows[here], step])
+                after = before + scores
+                found[rows, step] = _misfit(before, scores, after)
+                before = after - after.max(axis=(1, 2), keepdims=True)
+        return found
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
@@ -352,19 +411,43 @@ class RigidBodyModel(ArrayModel):
             "num_hypotheses": self.num_hypotheses,
             "temperature": self.temperature,
             **{name: {"shape": array.shape, "float16": _text(array)} for name, array in arrays.items()},
+            "conflict": None if self.conflict is None else self.conflict.to_fields(),
         }
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RigidBodyModel:
         """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
-        arrays = (_array(fields[name]) for name in ("references", "reference_logits"))
-        return cls(shape_labels, None, int(fields["num_hypotheses"]), float(fields["temperature"]), *arrays)
+        references, logits = (_array(fields[name]) for name in ("references", "reference_logits"))
+        test = fields.get("conflict")
+        conflict = None if test is None else ConflictTest.from_fields(test)
+        number, temperature = int(fields["num_hypotheses"]), float(fields["temperature"])
+        return cls(shape_labels, None, number, temperature, references, logits, conflict)
 
 
 def _marginal(log_weights: Floats) -> Floats:
     """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
     largest = log_weights.max(axis=-1, keepdims=True)
     return np.asarray(largest[..., 0] + np.log(np.exp(log_weights - largest).mean(axis=-1)))
+
+
+def _misfit(before: Floats, scores: Floats32, after: Floats) -> Floats:
+    """See :meth:`RigidBodyModel.misfits`; over the last two axes.
+
+    Args:
+        before: log weights of the hypotheses, largest 0, ``(..., K, N)``.
+        scores: of the touch.
+        after: the sum of the two.
+    """
+    most, top = scores.max(axis=(-2, -1)), after.max(axis=(-2, -1))
+    shares = np.exp(scores - most[..., None, None])
+    alone = np.log(np.square(shares).sum(axis=(-2, -1))) - np.log(shares.sum(axis=(-2, -1))) + most
+    return np.asarray(alone - _log_total(after, top) - top + _log_total(before, np.zeros_like(top)))
+
+
+def _log_total(log_weights: Floats, largest: Floats) -> Floats32:
+    """Log of the sum of exponentials over the last two axes, less ``largest``, in single precision."""
+    relative = (log_weights - largest[..., None, None]).astype(np.float32)
+    return np.asarray(np.log(np.exp(relative).sum(axis=(-2, -1))))
 
 
 def _log_sum(scores: Floats32) -> Floats32:
@@ -410,8 +493,7 @@ def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
 
 def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P."""
-    ids = np.unique(data.objects)
-    ids = ids[np.linspace(0, len(ids) - 1, min(len(ids), _FITTED_ON)).round().astype(int)]
+    ids = _some_objects(data, _FITTED_ON)
     order = np.random.default_rng(0).permutation(len(data.objects))
     rows = [order[data.objects[order] == number][: model.num_poses] for number in ids]
     length = min(len(row) for row in rows)
@@ -446,6 +528,31 @@ def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray
 
     best = minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
     return float(np.exp(best.x))
+
+
+def _some_objects(data: LabelledTouches, number: int) -> NDArray[np.int64]:
+    """At most so many objects; random ones, because shapes alternate in collections."""
+    if data.num_objects <= number:
+        return np.arange(data.num_objects)
+    return np.sort(np.random.default_rng(2).permutation(data.num_objects)[:number])
+
+
+def _fit_conflict(model: RigidBodyModel, data: LabelledTouches) -> ConflictTest | None:
+    """The conflict test from one sequence of touches of each object, in random order."""
+    ids = _some_objects(data, _TESTED_ON)
+    by_object = np.random.default_rng(1).permutation(len(data.objects))
+    by_object = by_object[np.argsort(data.objects[by_object], kind="stable")]
+    ends = np.searchsorted(data.objects[by_object], np.arange(data.num_objects + 1))
+    length = min(MOST_TOUCHES, int(np.diff(ends)[ids].min()))
+    rows = by_object[ends[ids][:, None] + np.arange(length)]
+    assert data.batch.features is not None, "checked by the caller"
+    batch = TouchBatch(data.poses[rows], data.logits[rows], np.asarray(data.batch.features[0])[rows])
+    return _conflict_test(model, batch, data.shape_of_object[ids])
+
+
+def _conflict_test(model: RigidBodyModel, batch: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
+    """The conflict test of one sequence of touches of each object."""
+    return ConflictTest.fit(_embeddings(batch, model).astype(np.float64), model.misfits(batch), shapes)
 
 
 def _in_half(array: Floats) -> Floats:

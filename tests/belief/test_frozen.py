@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
+from belief.conflict import ConflictTest
 from belief.frozen import FrozenArrays, frozen
 from belief.metrics import RiskCoverage, reliability_curve
+from belief.novelty import Novelty
 from belief.observation_model import (
     ConfusionModel,
     FeatureEmbedding,
@@ -79,6 +81,11 @@ HOLDERS = {
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
     "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),
+    "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
+    "ConflictTest": (
+        lambda a, b, c: ConflictTest(Novelty(ROWS, np.eye(2), b[0], b[0]), a, b[0], c, 20),
+        [np.zeros((2, 3)), np.zeros((2, 2)), np.zeros((2, 3, 20))],
+    ),
     "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),
     "TouchProblem": (lambda a, b: TouchProblem(a, b, 0, 0.1), [TABLE, np.array([0.5, 0.5])]),
     "SearchTouchProblem": (

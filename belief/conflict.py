@@ -1,0 +1,268 @@
+"""A running test that touches come from the world that an observation model was fitted to.
+
+Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
+novelty of its embedding, and its misfit to the earlier touches of the object. The object's own
+earlier scores predict a part of each score, which is subtracted, so that the p-values of one object are nearly
+independent. Bets against the p-values multiply over all touches of all objects of a search. In the world of the
+calibration objects the product has expectation 1, so it ever exceeds 1/α with probability at most α (Ville 1939;
+Shafer 2021).
+
+Scores of four touches of each of 200 objects, then an object that fits, and one that does not:
+
+>>> rng = np.random.default_rng(0)
+>>> test = ConflictTest.fit(rng.normal(size=(200, 4, 3)), rng.normal(size=(200, 4)), np.arange(200) % 2)
+>>> typical, strange = test.start(), test.start()
+>>> for _ in range(4):
+...     typical = typical.update(np.ones(3), 0.0)
+...     strange: ObjectConflict = strange.update(np.full(3, 9.0), 9.0)
+>>> strange.p_values.round(3).tolist()
+[0.005, 0.005]
+>>> [round(log_conflict([one.log_bets]), 1) for one in (typical, strange)], round(float(np.log(1 / 0.02)), 1)
+([-1.6, 16.1], 3.9)
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from dataclasses import fields as dataclass_fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from belief.frozen import FrozenArrays, frozen
+from belief.novelty import Novelty
+from belief.problem import Floats
+
+NOVELTY, MISFIT = 0, 1
+"""Index of the two scores."""
+MOST_TOUCHES = 12
+"""Touches of an object that are tested, at most; later ones are not bet on."""
+_FEWEST_OBJECTS = 20
+_FOLDS = 5
+_WIDEST = 1e3  # score
+_RESOLUTION = 1e-6  # relative; scores that differ by less are equal
+_QUANTILES = 40  # in each half of a distribution
+
+_POWERS = np.array([[0.0, 0.8, 0.5, 0.0], [0.0, 0.0, 0.0, 0.4], [0.0, 0.8, 0.5, 0.0]])
+"""Exponents κ of bets (1 - κ) p^-κ: on a high novelty, a low one, and a high misfit. A strategy is a column of the
+first two rows with one of the first three columns of the third."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConflictTest(FrozenArrays):
+    """Distributions of the two scores of a touch in the world of the calibration objects.
+
+    Attributes:
+        novelty: of an embedding.
+        medians: of both scores after 0, 1, … earlier touches of the object, ``(2, T)``.
+        correlations: of the scores of two touches of one object, ``(2,)``.
+        quantiles: of both scores less their prediction, increasing, ``(2, T, Q)``.
+        num_objects: calibration objects.
+    """
+
+    novelty: Novelty
+    medians: Floats
+    correlations: Floats
+    quantiles: Floats
+    num_objects: int
+
+    @classmethod
+    def fit(cls, embeddings: Floats, misfits: Floats, shapes: ArrayLike) -> ConflictTest | None:
+        """The test from sequences of touches, one of each calibration object.
+
+        The novelty of each object is that to other objects.
+
+        Args:
+            embeddings: ``(S, T, D)``.
+            misfits: to the earlier touches of the sequence, ``(S, T)``; those of first touches are not used.
+            shapes: of the objects, ``(S,)``.
+
+        Returns:
+            The test; None for fewer than 20 objects, which cannot tell what is rare.
+        """
+        num_objects, length, _ = embeddings.shape
+        if num_objects < _FEWEST_OBJECTS:
+            return None
+        truth, rows = np.asarray(shapes).repeat(length), embeddings.reshape(num_objects * length, -1)
+        folds = (np.random.default_rng(0).permutation(num_objects) % _FOLDS).repeat(length)
+        novelties = np.empty(len(rows))
+        for fold in range(_FOLDS):
+            out = folds == fold
+            novelties[out] = Novelty.fit(rows[~out], truth[~out]).score(rows[out])
+        scores = np.clip(np.stack([novelties.reshape(num_objects, length), misfits]), -_WIDEST, _WIDEST)
+        medians = _single(np.median(scores, axis=1))
+        centred = scores - medians[:, None]
+        correlations = np.array([_correlation(centred[NOVELTY]), _correlation(centred[MISFIT][:, 1:])])
+        found = np.zeros((2, length, len(_ranks(num_objects))))
+        for kind in (NOVELTY, MISFIT):
+            sums = np.zeros(num_objects)
+            for step in range(kind, length):
+                now = centred[kind][:, step]
+                values = np.sort(now - _share(correlations[kind], step - kind) * sums)[_ranks(num_objects) - 1]
+                sums += np.clip(now, values[0], values[-1])
+                found[kind, step] = values
+        return cls(Novelty.fit(rows, truth), medians, correlations, _single(found), num_objects)
+
+    @property
+    def num_touches(self) -> int:
+        """T, of an object that are tested."""
+        return self.medians.shape[1]
+
+    @cached_property
+    def _kept_ranks(self) -> NDArray[np.int64]:
+        return _ranks(self.num_objects)
+
+    def start(self) -> ObjectConflict:
+        """The state before the first touch of an object."""
+        return ObjectConflict(self, 0, frozen(np.zeros(2)), frozen(np.ones(2)), frozen(np.zeros(_NUM_BETS)))
+
+    def p_values(self, kind: int, step: int, score: float) -> tuple[float, float]:
+        """Conformal p-values of a score less its prediction: that it is so high, and that it is so low.
+
+        Args:
+            kind: :data:`NOVELTY` or :data:`MISFIT`.
+            step: number of earlier touches of the object, below T.
+            score: less its median and its prediction.
+        """
+        values, ranks, number = self.quantiles[kind, step], self._kept_ranks, self.num_objects
+        margin = _RESOLUTION * (1.0 + abs(score))
+        below = int(values.searchsorted(score - margin, side="left"))  # as many stored values are smaller
+        above = int(values.searchsorted(score + margin, side="right"))  # index of the first larger one
+        high = number + 1 - (ranks[below - 1] if below else 0)
+        low = ranks[above] if above < len(values) else number + 1
+        return float(high) / (number + 1), float(low) / (number + 1)
+
+    def to_fields(self) -> dict[str, Any]:
+        """All parameters, as JSON types; arrays in single precision, as :meth:`fit` has rounded them."""
+        arrays = {
+            **{field.name: getattr(self.novelty, field.name) for field in dataclass_fields(Novelty)},
+            "medians": self.medians,
+            "quantiles": self.quantiles,
+        }
+        return {
+            "num_objects": self.num_objects,
+            "correlations": self.correlations.tolist(),
+            **{name: {"shape": array.shape, "float32": _text(array)} for name, array in arrays.items()},
+        }
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
+        """The test of fields from :meth:`to_fields`."""
+        novelty = Novelty(*(_array(fields[field.name]) for field in dataclass_fields(Novelty)))
+        medians, quantiles = _array(fields["medians"]), _array(fields["quantiles"])
+        return cls(novelty, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectConflict:
+    """The test of one object: a frozen value; each touch gives a new one, at the same cost.
+
+    Attributes:
+        test: the distributions.
+        num_touches: of the object.
+        sums: of both scores less their medians over all tested touches, ``(2,)``.
+        p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
+        log_bets: log wealth of every strategy, ``(12,)``.
+    """
+
+    test: ConflictTest
+    num_touches: int
+    sums: Floats
+    p_values: Floats
+    log_bets: Floats
+
+    def update(self, embedding: ArrayLike, misfit: float) -> ObjectConflict:
+        """The test with one more touch.
+
+        Args:
+            embedding: ``(D,)``.
+            misfit: to the earlier touches.
+        """
+        step, test = self.num_touches, self.test
+        if step >= test.num_touches:
+            return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
+        novelty = test.novelty.score(np.asarray(embedding, np.float64)[None])[0]
+        found = np.clip([novelty, misfit], -_WIDEST, _WIDEST)
+        centred = found - test.medians[:, step]
+        logs, sums = np.zeros(3), self.sums.copy()
+        for kind in (NOVELTY, MISFIT):
+            if step < kind:
+                continue
+            rest = centred[kind] - _share(test.correlations[kind], step - kind) * self.sums[kind]
+            high, low = np.log(test.p_values(kind, step, rest))
+            logs[2 * kind] = high
+            if kind == NOVELTY:
+                logs[1] = low
+            values = test.quantiles[kind, step]
+            sums[kind] += np.clip(centred[kind], values[0], values[-1])
+        p_values = np.exp(logs[[0, 2]])
+        return ObjectConflict(test, step + 1, frozen(sums), frozen(p_values), frozen(self.log_bets + _bets(logs, step)))
+
+
+def log_conflict(log_bets: Iterable[Floats]) -> float:
+    """Log e-value of all touches of several objects: the mean over strategies of their wealth.
+
+    Args:
+        log_bets: of each object; 0.0 for none.
+
+    >>> log_conflict([]), round(log_conflict([np.log([3.0, 0.5]), np.log([3.0, 0.5])]), 3)
+    (0.0, 1.531)
+    """
+    total = sum(log_bets, start=np.zeros(1))
+    largest = total.max()
+    return float(largest + np.log(np.exp(total - largest).mean()))
+
+
+_NUM_BETS = 12
+
+
+def _bets(logs: Floats, step: int) -> Floats:
+    """Log of what each strategy multiplies its wealth by, ``(12,)``.
+
+    Args:
+        logs: of the p-values of a high novelty, a low novelty and a high misfit, ``(3,)``.
+        step: number of earlier touches; the first has no misfit.
+    """
+    each = np.log1p(-_POWERS) - _POWERS * logs[:, None]  # (3, 4)
+    misfit = each[2, :3] if step else np.zeros(3)
+    return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()
+
+
+def _correlation(scores: Floats) -> float:
+    """Mean correlation of two columns of scores ``(S, n)``, limited to [0, 0.9]."""
+    number = scores.shape[1]
+    if number < 2:
+        return 0.0
+    limited = np.clip(scores, *np.quantile(scores, [0.01, 0.99], axis=0))
+    alone = limited.var(axis=0).sum()
+    if alone <= 0.0:
+        return 0.0
+    return float(np.clip((limited.sum(axis=1).var() / alone - 1.0) / (number - 1), 0.0, 0.9))
+
+
+def _share(correlation: float, number: int) -> float:
+    """Factor by which the sum of so many earlier scores predicts the next one."""
+    return float(correlation / (1.0 + (number - 1) * correlation)) if number > 0 else 0.0
+
+
+def _ranks(number: int) -> NDArray[np.int64]:
+    """Ranks from 1 to ``number`` that are kept: dense near both ends."""
+    half = np.unique(np.geomspace(1, max(1, number // 2), _QUANTILES).round().astype(np.int64))
+    return np.unique(np.concatenate([half, number + 1 - half]))
+
+
+def _single(array: Floats) -> Floats:
+    return array.astype(np.float32).astype(np.float64)
+
+
+def _text(array: Floats) -> str:
+    return base64.b64encode(np.asarray(array, "<f4").tobytes()).decode("ascii")
+
+
+def _array(field: Mapping[str, Any]) -> Floats:
+    shape = tuple(int(n) for n in field["shape"])
+    return np.frombuffer(base64.b64decode(field["float32"]), "<f4").reshape(shape).astype(np.float64)
