@@ -14,7 +14,7 @@ from belief.naming import one_line
 from belief.problem import Action
 from planners.decider import Decision
 
-ACTION_NAMES = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}
+ACTION_NAMES: Mapping[type[Action], str] = {Confirm: "confirm", Reject: "reject", Unsure: "unsure"}
 """Names of the actions that are not probes, in records and figures."""
 _ACTIONS: Mapping[str, Action] = {"confirm": Confirm(), "reject": Reject(), "unsure": Unsure()}
 

@@ -16,7 +16,7 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import PressureRenderer
 from activetouch.world import MODELS, READER_FILE, TactileSensor
-from belief import Confirm, Probe, SearchProblem
+from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.bayes_error.limit import Limit
@@ -124,6 +124,7 @@ def _deciders() -> tuple[Case, ...]:
         "a number": 3,
         "a pose that does not exist": Decision(Probe(9)),
         "a decision on a word": Decision("confirm"),
+        "that it is unsure, which the search does not have": Decision(Unsure()),
         "a score of NaN": Decision(Confirm(), {"value": float("nan")}),
     }
     cases = {

@@ -19,12 +19,13 @@ from experiments.scene_choice import SceneChoice
 from experiments.search.compare import BadArgument, Compare
 from experiments.search.frames import replay
 from experiments.search.merge import merge
+from experiments.search.replay import Replay
 from experiments.search.report import write_report
 from experiments.search.run_folder import RunFolder, RunMismatch, Seconds
 from experiments.search.setting import Setting
 from experiments.search.terminal import terminal_table
 from experiments.sensor_choice import NoSensor
-from planners import DECIDERS
+from planners import DECIDERS, Outcome
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 SMALL = {
@@ -210,6 +211,12 @@ def test_a_composition_makes_room_for_more_objects_than_shapes():
         ({"deciders": ("threshhold",)}, "Did you mean 'threshold'"),
         ({"targets": ("cones",)}, "Did you mean 'cone'"),
         ({"deciders": ()}, "--deciders must name one"),
+        ({"setting": Setting(abstain=0.0)}, r"--abstain must be in \(0.0, 1.0\), got 0.0"),
+        ({"setting": Setting(abstain=0.02, promise=1.5)}, r"--promise must be in \[0.0, 1.0\], got 1.5"),
+        ({"setting": Setting(abstain=0.02, unsure_reward=1.0)}, r"--unsure-reward must be in .* got 1.0"),
+        ({"setting": Setting(promise=0.9)}, "--promise does nothing without --abstain"),
+        ({"setting": Setting(unsure_reward=-0.5)}, "--unsure-reward does nothing without --abstain"),
+        ({"setting": Setting(abstain=0.02), "bound": True}, "--bound is for searches without"),
         ({"episodes": -3}, r"--episodes must be in \[1, .*got -3"),
         ({"jobs": 0}, r"--jobs must be in \[1, .*got 0"),
         ({"seed": -1}, r"--seed must be in \[0, .*got -1"),
@@ -255,6 +262,22 @@ def test_a_file_that_records_no_comparison_is_no_configuration(tmp_path):
             (tmp_path / "run.json").write_text(text)
         with pytest.raises(BadArgument, match=r"--config .* is not the run\.json of"):
             Compare.from_config(tmp_path / "run.json")
+
+
+def test_abstaining_deciders_are_played_reported_replayed_and_kept_apart_from_others(tmp_path):
+    setting = Setting(SceneChoice("coarse"), abstain=0.02, unsure_reward=-0.5)
+    assert Setting.from_dict(json.loads(json.dumps(setting.to_dict()))) == setting
+    request = Compare(("random_confirm",), targets=("cone",), episodes=2, setting=setting, out=tmp_path, jobs=1)
+    comparison, page, _ = request.report()
+    assert [episode.outcome for episode in comparison.of("random_confirm")] == [Outcome.UNSURE] * 2
+    assert comparison.cells["random_confirm", "cone"].reward == -0.5
+    assert "I do not know" in page.read_text()
+    assert (tmp_path / "tables" / "abstention.csv").is_file()
+    assert (tmp_path / "figures" / "selective_risk.svg").is_file()
+    Replay(tmp_path, decider="random_confirm", target="cone", out=tmp_path / "search.png").run()
+    assert Compare.from_config(tmp_path / "run.json").setting == setting
+    with pytest.raises(RunMismatch):
+        replace(request, setting=replace(setting, abstain=None, unsure_reward=0.0)).play()
 
 
 def test_naming_something_twice_does_not_count_it_twice(finished, tmp_path):

@@ -1,9 +1,12 @@
 """``activetouch export`` writes files that read back as the search and the policy of the default planner."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from belief.errors import InvalidArgument, UnknownName
+from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.search.export import Export
 from experiments.search.setting import Setting, known_model
@@ -41,6 +44,14 @@ def test_an_exported_policy_is_the_one_that_the_default_planner_follows(tmp_path
             assert (policy.at(number, touches).alphas == vectors.alphas).all()
             belief = rng.dirichlet(np.ones(vectors.alphas.shape[1]))
             assert policy.action(number, belief, touches) == followed.action(number, belief, touches)
+
+
+def test_an_exported_search_does_not_pretend_to_have_the_answer_unsure(tmp_path):
+    with pytest.raises(BadArgument, match="--abstain is for compare"):
+        Export(target="cone", out=tmp_path / "x", setting=replace(COARSE, abstain=0.02)).run()
+    with pytest.raises(BadArgument, match="--promise does nothing"):
+        Export(target="cone", out=tmp_path / "x", setting=replace(COARSE, promise=0.9)).run()
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_unknown_target_and_a_search_that_is_too_large_are_refused(tmp_path):
