@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment development sensor independent-sensor policies figures reproduce clean
+.PHONY: search test check environment development sensor robust-sensor independent-sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
@@ -48,17 +48,17 @@ $(VENV)/ready-dev: $(VENV)/ready
 # (half an hour on two cores).
 SCENE ?= gel
 COLLECT.gel := --plan.test 0
-COLLECT.coarse := --randomised --plan.train 9000 --plan.calibration 200 --plan.test 0
-COLLECT.hard := --randomised --plan.train 1200 --plan.calibration 80 --plan.test 0
+COLLECT.coarse := --plan.train 13500 --plan.test 0
+COLLECT.hard := --plan.train 1200 --plan.calibration 100 --plan.test 0
 COLLECT.many := $(COLLECT.hard)
-COLLECT.paper := --randomised --plan.train 1800 --plan.calibration 100 --plan.test 0
+COLLECT.paper := --plan.train 3000 --plan.calibration 150 --plan.test 0
 REPEATS.gel := --plan.repeats 2 --plan.calibration 150
 REPEATS.coarse := --plan.repeats 6
 REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
-TRAIN.coarse := --change.epochs 10 --change.cell 0
-TRAIN.hard := --change.epochs 14
+TRAIN.coarse := --change.batch-size 512 --change.cell 0
+TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn
 sensor: development
@@ -66,6 +66,22 @@ sensor: development
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model ratio "rigid body" --out activetouch/models/$(SCENE)
+
+# The sensor of a scene whose reader was trained in a wider world; the observation model is of the scene itself.
+WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0
+WIDE.hard := --plan.train 1200 --plan.calibration 80 --plan.test 0
+WIDE.many := $(WIDE.hard)
+WIDE.paper := --plan.train 1800 --plan.calibration 100 --plan.test 0
+ROBUST.coarse := --change.epochs 10 --change.cell 0
+ROBUST.hard := --change.epochs 14
+ROBUST.many := $(ROBUST.hard)
+ROBUST.paper := --backbone cnn
+robust-sensor: development
+	$(BIN)/activetouch collect --scene $(SCENE) --randomised $(WIDE.$(SCENE)) --out data/$(SCENE)-wide
+	$(BIN)/activetouch train --scene $(SCENE) $(ROBUST.$(SCENE)) --data data/$(SCENE)-wide --out runs/train-$(SCENE)-robust
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
+	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(SCENE)-robust/reader.safetensors \
+		--observation-model "rigid body" --out activetouch/models/$(SCENE)-robust
 
 # The sensor of a scene that reads shapes only and takes touches as independent given the shape; the policies use it.
 MORE.gel :=

@@ -39,6 +39,7 @@ MODELS = Path(__file__).parent / "models"
 READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
 INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
 INDEPENDENT_SUFFIX = "-independent"  # of a shipped sensor that takes touches as independent given the shape
+ROBUST_SUFFIX = "-robust"  # of a shipped sensor whose reader was trained in a wider world than the scene
 POLICIES = "policies"  # folder of trained policies beside the two
 
 
@@ -277,8 +278,9 @@ class TactileSensor:
         """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
 
         Args:
-            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-independent``, for the
-                sensor that reads shapes only and takes touches as independent given the shape.
+            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-robust``, for the one
+                whose reader was trained in a wider world; or by ``-independent``, for the sensor that reads shapes only
+                and takes touches as independent given the shape.
             scene: in which to use it.
             anyway: as in :meth:`load`.
 
@@ -288,9 +290,8 @@ class TactileSensor:
         known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
         if name not in known:
             raise UnknownName("sensor", name, known)
-        return cls.load(
-            MODELS / name, scene if scene is not None else SCENES[name.removesuffix(INDEPENDENT_SUFFIX)].scene, anyway
-        )
+        of_scene = name.removesuffix(INDEPENDENT_SUFFIX).removesuffix(ROBUST_SUFFIX)
+        return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
 
     def __repr__(self) -> str:
         name = self.reader.card.backbone
