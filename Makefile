@@ -71,11 +71,9 @@ sensor: development
 WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0
 WIDE.hard := --plan.train 1200 --plan.calibration 80 --plan.test 0
 WIDE.many := $(WIDE.hard)
-WIDE.paper := --plan.train 1800 --plan.calibration 100 --plan.test 0
 ROBUST.coarse := --change.epochs 10 --change.cell 0
 ROBUST.hard := --change.epochs 14
 ROBUST.many := $(ROBUST.hard)
-ROBUST.paper := --backbone cnn
 robust-sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) --randomised $(WIDE.$(SCENE)) --out data/$(SCENE)-wide
 	$(BIN)/activetouch train --scene $(SCENE) $(ROBUST.$(SCENE)) --data data/$(SCENE)-wide --out runs/train-$(SCENE)-robust

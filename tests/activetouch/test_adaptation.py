@@ -1,0 +1,74 @@
+"""A sensor adapts to a softer pad by touches of a few objects, with and without their shapes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch import SCENES, Quasistatic, TactileSensor
+from activetouch.adaptation import GRID, StiffnessPosterior, adapted, stiffness_posterior
+from activetouch.distributions import Constant
+from belief import Touch
+from belief.errors import InvalidArgument
+from belief.touch_batch import TouchBatch
+
+STIFFNESS, NUM_OBJECTS = 0.7, 24
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return TactileSensor.shipped("coarse-robust")
+
+
+@pytest.fixture(scope="module")
+def touched(sensor):
+    """Touches of objects on a soft pad, one sequence each, and the shapes of the objects."""
+    scene = sensor.scene
+    scene = replace(
+        scene, press_model=Quasistatic(), variation=replace(scene.variation, stiffness=Constant(STIFFNESS))
+    )
+    rng = np.random.default_rng(0)
+    sequences: list[list[Touch]] = []
+    for number in range(NUM_OBJECTS):
+        thing = scene.sample_object(number % 4, rng)
+        images = np.stack([scene.press(thing, pose, rng).image for pose in range(6)])
+        sequences.append(sensor.read(images, list(range(6))))
+    return TouchBatch.of(sequences), np.arange(NUM_OBJECTS) % 4
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_touches_tell_the_stiffness(sensor, touched, known):
+    touches, shapes = touched
+    found = stiffness_posterior(sensor, touches, shapes if known else None)
+    low, high = found.interval
+    assert 0.8 * low < STIFFNESS < 1.2 * high
+    assert high / low < 1.6
+    assert low < found.mode < high
+    np.testing.assert_allclose(np.exp(found.log_probs).sum(), 1.0)
+
+
+def test_an_adapted_sensor_has_bodies_of_that_stiffness_and_keeps_the_rest(sensor, touched):
+    fitted, found = adapted(sensor, *touched)
+    assert fitted.reader is sensor.reader
+    assert fitted.model.num_hypotheses == sensor.model.num_hypotheses
+    assert 0.5 < fitted.model.temperature / sensor.model.temperature < 2.0
+    unlabelled, _ = adapted(sensor, touched[0])
+    assert unlabelled.model.temperature == sensor.model.temperature
+    assert found.interval[0] > GRID[0]
+
+
+def test_without_information_every_stiffness_stays_possible():
+    low, high = StiffnessPosterior(np.full(len(GRID), -np.log(len(GRID)))).interval
+    assert low <= GRID[0]
+    assert high >= GRID[-1]
+
+
+def test_what_cannot_adapt_is_refused(sensor, touched):
+    with pytest.raises(InvalidArgument, match="does not know stiffness"):
+        adapted(TactileSensor.shipped("coarse"), *touched)
+    with pytest.raises(InvalidArgument, match="at least one object"):
+        stiffness_posterior(sensor, touched[0].sequences(slice(0, 0)))
+
+
+def test_every_scene_is_known_to_robust_sensors():
+    assert TactileSensor.shipped("coarse-robust").scene == SCENES["coarse"].scene
