@@ -49,7 +49,7 @@ _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at
 _REFERENCES = 256  # touches kept of each pose
 _LARGEST = 1e30  # number in an embedding
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
-_TEMPERATURE_SPREAD = 0.2  # of the logarithm, before touches of another world
+_TEMPERATURE_SPREAD = 0.2  # of the prior of the log temperature: sharp images alone hardly tell it
 _FITTED_ON = 400  # objects, at most, for the temperature
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
@@ -225,13 +225,11 @@ class RigidBodyModel(ArrayModel):
     def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
         """The model with the temperature and the conflict test of touches of another world.
 
-        Few objects say little about it, so it has a prior: log-normal about the present one.
-
         Args:
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64), _TEMPERATURE_SPREAD))
+        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64)))
         order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
         order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
         rows = np.arange(len(touches))[:, None]
@@ -506,16 +504,13 @@ def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     return _best_temperature(model, touches, data.shapes[chosen[:, 0]])
 
 
-def _best_temperature(
-    model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float = np.inf
-) -> float:
-    """The temperature with the lowest mean NLL of the shape after each touch of sequences of S objects.
+def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
+    """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
 
     Args:
-        model: whose temperature the prior is about.
+        model: whose temperature the log-normal prior is about.
         touches: S sequences.
         truth: shape of each object, ``(S,)``.
-        spread: of the prior of the log temperature; infinite for none.
     """
     expected, model = np.log(model.temperature), model.at(1.0)
     weights = np.zeros((len(touches), len(model.shape_labels), model.num_hypotheses), np.float32)
@@ -526,7 +521,7 @@ def _best_temperature(
 
     def loss(log_temperature: float) -> float:
         scale = np.float32(np.exp(-log_temperature))
-        total = ((log_temperature - expected) / spread) ** 2 / (2 * len(truth))
+        total = ((log_temperature - expected) / _TEMPERATURE_SPREAD) ** 2 / (2 * len(truth))
         for some in sums:
             found = logsumexp(some * scale, axis=2)
             total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())
