@@ -24,9 +24,7 @@ def sensor():
 def touched(sensor):
     """Touches of objects on a soft pad, one sequence each, and the shapes of the objects."""
     scene = sensor.scene
-    scene = replace(
-        scene, press_model=Quasistatic(), variation=replace(scene.variation, stiffness=Constant(STIFFNESS))
-    )
+    scene = replace(scene, press_model=Quasistatic(), variation=replace(scene.variation, stiffness=Constant(STIFFNESS)))
     rng = np.random.default_rng(0)
     sequences: list[list[Touch]] = []
     for number in range(NUM_OBJECTS):
