@@ -70,7 +70,8 @@ def _differences(comparison: Comparison) -> Table:
         rows,
         "Mean differences with 95 % bootstrap intervals over pairs. p: McNemar's test (mid-p), corrected by Holm for "
         "the number of deciders. Searches needed: number of searches per decider at which this test detects a "
-        "difference of the observed size with 80 % power.",
+        "difference of the observed size with 80 % power."
+        + (" A search that ends with “I do not know” does not succeed." if comparison.is_selective else ""),
         "differences",
     )
 

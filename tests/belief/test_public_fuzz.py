@@ -183,6 +183,7 @@ CALLS = {
     "negative_log_likelihood": lambda a: metrics.negative_log_likelihood(a, SHAPES),
     "null_quantile": lambda a: metrics.null_quantile(a, metrics.brier_score, rng(), num_resamples=3),
     "reliability_curve": lambda a: metrics.reliability_curve(a, SHAPES, binning="mass"),
+    "risk_coverage": lambda a: metrics.risk_coverage(a[:, 0], a[:, 1] > 0.5, rng(), num_resamples=3),
     "shape_scores": lambda a: metrics.shape_scores(a[:3]),
     "smooth_calibration_error": lambda a: metrics.smooth_calibration_error(a, SHAPES),
     # novelty
@@ -287,14 +288,14 @@ INFINITE = {"negative_log_likelihood", "calibration_report"}  # +inf where a lab
 
 
 def is_made_by_others(kind):
-    """Records without methods, protocols, abstract classes and exceptions; two reports that functions return."""
+    """Records without methods, protocols, abstract classes and exceptions; three reports that functions return."""
     methods = [n for n, member in vars(kind).items() if not n.startswith("_") and inspect.isroutine(member)]
     return (
         issubclass(kind, Exception)
         or inspect.isabstract(kind)
         or getattr(kind, "_is_protocol", False)
         or (is_dataclass(kind) and not hasattr(kind, "__post_init__") and not methods)
-        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve)
+        or kind in (metrics.CalibrationReport, metrics.ReliabilityCurve, metrics.RiskCoverage)
     )
 
 
