@@ -148,7 +148,8 @@ def _draw_selective_risk(axes: Axes, comparison: Comparison, ranking: str) -> No
             curve = found.curves[ranking]
             axes.plot(curve.coverage, curve.risk, color=_colour(comparison.deciders.index(name)))
     axes.set(xlabel=f"coverage, by {ranking}", ylabel="fraction of wrong answers", xlim=(0, 1.02))
-    axes.set_ylim(0, max(axes.get_ylim()[1], 0.01))
+    top = max(axes.get_ylim()[1], 0.01)
+    axes.set_ylim(-0.03 * top, top)  # a curve at zero is not hidden by the axis
 
 
 def _reference_lines(line: Callable[..., object], comparison: Comparison) -> None:
