@@ -17,7 +17,7 @@ search: environment
 	$(BIN)/activetouch compare $(ARGS)
 
 test: check
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: development
 	$(BIN)/ruff check .
@@ -26,7 +26,7 @@ check: development
 	$(BIN)/lint-imports
 
 # What searches need, and what training and tests need beside it, in the same folder. Without --no-compile, pip writes
-# 100 MB of bytecode, most of it never used; the first start writes what is.
+# 100 MB of bytecode (with training, a minute and a half more), most of it never used; the first start writes what is.
 environment: $(VENV)/ready
 development: $(VENV)/ready-dev
 
@@ -41,7 +41,7 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/ready-dev: $(VENV)/ready
-	$(INSTALL) ".[dev]"
+	$(INSTALL) ".[dev]" --no-compile
 	@touch $@
 
 # The shipped sensor of a scene from nothing: touches, reader, observation model; make sensor SCENE=coarse for another

@@ -45,7 +45,7 @@ def activetouch(tmp_path):
 @pytest.mark.parametrize("jobs", ["2"])
 def test_searches_need_no_training_stack(activetouch, jobs, tmp_path):
     deciders = ("point_based", "information_gain", "threshold", "ppo", "random_confirm")
-    words = ("--episodes", "2", "--jobs", jobs, "--sensor", "gel-independent", "--out", "run")
+    words = ("--episodes", "2", "--jobs", jobs, "--sensor", "gel-independent", "--targets", "cone", "--out", "run")
     done = activetouch("compare", *words, "--deciders", *deciders)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run" / "report.html").stat().st_size > 10_000

@@ -34,9 +34,9 @@ def test_too_few_touches_and_unknown_scenes_are_refused(tmp_path):
 def small(name, folder, jobs):
     return Limit(
         SceneChoice(name),
-        touches=48,
-        bayes=SimulatedBayes(bank=2000, checked=1000),
-        ambiguity=AmbiguitySearch(pairs=2, bank=1000, starts=1),
+        touches=24,
+        bayes=SimulatedBayes(bank=400, checked=200),
+        ambiguity=AmbiguitySearch(pairs=1, bank=300, starts=1),
         out=folder,
         jobs=jobs,
     )
@@ -52,7 +52,7 @@ def test_the_findings_are_written_whatever_the_number_of_workers(name, tmp_path)
     first, second = ((tmp_path / jobs / "limit.json").read_text() for jobs in "12")
     assert first == second
     numbers = json.loads(first)
-    assert (numbers["scene"], numbers["num_touches"]) == (name, 48)
+    assert (numbers["scene"], numbers["num_touches"]) == (name, 24)
     assert 0.0 < numbers["classifier"]["value"] <= 1.0
     assert f"{numbers['classifier']['value']:.4f}" in (tmp_path / "1" / "limit.md").read_text()
     figures = {path.name for path in (tmp_path / "1").iterdir()} - {"limit.json", "limit.md"}

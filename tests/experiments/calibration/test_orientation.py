@@ -29,24 +29,24 @@ def embedding(rotations, symmetric):
     return np.stack(found)
 
 
-def touched(rng, symmetric, noise=NOISE):
+def touched(rng, symmetric, noise=NOISE, objects=OBJECTS):
     """Objects of one shape in random orientations, touched once in every pose, and their model."""
-    rests = np.stack([random_orientation(rng) for _ in range(OBJECTS)])
+    rests = np.stack([random_orientation(rng) for _ in range(objects)])
     true = embedding(to_matrices(rests), symmetric)[:, :, :-1]
     seen = true + noise * rng.normal(size=true.shape)
-    features = np.concatenate([seen, np.ones((P, OBJECTS, 1))], axis=2) / NOISE**2
+    features = np.concatenate([seen, np.ones((P, objects, 1))], axis=2) / NOISE**2
     features = features.swapaxes(0, 1)[:, None]
     table = embedding(to_matrices(quaternions(N)), symmetric)[:, None].astype(np.float32)
     depth = table.shape[-1]
     model = RigidBodyModel(("body",), table, N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)))
     rounds = Rounds(
-        np.zeros((OBJECTS, 1, P, 1)), np.zeros(OBJECTS, int), features, rests, rng.uniform(0.9, 1.1, OBJECTS)
+        np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features, rests, rng.uniform(0.9, 1.1, objects)
     )
     return model, rounds
 
 
-def all_tests(rng, symmetric=False, noise=NOISE):
-    model, rounds = touched(rng, symmetric, noise)
+def all_tests(rng, symmetric=False, noise=NOISE, objects=OBJECTS):
+    model, rounds = touched(rng, symmetric, noise, objects)
     sizes = np.random.default_rng(1).uniform(0.9, 1.1, N)
     return rank_tests(model, quaternions(N), sizes, [rounds], rng)
 
@@ -71,11 +71,11 @@ def test_a_posterior_that_is_too_narrow_or_too_wide_fails_with_that_spread(noise
 
 
 def test_ranks_follow_from_the_generator():
-    first, second = (all_tests(np.random.default_rng(3)) for _ in range(2))
+    first, second = (all_tests(np.random.default_rng(3), objects=20) for _ in range(2))
     assert first == second
 
 
 def test_a_touch_without_its_embedding_is_refused(rng):
-    model, rounds = touched(rng, symmetric=False)
+    model, rounds = touched(rng, symmetric=False, objects=1)
     with pytest.raises(ValueError, match="embedding"):
         model.log_weights(TouchBatch(np.zeros((1, 1), int), rounds.logits[:1, 0, :1]))

@@ -284,11 +284,11 @@ def test_common_learners_train_on_the_environment(name, sharp):
     policy = "MlpLstmPolicy" if name == "RecurrentPPO" else "MlpPolicy"
     for wrapper in (lambda env: env, PosteriorState):
         env = wrapper(ObjectTestEnv(touches=SampledTouches(sharp, POSES), target="shape_0"))
-        settings = {"learning_starts": 100} if name == "DQN" else {"n_steps": 256, "n_epochs": 2}
+        settings = {"learning_starts": 100} if name == "DQN" else {"n_steps": 128, "n_epochs": 2}
         learner = kind(policy, env, seed=0, device="cpu", **settings)
         learner.set_logger(Logger(folder=None, output_formats=[]))  # its own makes a folder among temporary files
-        learner.learn(2048)
-        assert learner.num_timesteps >= 2048
+        learner.learn(256)
+        assert learner.num_timesteps >= 256
         action, _ = learner.predict(env.reset(seed=0)[0], deterministic=True)
         assert env.action_space.contains(int(action))
 
