@@ -1,6 +1,7 @@
 """Laws that every decider in the table obeys in the one search loop, on a world sampled from the model."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -33,11 +34,18 @@ def play(name, model, problem, seeds, target=0):
     return search_lockstep(worlds, decider, problem, [target] * len(worlds), model, [(s,) for s in seeds])
 
 
+@cache
+def played(name, composition=Composition.DISTINCT):
+    """Fifteen episodes in the world of the fixture ``model``, with seeds 0 to 14."""
+    model = random_model(np.random.default_rng(0))
+    return play(name, model, problem_for(model, composition), range(15))
+
+
 @every_decider
 @every_composition
 def test_every_search_ends_and_its_steps_add_up(name, composition, model):
     problem = problem_for(model, composition)
-    for episode in play(name, model, problem, range(40)):
+    for episode in played(name, composition):
         *earlier, last = episode.steps
         rejected = sum(isinstance(step.decision.action, Reject) for step in episode.steps)
         assert not any(isinstance(step.decision.action, Confirm) for step in earlier)
@@ -51,22 +59,19 @@ def test_every_search_ends_and_its_steps_add_up(name, composition, model):
 
 @every_decider
 def test_the_same_seed_gives_the_same_episode(name, model):
-    problem = problem_for(model)
-    first, second = (play(name, model, problem, range(10)) for _ in range(2))
-    assert [e.to_dict() for e in first] == [e.to_dict() for e in second]
+    again = play(name, model, problem_for(model), range(15))
+    assert [e.to_dict() for e in again] == [e.to_dict() for e in played(name)]
 
 
 @every_decider
 def test_lockstep_gives_the_episodes_of_one_at_a_time(name, model):
-    problem = problem_for(model)
-    together = play(name, model, problem, range(10))
-    alone = [play(name, model, problem, [seed])[0] for seed in range(10)]
-    assert [e.to_dict() for e in together] == [e.to_dict() for e in alone]
+    alone = [play(name, model, problem_for(model), [seed])[0] for seed in range(10)]
+    assert [e.to_dict() for e in alone] == [e.to_dict() for e in played(name)[:10]]
 
 
 @every_decider
 def test_an_episode_survives_json(name, model):
-    for episode in play(name, model, problem_for(model), range(5)):
+    for episode in played(name)[:5]:
         text = json.dumps(episode.to_dict())
         copy = Episode.from_dict(json.loads(text), model.shape_labels)
         assert copy.num_touches == episode.num_touches
@@ -76,11 +81,10 @@ def test_an_episode_survives_json(name, model):
             np.testing.assert_allclose(one.belief.probs, other.belief.probs, atol=1e-15)
 
 
-def test_the_same_touch_of_the_same_episode_feels_the_same_to_every_decider(model):
-    problem = problem_for(model)
+def test_the_same_touch_of_the_same_episode_feels_the_same_to_every_decider():
     felt = {}
     for name in UNTRAINED:
-        for episode in play(name, model, problem, range(30)):
+        for episode in played(name):
             uses = {}
             for step in episode.steps:
                 if isinstance(step.decision.action, Probe):
