@@ -10,7 +10,7 @@ from belief.statistics import wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import make_decider, search_lockstep
 
-NUM_EPISODES = 300
+NUM_EPISODES = 100
 NAMES = ("random_confirm", "threshold", "fixed_poses", "information_gain", "value_of_information", "point_based")
 
 model = random_model(np.random.default_rng(0), num_shapes=4, num_poses=6, sharpness=4.5)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import runpy
 import shutil
 import subprocess
 import sys
@@ -9,26 +10,29 @@ from pathlib import Path
 
 import pytest
 
+from experiments.cli import main
+
 ROOT = Path(__file__).parent.parent
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch, pytest.mark.slow]
 
 
 @pytest.fixture
-def activetouch(tmp_path):
-    """Runs a command in a folder that holds nothing but one of the examples."""
+def activetouch(tmp_path, monkeypatch, capfd):
+    """Runs a command in a folder that holds nothing but one of the examples; returns what it prints."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    used = []
 
     def run(example, *words):
         shutil.copy(ROOT / "examples" / f"{example}.py", tmp_path)
-        return subprocess.run(
-            [sys.executable, "-m", "experiments.cli", *words],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        used.append(example)
+        monkeypatch.setattr(sys, "argv", ["activetouch", *words])
+        main()
+        return capfd.readouterr()
 
-    return run
+    yield run
+    for example in used:
+        sys.modules.pop(example, None)
 
 
 def episodes(folder):
@@ -38,9 +42,19 @@ def episodes(folder):
 SHORT = ("--targets", "cube", "--episodes", "1", "--jobs", "1", "--out", "run")
 
 
-def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activetouch, tmp_path):
+def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(tmp_path):
     name = "own_decider:EveryPose(poses=2, confirm=0.99)"
-    activetouch("own_decider", "compare", "--scene", "coarse", "--deciders", name, "random_confirm", *SHORT)
+    shutil.copy(ROOT / "examples" / "own_decider.py", tmp_path)
+    subprocess.run(
+        [
+            *(sys.executable, "-m", "experiments.cli", "compare", "--scene", "coarse"),
+            *("--deciders", name, "random_confirm", *SHORT),
+        ],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        check=True,
+    )
     found = episodes(tmp_path / "run")
     assert [line["decider"] for line in found] == [name, "random_confirm"]
     assert found[0]["steps"][0]["action"] != found[1]["steps"][0]["action"]  # it probes, the other does not
@@ -54,7 +68,7 @@ def test_the_example_of_a_scene_is_touched_and_compared_with_a_sensor_of_another
     told = activetouch(
         "own_scene", "compare", "--scene", scene, "--sensor", "gel", "--deciders", "random_confirm", *SHORT
     )
-    assert "variation.force.low is 2.5" in told.stderr
+    assert "variation.force.low is 2.5" in told.err
     assert len(episodes(tmp_path / "run")[0]["arrangement"]) == 3
 
 
@@ -66,16 +80,10 @@ def test_the_example_of_a_renderer_is_touched_and_compared(activetouch, tmp_path
         *("own_renderer", "compare", "--renderer", renderer, "--sensor", "gel", "--anyway"),
         *("--deciders", "fixed_poses(max_touches=1)", *SHORT),
     )
-    assert "renderer is own_renderer.Outline" in told.stderr
+    assert "renderer is own_renderer.Outline" in told.err
     assert len(episodes(tmp_path / "run")) == 1
 
 
 @pytest.mark.parametrize("example", ["own_decider", "own_renderer"])
 def test_the_examples_check_the_contract_that_they_keep(example):
-    subprocess.run(
-        [sys.executable, f"{example}.py"],
-        cwd=ROOT / "examples",
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-    )
+    runpy.run_path(str(ROOT / "examples" / f"{example}.py"), run_name="__main__")

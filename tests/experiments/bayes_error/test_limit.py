@@ -33,9 +33,9 @@ def test_too_few_touches_and_unknown_scenes_are_refused(tmp_path):
 
 def small(name, folder, jobs):
     return Limit(
-        SceneChoice(name),
+        SceneChoice(name, fidelity="quasistatic"),
         touches=24,
-        bayes=SimulatedBayes(bank=400, checked=200),
+        bayes=SimulatedBayes(bank=1000, checked=1000),
         ambiguity=AmbiguitySearch(pairs=1, bank=300, starts=1),
         out=folder,
         jobs=jobs,

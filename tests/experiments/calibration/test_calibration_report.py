@@ -277,7 +277,10 @@ def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path)
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
-def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(collection, tmp_path):
+def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(
+    collection, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("experiments.calibration.touches.NULL_RESAMPLES", 5)
     CalibrationReport(data=collection, sensor=Path("coarse"), out=tmp_path, resamples=5, jobs=1, anyway=True).run()
     numbers = json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}
