@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
-from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.hypothesis_table import Bodies, HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.world import READER_FILE
 from belief.errors import ActiveTouchError
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from experiments.reporting.page import Section
 
 
-Hypotheses: TypeAlias = Callable[[int], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Hypotheses: TypeAlias = Callable[[int], Bodies]
 """Orientations at rest ``(N, 4)`` and sizes ``(N,)`` of N hypotheses."""
 
 

@@ -17,10 +17,11 @@ def abstention_table(comparison: Comparison) -> Table:
         achieved: tuple[Value, Value] = (
             (None, None) if found.achieved is None else (found.achieved[0], found.achieved[1:])
         )
+        unsure: tuple[Value, ...] = (found.unsure[0], found.unsure[1:], *found.reasons.values())
         rows.append(
             (
                 *(name, found.num_episodes, comparison.cells[name, ALL].success, found.wrong[0], found.wrong[1:]),
-                *(found.unsure[0], found.unsure[1:], *found.reasons.values()),
+                *unsure,
                 *(found.num_answered, found.stated, *achieved),
             )
         )

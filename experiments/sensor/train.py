@@ -225,7 +225,7 @@ def card_for(
     )
 
 
-def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, float]:
+def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, Any]:
     """How to standardise log stiffness; nothing where all touches have the same, or it is not known."""
     if np.isnan(stiffnesses).any() or np.ptp(stiffnesses) == 0.0:
         return {}
