@@ -1,4 +1,4 @@
-"""Conditions of ``robustness``: changes to the world that a sensor was trained in, one at a time.
+"""Conditions of ``robustness``: changes to the world that a sensor was trained in.
 
 To add a condition, write a line in :data:`CONDITIONS`.
 """
@@ -72,6 +72,37 @@ def _sized(low: float, high: float) -> Change:
     return changed
 
 
+def _together(*changes: Change) -> Change:
+    """All of several changes that apply."""
+
+    def changed(scene: Scene) -> Scene:
+        reasons = []
+        for change in changes:
+            try:
+                scene = change(scene)
+            except DoesNotApply as reason:
+                reasons.append(reason)
+        if len(reasons) == len(changes):
+            raise reasons[0]
+        return scene
+
+    return changed
+
+
+def _pressed(share: float) -> Change:
+    """A range of forces that is wider on both sides by a share of its ends."""
+
+    def changed(scene: Scene) -> Scene:
+        lowest, highest = scene.variation.force.support
+        return _varied(force=Uniform(lowest * (1.0 - share), highest * (1.0 + share)))(scene)
+
+    return changed
+
+
+def _noisier(factor: float) -> Change:
+    return _every(Noise, lambda noise: replace(noise, std=factor * noise.std))
+
+
 def _rubbing(scene: Scene) -> Scene:
     if not scene.press_model.moves:
         raise DoesNotApply("nothing slides in a quasistatic press")
@@ -85,28 +116,37 @@ def _with(name: str, part: Any) -> Change:
 
 CONDITIONS: Mapping[str, Change] = MappingProxyType(
     {
-        "noise × 2": _every(Noise, lambda noise: replace(noise, std=2 * noise.std)),
-        "noise × 4": _every(Noise, lambda noise: replace(noise, std=4 * noise.std)),
+        **{f"noise × {factor:g}": _noisier(factor) for factor in (1.5, 2, 3, 4, 6)},
         "gain ± 30 %": _every(Gain, lambda gain: replace(gain, half_range=0.3)),
         "1 % more dead": _dead(0.01),
         "5 % more dead": _dead(0.05),
+        "19 % more dead": _dead(3 / 16),
         "4 bits": _faulty(lambda faults: (*faults, Quantisation(4))),
         "hysteresis 5 %": _faulty(lambda faults: (Hysteresis(0.05), *faults)),
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
         "friction 0.3 to 1": _rubbing,
+        "stiffness × 0.4": _varied(stiffness=Constant(0.4)),
         "stiffness × 0.7": _varied(stiffness=Constant(0.7)),
         "stiffness × 1.5": _varied(stiffness=Constant(1.5)),
         "stiffness × 0.5 to 2": _varied(stiffness=LogUniform(0.5, 2.0)),
         "offset ± 4 mm": _varied(offset=Uniform(-0.004, 0.004)),
+        "force 0.3 to 1 N": _varied(force=Uniform(0.3, 1.0)),
         "force 0.5 to 1.5 N": _varied(force=Uniform(0.5, 1.5)),
         "force 1 to 4 N": _varied(force=Uniform(1.0, 4.0)),
         "force 3 to 6 N": _varied(force=Uniform(3.0, 6.0)),
         **{f"press {name}": _with("press_model", press) for name, press in FIDELITIES.items()},
         **{f"objects {name}": _with("presentation", presentation) for name, presentation in PRESENTATIONS.items()},
+        "all of these": _together(
+            _noisier(1.5),
+            _dead(3 / 16),
+            _varied(stiffness=Constant(0.7), size=Uniform(0.75, 1.25)),
+            _pressed(0.3),
+        ),
         "all taxels dead": _dead(1.0),
     }
 )
-"""Change of a scene by name. Sizes are relative to the nominal size. The last condition is the lower bound: a sensor
-without information."""
+"""Change of a scene by name. Sizes are relative to the nominal size. "All of these" are noise × 1.5, 19 % more dead,
+stiffness × 0.7, size ± 25 % and forces from 0.7 times the least to 1.3 times the largest, as far as they apply. The
+last condition is the lower bound: a sensor without information."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from experiments.reporting.style import PALETTE, figure
 from experiments.reporting.tables import Table, Value, interval
+from experiments.robustness.conflict import FALSE_ALARMS, STREAM
 from experiments.robustness.searches import CONFIDENCE
 from experiments.robustness.shifted_touches import AS_TRAINED
 
@@ -41,6 +42,8 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
         Table(f"{name}: accuracy in other conditions than trained ({of})", headings, rows),
         _stops_table(numbers),
     ]
+    if any(own["conflict"] for own in numbers["conditions"][AS_TRAINED]["models"].values()):
+        found.append(_conflict_table(numbers))
     if "searches" in numbers["conditions"][AS_TRAINED]["models"][models[0]]:
         found.append(_searches_table(numbers))
         if "unsure" in numbers["conditions"][AS_TRAINED]["models"][models[0]]["searches"]:
@@ -58,6 +61,7 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
         ]
         columns = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
         found.append(Table(f"{name}: AUROC of unseen against known shapes ({of})", columns, unseen))
+        found.append(_strangers_table(numbers))
     if numbers["left_out"]:
         found.append(Table("left out", ("condition", ("because", "")), list(numbers["left_out"].items())))
     return found
@@ -104,6 +108,54 @@ def _stops_table(numbers: Mapping[str, Any]) -> Table:
         "all touches fused",
         lambda own: ((own["fused_accuracy"], *own["fused_interval"]), own["stops"]),
     )
+
+
+def _conflict_table(numbers: Mapping[str, Any]) -> Table:
+    """How often the conflict test fires in every condition, and what is stated and right where it does not."""
+    models = [name for name, own in numbers["conditions"][AS_TRAINED]["models"].items() if own["conflict"]]
+    columns: list[Sequence[str]] = ["condition"]
+    for model in models:
+        columns += [(f"{model}: streams that fire", ""), ("touches until then", ".1f")]
+        columns += [("stated in the others", ".3f"), ("achieved", ".3f")]
+    rows: list[tuple[Value, ...]] = []
+    for condition, row in numbers["conditions"].items():
+        cells: list[Value] = []
+        for model in models:
+            found = row["models"][model]["conflict"]
+            quiet = found["quiet"] or {"stated": None, "achieved": None}
+            cells += [None if found["fired"] is None else interval(*found["fired"]), found["touches"]]
+            cells += [quiet["stated"], quiet["achieved"]]
+        rows.append((condition, *cells))
+    streams = numbers["conditions"][AS_TRAINED]["models"][models[0]]["conflict"]["streams"]
+    return Table(
+        f"{numbers['scene']}: streams of {STREAM} touches in which the conflict test fires ({streams} streams)",
+        columns,
+        rows,
+        f"Its stated rate of false alarms is {FALSE_ALARMS:g}. Stated and achieved are those at the stops of the other "
+        "streams.",
+    )
+
+
+def _strangers_table(numbers: Mapping[str, Any]) -> Table:
+    """AUROC of strangers by score and number of touches, and how often the conflict test fires."""
+    after = next(iter(numbers["unseen"].values()))["after"]
+    last = list(after)[-1]
+    scores = list(after[last]["auroc"])
+    columns: list[Sequence[str]] = ["unseen shape"]
+    columns += [(f"{score}, {number} touches", ".3f") for score in scores for number in after]
+    columns += [(f"alarms, {last} touches", "")]
+    rows: list[tuple[Value, ...]] = []
+    for label, row in numbers["unseen"].items():
+        values = [row["after"][number]["auroc"][score][0] for score in scores for number in after]
+        found = row["after"][last]["alarms"]
+        rows.append((label, *values, None if found is None else interval(*found)))
+    wrong = after[last]["false_alarms"]
+    note = (
+        ""
+        if wrong is None
+        else f"The test fires for {interval(*wrong)} of the known objects, at most {FALSE_ALARMS:g} stated."
+    )
+    return Table(f"{numbers['scene']}: AUROC of strangers after several touches of an object", columns, rows, note)
 
 
 def _searches_table(numbers: Mapping[str, Any]) -> Table:

@@ -30,6 +30,7 @@ from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, S
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.robustness.conditions import CONDITIONS
+from experiments.robustness.conflict import AFTER, alarms, log_bets, log_e_values, stranger_scores, stream_scores
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
@@ -197,7 +198,8 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
     Returns:
         ``nll`` and ``ece`` of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial
         interval; ``stops``: their ``number``, mean number of ``touches``, mean ``stated`` confidence, and ``achieved``
-        accuracy with its ``interval``.
+        accuracy with its ``interval``; ``conflict``: :func:`~experiments.robustness.conflict.stream_scores`, None for
+        a model without a conflict test.
     """
     num_objects, num_poses, _ = outputs.logits.shape
     probs, labels = np.exp(log_posteriors(model, outputs.singles())), outputs.shapes.repeat(num_poses)
@@ -208,12 +210,14 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
     by_number = touches.log_posteriors(model)
     num_found = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
     stopped = stops(by_number, outputs.shapes, CONFIDENCE)
+    wealth = log_bets(model, touches.batch)
     return {
         "nll": negative_log_likelihood(probs, labels),
         "ece": expected_calibration_error(probs, labels),
         "fused_accuracy": num_found / num_objects,
         "fused_interval": clopper_pearson_interval(num_found, num_objects),
         "stops": confidence_at_stops(stopped.claims, stopped.correct, stopped.num_touches),
+        "conflict": None if wealth is None else stream_scores(wealth, stopped, seed),
     }
 
 
@@ -235,8 +239,10 @@ def out_of_distribution(
 
     Returns:
         Per shape ``num_objects``; ``auroc`` by score, of touches and of means over an object's touches, each with its
-        95 % interval; ``taken_for``, the most frequently predicted known shape, and its ``share``; ``confidence``, the
-        mean calibrated probability of the predicted shapes.
+        95 % interval; ``after``: by number of touches, AUROC of objects by score, that of ``conflict`` for a model with
+        a conflict test only, and the fraction of known objects and of strangers for which the test fires as
+        ``false_alarms`` and ``alarms``; ``taken_for``, the most frequently predicted known shape, and its ``share``;
+        ``confidence``, the mean calibrated probability of the predicted shapes.
     """
     mahalanobis = MahalanobisScore.fit(np.concatenate(fit.features), fit.shapes.repeat(fit.features.shape[1]))
     scores = {
@@ -246,6 +252,15 @@ def out_of_distribution(
             for outputs in (known, novel)
         ],
     }
+    num_poses, tests = known.logits.shape[1], {}
+    for place, outputs in enumerate((known, novel)):
+        order = np.tile(np.arange(num_poses), (len(outputs.shapes), 1))
+        wealth = log_bets(model, outputs.sequences(np.random.default_rng(place).permuted(order, axis=1)))
+        if wealth is not None:
+            tests[place] = log_e_values(wealth)
+    if tests:
+        scores["conflict"] = [tests[0], tests[1]]
+    counts_of_touches = [number for number in AFTER if number <= num_poses]
     taken = novel.logits.argmax(axis=2)
     confidence = np.exp(log_posteriors(model, novel.singles())).max(axis=1).reshape(taken.shape)
     every = {label: novel.shapes == k for k, label in enumerate(novel_labels)} | {"all": novel.shapes >= 0}
@@ -260,6 +275,19 @@ def out_of_distribution(
                     "object": auroc_interval(old.mean(axis=1), new[rows].mean(axis=1)),
                 }
                 for name, (old, new) in scores.items()
+                if name != "conflict"
+            },
+            "after": {
+                str(number): {
+                    "auroc": stranger_scores(
+                        {name: old for name, (old, _) in scores.items()},
+                        {name: new[rows] for name, (_, new) in scores.items()},
+                        number,
+                    ),
+                    "false_alarms": alarms(tests[0], number) if tests else None,
+                    "alarms": alarms(tests[1][rows], number) if tests else None,
+                }
+                for number in counts_of_touches
             },
             "taken_for": model.shape_labels[int(counts.argmax())],
             "share": float(counts.max() / counts.sum()),

@@ -1,0 +1,122 @@
+"""How often the conflict test of a sensor fires, and how it tells strangers from known shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.conflict import log_conflict
+from belief.observation_model import ArrayModel
+from belief.observation_model.evidence import start
+from belief.out_of_distribution import auroc_interval
+from belief.statistics import clopper_pearson_interval
+from belief.touch_batch import TouchBatch
+from experiments.calibration.sequences import Stops
+from experiments.robustness.searches import confidence_at_stops
+
+Floats = NDArray[np.float64]
+STREAM = 25
+"""Touches of a stream."""
+FALSE_ALARMS = 0.02
+"""Stated false-alarm rate of the test."""
+AFTER = (1, 3, 6)
+"""Numbers of touches of an object after which strangers are told from known shapes."""
+
+
+def log_bets(model: ArrayModel, touches: TouchBatch) -> Floats | None:
+    """Log wealth of each strategy after each touch of S objects, ``(S, n, J)``; None for a model without a test."""
+    if start(model).log_bets is None:
+        return None
+    found = []
+    for row in range(len(touches)):
+        evidence, wealth = start(model), []
+        for touch in touches.sequence(row):
+            evidence = evidence.update(touch)
+            wealth.append(evidence.log_bets)
+        found.append(wealth)
+    return np.asarray(found, np.float64)
+
+
+def stream_scores(wealth: Floats, stopped: Stops, seed: int) -> dict[str, Any]:
+    """How often the test fires in streams of touches, and what is stated and right where it does not.
+
+    A stream touches objects in random order, each until its stop, or in all poses, and ends with the object that brings
+    it to :data:`STREAM` touches. No object is in two streams. Objects that are left over are dropped.
+
+    Args:
+        wealth: from :func:`log_bets`, ``(S, n, J)``.
+        stopped: stops of the same sequences.
+        seed: of the order of objects.
+
+    Returns:
+        ``streams``; ``fired``: the fraction in which the test fired, with its 95 % interval; ``touches``: mean number
+        before it did; ``quiet``: stops in the other streams (see
+        :func:`~experiments.robustness.searches.confidence_at_stops`).
+    """
+    threshold = np.log(1.0 / FALSE_ALARMS)
+    lengths = np.full(len(wealth), wealth.shape[1])
+    lengths[stopped.sequences] = stopped.num_touches
+    position = {int(row): place for place, row in enumerate(stopped.sequences)}
+    until: list[int] = []
+    quiet: list[int] = []
+    streams, done, members, fired_at = 0, [], [], 0
+    touches = 0
+    for row in np.random.default_rng(seed).permutation(len(wealth)).tolist():
+        for step in range(int(lengths[row])):
+            touches += 1
+            if not fired_at and log_conflict([*done, wealth[row, step]]) > threshold:
+                fired_at = touches
+        done.append(wealth[row, lengths[row] - 1])
+        members.append(row)
+        if touches < STREAM:
+            continue
+        streams += 1
+        if fired_at:
+            until.append(fired_at)
+        else:
+            quiet += [position[member] for member in members if member in position]
+        done, members, fired_at, touches = [], [], 0, 0
+    return {
+        "streams": streams,
+        "fired": [len(until) / streams, *clopper_pearson_interval(len(until), streams)] if streams else None,
+        "touches": float(np.mean(until)) if until else None,
+        "quiet": confidence_at_stops(stopped.claims[quiet], stopped.correct[quiet], stopped.num_touches[quiet]),
+    }
+
+
+def stranger_scores(known: Mapping[str, Floats], novel: Mapping[str, Floats], after: int) -> dict[str, list[float]]:
+    """AUROC of scores of an object after some touches, each with its 95 % interval.
+
+    Args:
+        known: log e-values of known objects after each touch as ``conflict``, scores of touches by other names, whose
+            mean is taken, ``(S, n)`` each.
+        novel: of strangers.
+        after: number of touches.
+    """
+    found = {}
+    for name, scores in known.items():
+        pair = [
+            some[:, after - 1] if name == "conflict" else some[:, :after].mean(axis=1) for some in (scores, novel[name])
+        ]
+        found[name] = list(auroc_interval(*pair))
+    return found
+
+
+def alarms(log_e_values: Floats, after: int) -> list[float]:
+    """Fraction of objects whose e-value ever exceeded 1 / :data:`FALSE_ALARMS` within some touches, with its interval.
+
+    Args:
+        log_e_values: after each touch, ``(S, n)``.
+        after: number of touches.
+    """
+    fired = int((log_e_values[:, :after] > np.log(1.0 / FALSE_ALARMS)).any(axis=1).sum())
+    return [fired / len(log_e_values), *clopper_pearson_interval(fired, len(log_e_values))]
+
+
+def log_e_values(wealth: Floats) -> Floats:
+    """Log e-value of each object after each touch, ``(S, n)``, from the wealth of each strategy."""
+    largest = wealth.max(axis=2)
+    return np.asarray(largest + np.log(np.exp(wealth - largest[..., None]).mean(axis=2)))
