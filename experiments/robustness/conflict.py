@@ -62,8 +62,9 @@ def stream_scores(wealth: Floats, stopped: Stops, seed: int) -> dict[str, Any]:
     position = {int(row): place for place, row in enumerate(stopped.sequences)}
     until: list[int] = []
     quiet: list[int] = []
-    streams, done, members, fired_at = 0, [], [], 0
-    touches = 0
+    done: list[Floats] = []
+    members: list[int] = []
+    streams = touches = fired_at = 0
     for row in np.random.default_rng(seed).permutation(len(wealth)).tolist():
         for step in range(int(lengths[row])):
             touches += 1
@@ -98,10 +99,10 @@ def stranger_scores(known: Mapping[str, Floats], novel: Mapping[str, Floats], af
     """
     found = {}
     for name, scores in known.items():
-        pair = [
+        old, new = (
             some[:, after - 1] if name == "conflict" else some[:, :after].mean(axis=1) for some in (scores, novel[name])
-        ]
-        found[name] = list(auroc_interval(*pair))
+        )
+        found[name] = list(auroc_interval(old, new))
     return found
 
 

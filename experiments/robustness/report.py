@@ -142,8 +142,8 @@ def _strangers_table(numbers: Mapping[str, Any]) -> Table:
     last = list(after)[-1]
     scores = list(after[last]["auroc"])
     columns: list[Sequence[str]] = ["unseen shape"]
-    columns += [(f"{score}, {number} touches", ".3f") for score in scores for number in after]
-    columns += [(f"alarms, {last} touches", "")]
+    columns += [(f"{score}, after {number}", ".3f") for score in scores for number in after]
+    columns += [(f"alarms, after {last}", "")]
     rows: list[tuple[Value, ...]] = []
     for label, row in numbers["unseen"].items():
         values = [row["after"][number]["auroc"][score][0] for score in scores for number in after]
