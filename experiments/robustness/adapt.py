@@ -19,11 +19,11 @@ from belief.files import require_writable
 from belief.metrics import negative_log_likelihood
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import wilson_interval
-from experiments.command_line.arguments import Count, CountOrNone, Jobs, NotEmpty, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, CountOrNone, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.reporting.tables import Table, interval
-from experiments.robustness.conditions import CONDITIONS
+from experiments.robustness.conditions import CONDITIONS, DoesNotApply
 from experiments.robustness.searches import search_scores
 from experiments.robustness.shifted_touches import ClassifierOutputs, ShiftedScene, measure_touches
 from experiments.scene_choice import SceneChoice, in_file_names
@@ -102,12 +102,18 @@ class Adapt:
 
         Raises:
             UnknownName: there is no such condition.
+            BadArgument: it does not apply to the scene.
         """
         if self.condition is None:
             return self.choice.named.scene
         if self.condition not in CONDITIONS:
             raise UnknownName("condition", self.condition, list(CONDITIONS))
-        return CONDITIONS[self.condition](self.choice.named.scene)
+        try:
+            return CONDITIONS[self.condition](self.choice.named.scene)
+        except DoesNotApply as reason:
+            raise BadArgument(
+                f"--condition {self.condition!r} does not apply to {self.choice.scene}: {reason}"
+            ) from None
 
 
 def _first(touched: ClassifierOutputs, number: int) -> tuple[Any, Any]:
