@@ -143,7 +143,9 @@ class Manifest:
         plan = {f"plan.{name}": value for name, value in asdict(self.plan).items()}
         words = ["activetouch", "collect"]
         for name, value in {**choice, **plan, "out": folder}.items():
-            if value is not None and value != []:
+            if value is True:
+                words.append(f"--{name}")
+            elif value is not None and value is not False and value != []:
                 words += [f"--{name}", *map(str, value if isinstance(value, list) else [value])]
         return shlex.join(words)
 

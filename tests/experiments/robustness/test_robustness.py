@@ -185,8 +185,8 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
         assert found["touches"] > 0
         numbers[condition]["models"][model]["searches"] = found
     report = {"scene": "coarse", "objects_per_shape": 4, "num_poses": 6, "unseen": {}, "left_out": {}}
-    stops, searches = robustness_tables(report | {"conditions": numbers})[1:]
-    assert [len(table.columns) for table in (stops, searches)] == [9, 9]
+    stops, conflict, searches = robustness_tables(report | {"conditions": numbers})[1:]
+    assert [len(table.columns) for table in (stops, conflict, searches)] == [9, 5, 9]
     assert "Largest gap of rigid body" in stops.note
     assert "Largest gap of independent" in searches.note
     first = next(iter(scenes))
@@ -198,7 +198,7 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
     for row in numbers.values():
         for own in row["models"].values():
             own["searches"] = shy
-    abstention = robustness_tables(report | {"conditions": numbers})[3]
+    abstention = robustness_tables(report | {"conditions": numbers})[4]
     assert len(abstention.rows) == len(numbers)
     assert len(abstention.rows[0]) == 5
 

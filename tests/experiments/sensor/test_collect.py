@@ -184,8 +184,10 @@ def test_a_damaged_shard_never_gets_a_digest(folder):
     assert read_manifest(folder).sha256 is None
 
 
-def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path):
-    choice = SceneChoice("hard", fidelity="quasistatic", meshes=(Path("a b.stl"), Path("c.stl")), mesh_scale=0.001)
+@pytest.mark.parametrize("randomised", [False, True])
+def test_the_command_that_an_error_names_is_the_one_that_finishes_the_collection(tmp_path, randomised):
+    meshes = (Path("a b.stl"), Path("c.stl"))
+    choice = SceneChoice("hard", "quasistatic", meshes=meshes, mesh_scale=0.001, randomised=randomised)
     folder = tmp_path / "some where"
     manifest = replace(Manifest.of(COARSE.named.scene, PLAN), choice=choice.to_dict())
     program, name, *arguments = shlex.split(manifest.command(folder))
