@@ -51,7 +51,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
-        "adapt": Command("robustness.adapt:Adapt", "fit a sensor to another world by touches of a few objects there"),
+        "adapt": Command("robustness.adapt:Adapt", "fit a sensor to another world by a few objects"),
         "learning-curve": Command("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
         "frontier": Command("sensor.frontier:Frontier", "accuracy against time and size, per network"),
         "several-touches": Command("sensor.several_touches:SeveralTouches", "accuracy after several touches of a body"),

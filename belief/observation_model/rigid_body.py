@@ -49,7 +49,7 @@ _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at
 _REFERENCES = 256  # touches kept of each pose
 _LARGEST = 1e30  # number in an embedding
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
-_TEMPERATURE_SPREAD = 0.2  # of the prior of the log temperature: sharp images alone hardly tell it
+_ANY, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
 _FITTED_ON = 400  # objects, at most, for the temperature
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
@@ -229,7 +229,7 @@ class RigidBodyModel(ArrayModel):
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64)))
+        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64), _NEARBY))
         order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
         order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
         rows = np.arange(len(touches))[:, None]
@@ -501,16 +501,17 @@ def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     chosen = np.stack([row[:length] for row in rows])
     assert data.batch.features is not None, "checked by the caller"
     touches = TouchBatch(data.poses[chosen], data.logits[chosen], data.batch.features[0][chosen])
-    return _best_temperature(model, touches, data.shapes[chosen[:, 0]])
+    return _best_temperature(model, touches, data.shapes[chosen[:, 0]], _ANY)
 
 
-def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64]) -> float:
+def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
     """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
 
     Args:
         model: whose temperature the log-normal prior is about.
         touches: S sequences.
         truth: shape of each object, ``(S,)``.
+        spread: of the prior of the log temperature.
     """
     expected, model = np.log(model.temperature), model.at(1.0)
     weights = np.zeros((len(touches), len(model.shape_labels), model.num_hypotheses), np.float32)
@@ -521,7 +522,7 @@ def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray
 
     def loss(log_temperature: float) -> float:
         scale = np.float32(np.exp(-log_temperature))
-        total = ((log_temperature - expected) / _TEMPERATURE_SPREAD) ** 2 / (2 * len(truth))
+        total = ((log_temperature - expected) / spread) ** 2 / (2 * len(truth))
         for some in sums:
             found = logsumexp(some * scale, axis=2)
             total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())

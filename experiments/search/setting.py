@@ -133,7 +133,8 @@ def require_abstain(setting: Setting) -> None:
     """Raise BadArgument if --promise or --unsure-reward is given without --abstain, where it would do nothing."""
     given = [name for name in ("promise", "unsure_reward") if getattr(setting, name) != getattr(Setting, name)]
     if setting.abstain is None and given:
-        raise BadArgument(f"--{given[0].replace('_', '-')} does nothing without --abstain; add --abstain 0.02")
+        name, value = given[0], getattr(setting, given[0])
+        raise BadArgument(f"--{name.replace('_', '-')} {value} does nothing without --abstain; add --abstain 0.02")
 
 
 Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
