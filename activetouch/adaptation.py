@@ -108,14 +108,14 @@ def _log_likelihood(
     sensor: TactileSensor, model: RigidBodyModel, touches: TouchBatch, shapes: ArrayLike | None, stiffness: float
 ) -> float:
     """Log likelihood of a stiffness, up to a constant."""
-    table = HypothesisTable(sensor.reader, sensor.scene, Constant(stiffness))(_BODIES)
+    model = model.with_hypotheses(HypothesisTable(sensor.reader, sensor.scene, Constant(stiffness)), _BODIES)
     assert touches.features is not None, "checked by the caller"
-    sums = np.zeros((len(touches), *table.shape[1:3]))
+    sums = np.zeros((len(touches), len(model.shape_labels), _BODIES))
     for step in range(touches.num_touches):
         for pose in np.unique(touches.poses[:, step]).tolist():
             rows = np.flatnonzero(touches.poses[:, step] == pose)
-            sums[rows] += np.einsum("sd,knd->skn", touches.features[rows, step], table[pose], optimize=True)
-    of_shapes = logsumexp(sums / model.temperature, axis=2)
+            sums[rows] += model.scores(pose, np.asarray(touches.features[rows, step]))
+    of_shapes = logsumexp(sums, axis=2)
     if shapes is None:
         return float(logsumexp(of_shapes, axis=1).sum())
     return float(of_shapes[np.arange(len(touches)), np.asarray(shapes)].sum())

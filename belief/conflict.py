@@ -23,7 +23,6 @@ Scores of four touches of each of 200 objects, then an object that fits, and one
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
@@ -34,6 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, logit
 
+from belief.array_fields import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
 from belief.novelty import Novelty
 from belief.problem import Floats
@@ -147,14 +147,14 @@ class ConflictTest(FrozenArrays):
         return {
             "num_objects": self.num_objects,
             "correlations": self.correlations.tolist(),
-            **{name: {"shape": array.shape, "float32": _text(array)} for name, array in arrays.items()},
+            **{name: to_field(array, "float32") for name, array in arrays.items()},
         }
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
         """The test of fields from :meth:`to_fields`."""
-        novelty = Novelty(*(_array(fields[field.name]) for field in dataclass_fields(Novelty)))
-        medians, quantiles = _array(fields["medians"]), _array(fields["quantiles"])
+        novelty = Novelty(*(from_field(fields[field.name], "float32") for field in dataclass_fields(Novelty)))
+        medians, quantiles = (from_field(fields[name], "float32") for name in ("medians", "quantiles"))
         return cls(novelty, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
 
 
@@ -279,12 +279,3 @@ def _ranks(number: int) -> NDArray[np.int64]:
 
 def _single(array: Floats) -> Floats:
     return array.astype(np.float32).astype(np.float64)
-
-
-def _text(array: Floats) -> str:
-    return base64.b64encode(np.asarray(array, "<f4").tobytes()).decode("ascii")
-
-
-def _array(field: Mapping[str, Any]) -> Floats:
-    shape = tuple(int(n) for n in field["shape"])
-    return np.frombuffer(base64.b64decode(field["float32"]), "<f4").reshape(shape).astype(np.float64)

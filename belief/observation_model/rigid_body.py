@@ -21,7 +21,6 @@ Two shapes, one pose, two hypotheses of each shape; then a touch that fits the f
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
+from belief.array_fields import from_field, to_field
 from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict, log_conflict
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
@@ -411,14 +411,14 @@ class RigidBodyModel(ArrayModel):
         return {
             "num_hypotheses": self.num_hypotheses,
             "temperature": self.temperature,
-            **{name: {"shape": array.shape, "float16": _text(array)} for name, array in arrays.items()},
+            **{name: to_field(array, "float16") for name, array in arrays.items()},
             "conflict": None if self.conflict is None else self.conflict.to_fields(),
         }
 
     @classmethod
     def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RigidBodyModel:
         """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
-        references, logits = (_array(fields[name]) for name in ("references", "reference_logits"))
+        references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
         test = fields.get("conflict")
         conflict = None if test is None else ConflictTest.from_fields(test)
         number, temperature = int(fields["num_hypotheses"]), float(fields["temperature"])
@@ -561,12 +561,3 @@ def _in_half(array: Floats) -> Floats:
     """The numbers as a file keeps them; those beyond half precision become its largest."""
     largest = float(np.finfo(np.float16).max)
     return np.clip(array, -largest, largest).astype(np.float16).astype(np.float64)
-
-
-def _text(array: Floats) -> str:
-    return base64.b64encode(np.asarray(array, "<f2").tobytes()).decode("ascii")
-
-
-def _array(field: Mapping[str, Any]) -> Floats:
-    shape = tuple(int(n) for n in field["shape"])
-    return np.frombuffer(base64.b64decode(field["float16"]), "<f2").reshape(shape).astype(np.float64)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 Hypotheses: TypeAlias = Callable[[int], Bodies]
-"""Orientations at rest ``(N, 4)`` and sizes ``(N,)`` of N hypotheses."""
+"""Of N hypotheses of each shape."""
 
 
 class NoRepeats(ActiveTouchError, ValueError):

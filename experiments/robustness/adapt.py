@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +19,7 @@ from belief.files import require_writable
 from belief.metrics import negative_log_likelihood
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import wilson_interval
+from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, CountOrNone, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
@@ -81,7 +82,8 @@ class Adapt:
         touched = measure_touches(sensor, shifted, self.seed, self.jobs)
         rows = [_row(_BEFORE, 0, None, sensor, touched["test"])]
         for number in sorted(self.objects):
-            batch, shapes = _first(touched["adapt"], number * len(scene.shapes))
+            first = np.flatnonzero(touched["adapt"].numbers < number * len(scene.shapes))
+            batch, shapes = _in_all_poses(touched["adapt"]).sequences(first), touched["adapt"].shapes[first]
             for what, known in ((_UNKNOWN, None), (_KNOWN, shapes)):
                 fitted, stiffness = adapted(sensor, batch, known)
                 rows.append(_row(what, number, stiffness, fitted, touched["test"]))
@@ -116,23 +118,17 @@ class Adapt:
             ) from None
 
 
-def _first(touched: ClassifierOutputs, number: int) -> tuple[Any, Any]:
-    """Touches and shapes of the first objects, as many of each shape."""
-    rows = touched.numbers < number
-    some = replace(
-        touched, **{name: getattr(touched, name)[rows] for name in ("numbers", "shapes", "logits", "features")},
-        embeddings=None if touched.embeddings is None else touched.embeddings[rows],
-    )  # fmt: skip
-    num_poses = touched.logits.shape[1]
-    return some.sequences(np.tile(np.arange(num_poses), (len(some.numbers), 1))), some.shapes
+def _in_all_poses(touched: ClassifierOutputs) -> TouchBatch:
+    """One sequence of each object: its touch in every pose."""
+    num_objects, num_poses, _ = touched.logits.shape
+    return touched.sequences(np.tile(np.arange(num_poses), (num_objects, 1)))
 
 
 def _row(
     what: str, number: int, stiffness: StiffnessPosterior | None, sensor: TactileSensor, tested: ClassifierOutputs
 ) -> tuple[Any, ...]:
     """One row of the table: how good the belief of a sensor is after all touches of unseen objects."""
-    num_objects, num_poses, _ = tested.logits.shape
-    probs = np.exp(log_posteriors(sensor.model, tested.sequences(np.tile(np.arange(num_poses), (num_objects, 1)))))
+    num_objects, probs = len(tested.shapes), np.exp(log_posteriors(sensor.model, _in_all_poses(tested)))
     right = int((probs.argmax(axis=1) == tested.shapes).sum())
     low, high = (1.0, 1.0) if stiffness is None else stiffness.interval
     return (

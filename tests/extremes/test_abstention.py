@@ -19,7 +19,7 @@ def test_scores_of_any_magnitude_give_a_finite_curve(trust, rng):
 
 @pytest.mark.parametrize("bad", [[math.nan], [math.inf], []])
 def test_scores_that_are_no_numbers_are_refused(bad, rng):
-    with pytest.raises(ValueError, match="trust|correct"):
+    with pytest.raises(ValueError, match=r"trust|correct"):
         risk_coverage(bad, [True] * len(bad), rng)
 
 
