@@ -134,7 +134,7 @@ def require_abstain(setting: Setting) -> None:
     given = [name for name in ("promise", "unsure_reward") if getattr(setting, name) != getattr(Setting, name)]
     if setting.abstain is None and given:
         name, value = given[0], getattr(setting, given[0])
-        raise BadArgument(f"--{name.replace('_', '-')} {value} does nothing without --abstain; add --abstain 0.02")
+        raise BadArgument(f"--{name.replace('_', '-')} does nothing without --abstain, got {value}; add --abstain 0.02")
 
 
 Stamps: TypeAlias = tuple[tuple[int, int] | None, ...]
