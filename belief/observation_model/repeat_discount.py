@@ -31,6 +31,21 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
     return n / (1.0 + np.maximum(n - 1.0, 0.0) * correlation)
 
 
+def repeat_shares(poses: NDArray[np.int64], correlation: float) -> Floats:
+    """Weight of each touch of S sequences: effective number of the touches in its pose, divided by their number.
+
+    Args:
+        poses: of the touches, ``(S, n)``, ≥ 0.
+        correlation: ρ of two touches in one pose.
+
+    >>> repeat_shares(np.array([[0, 1, 0], [2, 1, 0]]), correlation=0.5).round(2).tolist()
+    [[0.67, 1.0, 0.67], [1.0, 1.0, 1.0]]
+    """
+    keys = poses + (int(poses.max(initial=0)) + 1) * np.arange(len(poses))[:, None]
+    counts = np.bincount(keys.ravel())[keys] if keys.size else keys
+    return np.asarray(effective_touches(counts, correlation) / np.maximum(counts, 1))
+
+
 class Repeats(NamedTuple):
     """G groups of at most n ≤ 12 touches of one object in one pose, padded to length n.
 

@@ -2,9 +2,10 @@ r"""The joint observation model: all touches of an object are of one rigid body 
 
     p(k | o_1..n) ∝ p(k) · mean_i ∏_t p(o_t | k, R_i, s_i, pose_t)          i: hypotheses of orientation R and size s
 
-Given shape, orientation and size, touches are independent, so repeats need no discount: they share the hypothesis. The
-log likelihood ratio of a touch is f(o) · g(k, R, s): the touch brings its embedding f, the model holds the embedded
+The log likelihood ratio of a touch is f(o) · g(k, R, s): the touch brings its embedding f, the model holds the embedded
 hypotheses g of each pose. A learned ratio of this form needs no density over images (Hermans, Begy & Louppe 2020).
+Touches in different poses are independent given the body. Repeats in one pose are not quite, because the reader's error
+about a body in a pose comes again; n of them count as n / (1 + (n - 1) ρ) touches of their mean.
 
 Two shapes, one pose, two hypotheses of each shape; then a touch that fits the first hypothesis of the mug:
 
@@ -21,14 +22,13 @@ Two shapes, one pose, two hypotheses of each shape; then a touch that fits the f
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 
 from belief.array_fields import from_field, to_field
@@ -39,6 +39,15 @@ from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.repeat_discount import effective_touches, repeat_shares
+from belief.observation_model.rigid_body_fit import (
+    NEARBY,
+    best_temperature,
+    conflict_test,
+    fitted_conflict_test,
+    fitted_correlation,
+    fitted_temperature,
+)
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import require_count
@@ -49,9 +58,6 @@ _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at
 _REFERENCES = 256  # touches kept of each pose
 _LARGEST = 1e30  # number in an embedding
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
-_ANY, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
-_FITTED_ON = 400  # objects, at most, for the temperature
-_TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
 class Diagnostics(NamedTuple):
@@ -81,12 +87,15 @@ class RigidBodyEvidence:
         model: whose hypotheses they are.
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
         num_touches: how many touches it holds.
+        in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
+            ``(K, N)`` up to a constant; empty where the model does not discount repeats.
         conflict: test that they come from the world that the model was fitted to; None if the model has none.
     """
 
     model: RigidBodyModel
     log_weights: Floats
     num_touches: int = 0
+    in_pose: Mapping[int, tuple[int, Floats]] = field(default_factory=dict)
     conflict: ObjectConflict | None = None
 
     def update(self, touch: Touch) -> RigidBodyEvidence:
@@ -95,14 +104,21 @@ class RigidBodyEvidence:
         Raises:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
-        batch = self.model.alone(touch)
-        embedding = _embeddings(batch, self.model)[0]
-        scores = self.model.scores(batch.poses[0, 0], embedding)[0]
-        log_weights, conflict = self.log_weights + scores, self.conflict
+        batch, correlation = self.model.alone(touch), self.model.correlation
+        pose, embedding = int(batch.poses[0, 0]), _embeddings(batch, self.model)[0]
+        scores = self.model.scores(pose, embedding)[0]
+        log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
         if conflict is not None:
             conflict = conflict.update(embedding[0], float(_misfit(self.log_weights, scores, log_weights)))
+        if correlation:
+            number, before = in_pose.get(pose, (0, 0.0))
+            total = before + scores.astype(np.float64)
+            in_pose = {**in_pose, pose: (number + 1, frozen(total - total.max()))}
+            if number:
+                shares = effective_touches([n for n, _ in in_pose.values()], correlation)
+                log_weights = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
         log_weights -= log_weights.max()
-        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, conflict)
+        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, in_pose, conflict)
 
     @property
     def log_bets(self) -> Floats | None:
@@ -155,6 +171,7 @@ class RigidBodyModel(ArrayModel):
         references: embeddings of touches that stand for all, of each pose as many, ``(P, M, D)``; used to sample and
             to tabulate only.
         reference_logits: the shape logits of these, ``(P, M, K)``.
+        correlation: ρ in [0, 1] of repeats in one pose.
         conflict: test that touches come from the world that the model was fitted to; None without.
 
     Raises:
@@ -168,6 +185,7 @@ class RigidBodyModel(ArrayModel):
     temperature: float
     references: Floats
     reference_logits: Floats
+    correlation: float = 0.0
     conflict: ConflictTest | None = None
 
     def __post_init__(self) -> None:
@@ -178,6 +196,8 @@ class RigidBodyModel(ArrayModel):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
+        if not 0.0 <= self.correlation <= 1.0:
+            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
         if self.num_hypotheses < 1:
             raise ValueError(f"there must be at least one hypothesis of each shape, got {self.num_hypotheses}")
         self.freeze()
@@ -194,7 +214,7 @@ class RigidBodyModel(ArrayModel):
         embed: Embeds,
         num_hypotheses: int = 2048,
     ) -> RigidBodyModel:
-        """Fit the temperature and the conflict test to sequences of touches, and keep some touches as references.
+        """Fit temperature, correlation of repeats and conflict test; keep some touches as references.
 
         Args:
             touches: calibration touches with embeddings as features, of objects that the reader was not trained on.
@@ -215,8 +235,9 @@ class RigidBodyModel(ArrayModel):
         rows = data.rows_of_poses(_REFERENCES)
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
         model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, *kept)
-        model = model.at(_fit_temperature(model, data))
-        return replace(model, conflict=_fit_conflict(model, data))
+        model = model.at(fitted_temperature(model, data))
+        model = replace(model, correlation=fitted_correlation(model, data))
+        return replace(model, conflict=fitted_conflict_test(model, data))
 
     def at(self, temperature: float) -> RigidBodyModel:
         """The model at another temperature, without a conflict test, which holds at one temperature only."""
@@ -229,14 +250,14 @@ class RigidBodyModel(ArrayModel):
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        model = self.at(_best_temperature(self, touches, np.asarray(shapes, np.int64), _NEARBY))
+        model = self.at(best_temperature(self, touches, np.asarray(shapes, np.int64), NEARBY))
         order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
         order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
         rows = np.arange(len(touches))[:, None]
         some = TouchBatch(
             touches.poses[rows, order], touches.logits[rows, order], _embeddings(touches, self)[rows, order]
         )
-        return replace(model, conflict=_conflict_test(model, some, shapes))
+        return replace(model, conflict=conflict_test(model, some, shapes))
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with its table of hypotheses, which is embedded at first use.
@@ -349,12 +370,13 @@ class RigidBodyModel(ArrayModel):
 
     def log_weights(self, batch: TouchBatch) -> Floats:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
-        embeddings = _embeddings(batch, self)
+        embeddings, shares = _embeddings(batch, self), repeat_shares(batch.poses, self.correlation)
         weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
                 here = np.flatnonzero(batch.poses[:, step] == pose)
-                weights[here] += self.log_ratios(pose, embeddings[here, step])
+                ratios = self.log_ratios(pose, embeddings[here, step])
+                weights[here] += shares[here, step, None, None] * ratios
         return weights
 
     def misfits(self, batch: TouchBatch) -> Floats:
@@ -362,20 +384,38 @@ class RigidBodyModel(ArrayModel):
 
         That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i), over the hypotheses i.
         """
-        embeddings, found = _embeddings(batch, self), np.empty(batch.poses.shape)
-        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
+        found, length = np.empty(batch.poses.shape), max(1, batch.num_touches)
+        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses * length))
         for first in range(0, len(batch), size):
-            rows = np.arange(first, min(first + size, len(batch)))
-            before = np.zeros((len(rows), len(self.shape_labels), self.num_hypotheses))
-            for step in range(batch.num_touches):
-                scores = np.empty(before.shape, np.float32)
-                for pose in np.unique(batch.poses[rows, step]).tolist():
-                    here = batch.poses[rows, step] == pose
-                    scores[here] = self.scores(pose, embeddings[rows[here], step])
-                after = before + scores
-                found[rows, step] = _misfit(before, scores, after)
-                before = after - after.max(axis=(1, 2), keepdims=True)
+            block = slice(first, first + size)
+            for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
+                found[block, step] = _misfit(before, scores, before + scores)
         return found
+
+    def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:
+        """The log weights before each step of S sequences, the scores of its touches, and the log weights after it.
+
+        Yields:
+            Three arrays ``(S, K, N)``; log weights have largest 0.
+        """
+        embeddings = _embeddings(batch, self)
+        before = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
+        seen: list[Floats32] = []
+        for step in range(batch.num_touches):
+            scores = np.empty(before.shape, np.float32)
+            for pose in np.unique(batch.poses[:, step]).tolist():
+                here = batch.poses[:, step] == pose
+                scores[here] = self.scores(pose, embeddings[here, step])
+            seen.append(scores)
+            shares = repeat_shares(batch.poses[:, : step + 1], self.correlation)
+            if (shares == 1.0).all():
+                after = before + scores
+            else:
+                weighted = (share[:, None, None] * some for share, some in zip(shares.T, seen, strict=True))
+                after = sum(weighted, np.zeros_like(before))
+            after = after - after.max(axis=(1, 2), keepdims=True)
+            yield before, scores, after
+            before = after
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
@@ -411,6 +451,7 @@ class RigidBodyModel(ArrayModel):
         return {
             "num_hypotheses": self.num_hypotheses,
             "temperature": self.temperature,
+            "correlation": self.correlation,
             **{name: to_field(array, "float16") for name, array in arrays.items()},
             "conflict": None if self.conflict is None else self.conflict.to_fields(),
         }
@@ -421,8 +462,9 @@ class RigidBodyModel(ArrayModel):
         references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
         test = fields.get("conflict")
         conflict = None if test is None else ConflictTest.from_fields(test)
-        number, temperature = int(fields["num_hypotheses"]), float(fields["temperature"])
-        return cls(shape_labels, None, number, temperature, references, logits, conflict)
+        number = int(fields["num_hypotheses"])
+        temperature, correlation = float(fields["temperature"]), float(fields["correlation"])
+        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict)
 
 
 def _marginal(log_weights: Floats) -> Floats:
@@ -490,71 +532,6 @@ def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
         found = "none" if batch.features is None else f"{batch.features.shape[-1]} numbers"
         raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
     return np.asarray(batch.features)
-
-
-def _fit_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
-    """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P."""
-    ids = _some_objects(data, _FITTED_ON)
-    order = np.random.default_rng(0).permutation(len(data.objects))
-    rows = [order[data.objects[order] == number][: model.num_poses] for number in ids]
-    length = min(len(row) for row in rows)
-    chosen = np.stack([row[:length] for row in rows])
-    assert data.batch.features is not None, "checked by the caller"
-    touches = TouchBatch(data.poses[chosen], data.logits[chosen], data.batch.features[0][chosen])
-    return _best_temperature(model, touches, data.shapes[chosen[:, 0]], _ANY)
-
-
-def _best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
-    """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
-
-    Args:
-        model: whose temperature the log-normal prior is about.
-        touches: S sequences.
-        truth: shape of each object, ``(S,)``.
-        spread: of the prior of the log temperature.
-    """
-    expected, model = np.log(model.temperature), model.at(1.0)
-    weights = np.zeros((len(touches), len(model.shape_labels), model.num_hypotheses), np.float32)
-    sums = []
-    for step in range(touches.num_touches):
-        weights = weights + model.log_weights(touches.touches(slice(step, step + 1))).astype(np.float32)
-        sums.append(weights)
-
-    def loss(log_temperature: float) -> float:
-        scale = np.float32(np.exp(-log_temperature))
-        total = ((log_temperature - expected) / spread) ** 2 / (2 * len(truth))
-        for some in sums:
-            found = logsumexp(some * scale, axis=2)
-            total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())
-        return float(total)
-
-    best = minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
-    return float(np.exp(best.x))
-
-
-def _some_objects(data: LabelledTouches, number: int) -> NDArray[np.int64]:
-    """At most so many objects; random ones, because shapes alternate in collections."""
-    if data.num_objects <= number:
-        return np.arange(data.num_objects)
-    return np.sort(np.random.default_rng(2).permutation(data.num_objects)[:number])
-
-
-def _fit_conflict(model: RigidBodyModel, data: LabelledTouches) -> ConflictTest | None:
-    """The conflict test from one sequence of touches of each object, in random order."""
-    ids = _some_objects(data, _TESTED_ON)
-    by_object = np.random.default_rng(1).permutation(len(data.objects))
-    by_object = by_object[np.argsort(data.objects[by_object], kind="stable")]
-    ends = np.searchsorted(data.objects[by_object], np.arange(data.num_objects + 1))
-    length = min(MOST_TOUCHES, int(np.diff(ends)[ids].min()))
-    rows = by_object[ends[ids][:, None] + np.arange(length)]
-    assert data.batch.features is not None, "checked by the caller"
-    batch = TouchBatch(data.poses[rows], data.logits[rows], np.asarray(data.batch.features[0])[rows])
-    return _conflict_test(model, batch, data.shape_of_object[ids])
-
-
-def _conflict_test(model: RigidBodyModel, batch: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
-    """The conflict test of one sequence of touches of each object."""
-    return ConflictTest.fit(_embeddings(batch, model).astype(np.float64), model.misfits(batch), shapes)
 
 
 def _in_half(array: Floats) -> Floats:
