@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,8 +66,9 @@ def test_the_likelihood_is_the_mean_over_bodies_of_the_product_over_touches(worl
     np.testing.assert_allclose(posterior(model.log_likelihood(touches)), expected / expected.sum(), rtol=1e-4)
 
 
-def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng):
-    model = world.model(rng)
+@pytest.mark.parametrize("correlation", [0.0, 0.4, 1.0])
+def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng, correlation):
+    model = replace(world.model(rng), correlation=correlation)
     touches = touches_of(world, 0, 3, [0, 1, 2, 0, 0], rng)
     evidence = model.start()
     for touch in touches:
@@ -76,6 +78,35 @@ def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng):
     for order in (range(5), (4, 2, 0, 1, 3)):
         shuffled = [touches[i] for i in order]
         np.testing.assert_allclose(posterior(model.log_likelihood(shuffled)), expected, atol=1e-6)
+
+
+def test_the_same_touch_again_tells_less_and_with_correlation_one_nothing(world, rng):
+    touch = world.touch(1, 7, 0, rng)
+    once, *again = (
+        replace(world.model(rng), correlation=rho).log_likelihood([touch] * n)
+        for rho, n in ((0.5, 1), (0.0, 6), (0.5, 6), (1.0, 6))
+    )
+    spread = [np.ptp(found) for found in again]
+    assert spread[0] > spread[1] > spread[2]
+    np.testing.assert_allclose(again[2] - again[2].max(), once - once.max(), atol=1e-5)
+
+
+def test_a_reader_that_errs_alike_in_a_pose_gets_a_correlation(world, rng):
+    """Where all touches in a pose are the same, four tell as much as one."""
+
+    def touches_of_objects(repeated):
+        found, shapes, ids = [], [], []
+        for number in range(240):
+            for pose in range(P):
+                felt = [world.touch(number % K, number % N, pose, rng) for _ in range(4)]
+                found += [felt[0]] * 4 if repeated else felt
+                shapes += [number % K] * 4
+                ids += [number] * 4
+        return found, shapes, ids
+
+    fitted = [RigidBodyModel.fit(*touches_of_objects(same), embed=world.embed, num_hypotheses=N) for same in (0, 1)]
+    assert fitted[0].correlation < 0.1
+    assert fitted[1].correlation > 0.8
 
 
 def test_no_touches_say_nothing(world, rng):
