@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from belief.array_fields import from_field, to_field
-from belief.conflict import MOST_TOUCHES, ConflictTest, ObjectConflict, log_conflict
+from belief.conflict import ConflictTest, ObjectConflict, log_conflict
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel, Embeds
@@ -40,14 +40,7 @@ from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.repeat_discount import effective_touches, repeat_shares
-from belief.observation_model.rigid_body_fit import (
-    NEARBY,
-    best_temperature,
-    conflict_test,
-    fitted_conflict_test,
-    fitted_correlation,
-    fitted_temperature,
-)
+from belief.observation_model.rigid_body_fit import fitted, refitted
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import require_count
@@ -235,13 +228,16 @@ class RigidBodyModel(ArrayModel):
         rows = data.rows_of_poses(_REFERENCES)
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
         model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, *kept)
-        model = model.at(fitted_temperature(model, data))
-        model = replace(model, correlation=fitted_correlation(model, data))
-        return replace(model, conflict=fitted_conflict_test(model, data))
+        model, conflict = fitted(model, data)
+        return replace(model, conflict=conflict)
 
-    def at(self, temperature: float) -> RigidBodyModel:
-        """The model at another temperature, without a conflict test, which holds at one temperature only."""
-        return replace(self, temperature=temperature, conflict=None)
+    def at(self, temperature: float, correlation: float | None = None) -> RigidBodyModel:
+        """The model at another temperature, and at another correlation of repeats if one is given.
+
+        It has no conflict test, which holds at one temperature only.
+        """
+        correlation = self.correlation if correlation is None else correlation
+        return replace(self, temperature=temperature, correlation=correlation, conflict=None)
 
     def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
         """The model with the temperature and the conflict test of touches of another world.
@@ -250,14 +246,9 @@ class RigidBodyModel(ArrayModel):
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        model = self.at(best_temperature(self, touches, np.asarray(shapes, np.int64), NEARBY))
-        order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
-        order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
-        rows = np.arange(len(touches))[:, None]
-        some = TouchBatch(
-            touches.poses[rows, order], touches.logits[rows, order], _embeddings(touches, self)[rows, order]
-        )
-        return replace(model, conflict=conflict_test(model, some, shapes))
+        _embeddings(touches, self)
+        model, conflict = refitted(self, touches, shapes)
+        return replace(model, conflict=conflict)
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
         """The model with its table of hypotheses, which is embedded at first use.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,19 +22,93 @@ from belief.observation_model.repeat_discount import (
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
-if TYPE_CHECKING:
-    from belief.observation_model.rigid_body import RigidBodyModel
-
-ANYWHERE, NEARBY = 1.0, 0.2
-"""Spread of the prior of the log temperature: in any world, and after another world."""
-
+_ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
 _FITTED_ON = 400  # objects, at most, for the temperature
 _REPEATED = 400  # groups of repeats, at most, for their correlation
 _MOST_NUMBERS = 1 << 25  # that are held for this fit
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
-def fitted_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
+class JointModel(Protocol):
+    """What the fits need of a joint model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
+
+    @property
+    def shape_labels(self) -> Sequence[str]:
+        """Names of the K shapes."""
+
+    @property
+    def num_hypotheses(self) -> int:
+        """N, of each shape."""
+
+    @property
+    def num_poses(self) -> int:
+        """P."""
+
+    @property
+    def temperature(self) -> float:
+        """By which log ratios are divided."""
+
+    def at(self, temperature: float, correlation: float | None = None) -> Self:
+        """The model at another temperature, and at another correlation of repeats if one is given."""
+
+    def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
+        """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
+
+    def misfits(self, batch: TouchBatch) -> Floats:
+        """How much worse the earlier touches of a sequence predict each touch than the touch itself does."""
+
+
+_Joint = TypeVar("_Joint", bound=JointModel)
+
+
+def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest | None]:
+    """The model with temperature and correlation of repeats of calibration touches, and their conflict test.
+
+    Args:
+        model: at temperature 1.
+        data: touches with embeddings as features.
+
+    >>> from belief import Touch
+    >>> from belief.observation_model.rigid_body import RigidBodyModel
+    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
+    >>> unfitted = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> felt = np.eye(2)[[0, 1, 0, 0] * 10]                                     # one touch in four misleads
+    >>> touches = [Touch(0, np.zeros(2), embedding) for embedding in felt]
+    >>> model, test = fitted(unfitted, LabelledTouches.of(touches, [0, 1, 0, 1] * 10, range(40)))
+    >>> round(model.temperature, 1), model.correlation
+    (2.5, 0.5)
+    """
+    model = model.at(_fitted_temperature(model, data))
+    model = model.at(model.temperature, _fitted_correlation(model, data))
+    return model, _fitted_conflict_test(model, data)
+
+
+def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Joint, ConflictTest | None]:
+    """The model with the temperature of touches of another world, and their conflict test.
+
+    Args:
+        model: fitted to its own world.
+        touches: of S objects, one sequence each.
+        shapes: true shape of each object, ``(S,)``.
+
+    >>> from belief.observation_model.rigid_body import RigidBodyModel
+    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
+    >>> model = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> felt = np.eye(2)[[0, 1, 0, 0] * 10, None]
+    >>> touches = TouchBatch(np.zeros((40, 1), int), np.zeros((40, 1, 2)), felt)
+    >>> round(refitted(model, touches, [0, 1, 0, 1] * 10)[0].temperature, 1)
+    1.5
+    """
+    model = model.at(_best_temperature(model, touches, np.asarray(shapes, np.int64), _NEARBY))
+    order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
+    order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
+    rows = np.arange(len(touches))[:, None]
+    assert touches.features is not None, "checked by the caller"
+    some = TouchBatch(touches.poses[rows, order], touches.logits[rows, order], touches.features[rows, order])
+    return model, _conflict_test(model, some, shapes)
+
+
+def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12.
 
     The touches of a sequence are in different poses, if the object was touched in all.
@@ -45,10 +120,10 @@ def fitted_temperature(model: RigidBodyModel, data: LabelledTouches) -> float:
     order = order[np.argsort(1 - first_in_pose, kind="stable")]
     by_object = order[np.argsort(data.objects[order], kind="stable")]
     touches, shapes = _sequences(data, by_object, _FITTED_ON, min(model.num_poses, MOST_TOUCHES))
-    return best_temperature(model, touches, shapes, ANYWHERE)
+    return _best_temperature(model, touches, shapes, _ANYWHERE)
 
 
-def best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
+def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
     """The most probable temperature, by the NLL of the shape after each touch of sequences of S objects.
 
     Args:
@@ -72,7 +147,7 @@ def best_temperature(model: RigidBodyModel, touches: TouchBatch, truth: NDArray[
     return float(np.exp(best.x))
 
 
-def fitted_correlation(model: RigidBodyModel, data: LabelledTouches) -> float:
+def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
     """The correlation of repeats with the lowest NLL of the shape after several touches of an object in one pose.
 
     It is assumed where no object was touched twice in a pose.
@@ -96,14 +171,14 @@ def fitted_correlation(model: RigidBodyModel, data: LabelledTouches) -> float:
     return fit_correlation(log_likelihoods, found)
 
 
-def fitted_conflict_test(model: RigidBodyModel, data: LabelledTouches) -> ConflictTest | None:
+def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictTest | None:
     """The conflict test from one sequence of touches of each object, in random order."""
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
-    return conflict_test(model, *_sequences(data, by_object, _TESTED_ON, MOST_TOUCHES))
+    return _conflict_test(model, *_sequences(data, by_object, _TESTED_ON, MOST_TOUCHES))
 
 
-def conflict_test(model: RigidBodyModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
+def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
     """The conflict test from one sequence of touches of each object."""
     assert touches.features is not None, "checked by the caller"
     return ConflictTest.fit(touches.features.astype(np.float64), model.misfits(touches), shapes)
