@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from activetouch.perception.card import ClassifierCard
 
@@ -122,8 +121,7 @@ class HypothesisEmbedding:
         logits = np.empty((len(embeddings), num_shapes))
         for first in range(0, len(embeddings), _IMAGES):
             some = slice(first, first + _IMAGES)
-            scores = (embeddings[some] @ self._fixed.T).reshape(-1, num_shapes, len(self.sizes))
-            logits[some] = logsumexp(scores, axis=2)
+            logits[some] = _logsumexp((embeddings[some] @ self._fixed.T).reshape(-1, num_shapes, len(self.sizes)))
         return logits - np.log(len(self.sizes))
 
     def tensors(self) -> dict[str, NDArray[Any]]:
@@ -153,6 +151,14 @@ class HypothesisEmbedding:
             for layer in range(number)
         )
         return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES))
+
+
+def _logsumexp(scores: Floats32) -> Floats32:
+    """Log of the sum of exponentials along the last axis of finite scores ``(N, K, M)``, which are overwritten."""
+    highest = scores.max(axis=2)
+    scores -= highest[:, :, None]
+    np.exp(scores, out=scores)
+    return np.log(scores.sum(axis=2)) + highest
 
 
 def _gelu(x: Floats32) -> Floats32:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import Quaternion
-from activetouch.pressing.contact import Contact, elastic_contact, surface_gap
+from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.dynamic import SteppedPress, require_force
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
@@ -22,7 +23,8 @@ class GuardedMove(SteppedPress):
     """Forward at constant speed until the force exceeds a threshold, hold that position, and go back.
 
     The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
-    of the last step.
+    of the last step. The trace begins shortly before the first contact and ends when the pad is free again;
+    ``with_trace`` gives the press whose trace is complete.
 
     Attributes:
         timestep: of the simulation [s].
@@ -32,6 +34,8 @@ class GuardedMove(SteppedPress):
         travel: distance past the pad's face at which the guide ends [m].
         rotation_time: duration of a rotation between two presses [s].
     """
+
+    is_complete: ClassVar[bool] = False
 
     timestep: float = 0.002
     speed: float = 0.02
@@ -43,27 +47,35 @@ class GuardedMove(SteppedPress):
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`; ``target_force`` is the threshold."""
         require_force(target_force)
+        gap, touching = first_touch(setup.pad, placement)
         rig, withdrawn = self._place(setup, placement)
-        position, force = withdrawn, 0.0
+        advance = self.timestep * self.speed
+        skips = target_force > 0.0 and not self.is_complete
+        skipped = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
+        position, force, step = withdrawn - skipped * advance, 0.0, rig.step
         while position > -self.travel and force < target_force:
-            position -= self.timestep * self.speed
-            force = rig.step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
+            position -= advance
+            force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
         for _ in range(round(self.pause / self.timestep)):
-            force = rig.step(position, Phase.PAUSE)
-        while position < withdrawn:
-            position = min(position + self.timestep * self.speed, withdrawn)
-            rig.step(position, Phase.WITHDRAW)
+            force = step(position, Phase.PAUSE)
+        while position < withdrawn and (rig.force > 0.0 or self.is_complete):  # until the pad is free again
+            position = min(position + advance, withdrawn)
+            step(position, Phase.WITHDRAW)
         if rig.num_warnings or not 0.0 <= force < _LARGEST_FORCE:
             raise UnstablePress(
                 f"pressing {placement}: {force:.3g} N in the pause, {rig.num_warnings} MuJoCo warnings. Try a smaller "
                 f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
             )
-        return elastic_contact(setup.pad, surface_gap(setup.pad, placement), force, placement.stiffness, rig.trace())
+        return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
 
     @property
     def traced(self) -> bool:
         """See :class:`Press`."""
         return True
+
+    def with_trace(self) -> GuardedMove:
+        """See :class:`Press`."""
+        return RecordedMove(**{field.name: getattr(self, field.name) for field in fields(self)})
 
     def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:
         """See :class:`Press`; the object turns along the shorter arc."""
@@ -77,3 +89,10 @@ class GuardedMove(SteppedPress):
         trace = rig.trace()
         assert trace is not None, "the rig was built with sensors"
         return trace
+
+
+@dataclass(frozen=True)
+class RecordedMove(GuardedMove):
+    """A guarded move whose trace has every step from ``start`` to the end of the withdrawal."""
+
+    is_complete: ClassVar[bool] = True

@@ -60,7 +60,7 @@ class Press(Protocol):
         return None
 
     def with_trace(self) -> Press:
-        """This press with a trace, if it can record one."""
+        """This press with a trace of its complete motion, if it can record one."""
         return self
 
     def rotate(self, setup: Setup, placement: Placement, orientation: Quaternion) -> Trace:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -90,13 +91,18 @@ class DeadTaxels:
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        num_taxels = image.shape[0] * image.shape[1]
-        order = np.random.default_rng(self.seed).permutation(num_taxels)
-        dead = np.zeros(num_taxels, bool)
-        dead[order[: round(self.share * num_taxels)]] = True
         faulty = image.copy()
-        faulty[dead.reshape(image.shape[:2])] = 0.0
+        faulty[_broken(self.share, self.seed, image.shape[:2])] = 0.0
         return faulty
+
+
+@lru_cache(maxsize=64)
+def _broken(share: float, seed: int, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether a taxel of an image of this shape is broken."""
+    num_taxels = shape[0] * shape[1]
+    broken = np.zeros(num_taxels, bool)
+    broken[np.random.default_rng(seed).permutation(num_taxels)[: round(share * num_taxels)]] = True
+    return broken.reshape(shape)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
         WrongPress: the scene's presses do not simulate rotations.
         UnstablePress: the simulation diverged.
     """
+    scene = replace(scene, press_model=scene.press_model.with_trace())
     placement = scene.place(thing, 0, rng)
     cycles = []
     for _ in range(num_cycles):

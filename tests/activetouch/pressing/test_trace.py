@@ -48,7 +48,7 @@ def test_the_force_acts_while_the_object_is_at_the_pad_and_never_before(rng):
 def test_a_traced_press_is_the_press_itself(rng):
     placement = Placement(SHAPES["cylinder"], 1.0, random_orientation(rng))
     plain, traced = (Dynamic(traced=t).press(Setup(), placement, 2.0) for t in (False, True))
-    assert plain.force == traced.force
+    assert plain.force == pytest.approx(traced.force, rel=1e-6)  # the plain one skips the free approach
     assert plain.trace is None
     end = traced.trace.end_of_pause
     assert traced.trace.force[end - 1, 0] == pytest.approx(traced.force, rel=1e-6)
