@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 from scipy.linalg import cholesky, solve_triangular
 from scipy.spatial.distance import cdist
 from scipy.special import expit
@@ -144,7 +143,7 @@ def auroc(known_scores: ArrayLike, novel_scores: ArrayLike) -> float:
     0.875
     """
     known, novel = _scores(known_scores, novel_scores)
-    ranks = stats.rankdata(np.concatenate([known.ravel(), novel.ravel()]))
+    ranks = _ranks(np.concatenate([known.ravel(), novel.ravel()]))
     excess = ranks[known.size :].sum() - novel.size * (novel.size + 1) / 2
     return float(excess / (known.size * novel.size))
 
@@ -199,9 +198,18 @@ def _ledoit_wolf(residuals: Floats, covariance: Floats) -> float:
 
 def _row_means(rows: Floats, others: Floats) -> Floats:
     """Fraction of ``others`` that a row's scores exceed, ties half, averaged over the row, ``(len(rows),)``."""
-    pooled = stats.rankdata(np.concatenate([rows.ravel(), others.ravel()]))[: rows.size]
-    exceeded = (pooled - stats.rankdata(rows.ravel())) / others.size
+    pooled = _ranks(np.concatenate([rows.ravel(), others.ravel()]))[: rows.size]
+    exceeded = (pooled - _ranks(rows.ravel())) / others.size
     return np.asarray(exceeded.reshape(len(rows), -1).mean(axis=1))
+
+
+def _ranks(scores: Floats) -> Floats:
+    """Ranks from 1, equal scores sharing their mean rank, ``(n,)``.
+
+    It is ``scipy.stats.rankdata`` without ``scipy.stats``, which would take a third of the time to import belief.
+    """
+    _, inverse, counts = np.unique(scores, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - (counts - 1) / 2)[inverse]
 
 
 def _features(features: ArrayLike) -> Floats:

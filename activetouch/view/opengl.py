@@ -1,9 +1,9 @@
 """Drawing of a model with MuJoCo's renderer in a child process.
 
 MuJoCo chooses an OpenGL backend at import, and a wrong one may crash the process. So :func:`draw_in_child` runs this
-module with one backend after the other.
+file with one backend after the other, and leaves out those that failed before.
 
-    python -m activetouch.view.opengl folder        # reads view.json, model.mjb and qpos.npy there, writes image.npy
+    python activetouch/view/opengl.py folder        # reads view.json, model.mjb and qpos.npy there, writes image.npy
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 SKY = (237, 240, 245)
 """Colour of the background."""
 _BACKENDS = ("egl", "osmesa", "glfw")
+_failed: set[str] = set()
+"""Backends that could not draw in this process."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,13 @@ def draw_in_child(model: mujoco.MjModel, data: mujoco.MjData, view: CameraView) 
         np.save(folder / "qpos.npy", data.qpos)
         (folder / "view.json").write_text(json.dumps(asdict(view)))
         for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), *_BACKENDS)):
-            command = [sys.executable, "-m", "activetouch.view.opengl", name]
+            if not backend or backend in _failed:
+                continue
+            command = [sys.executable, "-P", __file__, name]  # as a file: the package takes a second to import
             environment = {**os.environ, "MUJOCO_GL": backend}
-            if backend and not subprocess.run(command, env=environment, capture_output=True, check=False).returncode:
+            if not subprocess.run(command, env=environment, capture_output=True, check=False).returncode:
                 return np.load(folder / "image.npy")
+            _failed.add(backend)
     return None
 
 

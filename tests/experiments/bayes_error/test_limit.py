@@ -35,8 +35,8 @@ def small(name, folder, jobs):
     return Limit(
         SceneChoice(name, fidelity="quasistatic"),
         touches=24,
-        bayes=SimulatedBayes(bank=1000, checked=1000),
-        ambiguity=AmbiguitySearch(pairs=1, bank=300, starts=1),
+        bayes=SimulatedBayes(bank=300, checked=300),
+        ambiguity=AmbiguitySearch(pairs=1, bank=200, starts=1),
         out=folder,
         jobs=jobs,
     )

@@ -18,7 +18,8 @@ from experiments.search.run_folder import ORACLE, RunFolder, ShardKey
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
-COARSE = Setting(SceneChoice("coarse"))
+COARSE = Setting(SceneChoice("coarse"), num_objects=2)
+QUASISTATIC = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=2)
 MINE = """
 from dataclasses import dataclass
 
@@ -124,7 +125,7 @@ def test_as_many_episodes_are_played_as_were_asked_for(tmp_path):
 def test_a_run_that_grew_ends_with_the_bytes_of_one_that_did_not(tmp_path):
     for folder, steps in (("grown", (3, 26, 28)), ("whole", (28,))):
         for episodes in steps:
-            compare(tmp_path / folder, "threshold", "random_confirm", episodes=episodes).play()
+            compare(tmp_path / folder, "threshold", "random_confirm", episodes=episodes, setting=QUASISTATIC).play()
     grown, whole = tmp_path / "grown", tmp_path / "whole"
     assert (grown / "episodes.jsonl").read_bytes() == (whole / "episodes.jsonl").read_bytes()
     for file in (whole / "shards").glob("*.jsonl"):
