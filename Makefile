@@ -16,8 +16,9 @@ export HF_HUB_OFFLINE := 1
 search: environment
 	$(BIN)/activetouch compare $(ARGS)
 
+# Two processes of tests share the processors, so each computes on one thread.
 test: check
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: development
 	$(BIN)/ruff check .

@@ -9,9 +9,11 @@ shapes that the first i objects use up (forward-backward algorithm):
 
 There are at most ∏ (c_k + 1) multisets for counts c_k: 2^K if all shapes differ.
 
-Weights are logarithms, relative to the best arrangement: the dual of the assignment problem has prices u_i, v_k with
-w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither overflow nor lose the terms that
-matter. Objects whose likelihood is the same for all shapes have the same marginals, which are computed once.
+:mod:`belief.arrangement_sums` does this in plain numbers, or lists all arrangements if they are few. Where some of these
+numbers underflow, the weights are logarithms here, relative to the best arrangement: the dual of the assignment problem
+has prices u_i, v_k with w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither overflow nor
+lose the terms that matter. Of many objects, those whose likelihood is the same for all shapes have the same marginals,
+which are computed once.
 
     >>> import numpy as np
     >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # the second object was not touched
@@ -30,6 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
+from belief.arrangement_sums import every_arrangement, fast_marginals
 from belief.errors import ImpossibleObservation
 from belief.multisets import Layer, layers, num_multisets
 from belief.problem import Floats
@@ -72,14 +75,24 @@ def log_arrangement_marginals(log_weights: ArrayLike, counts: Sequence[int] | No
     >>> log_arrangement_marginals([[0.0, -1e4], [0.0, 0.0]]).tolist()
     [[0.0, -10000.0], [-10000.0, 0.0]]
     """
-    weights, bag = _checked(log_weights, counts)
-    blank = blank_objects(weights, bag)
-    first_blank = np.flatnonzero(blank)[:1]
-    kept = np.concatenate([np.flatnonzero(~blank), first_blank])
-    marginals = np.empty_like(weights)
-    marginals[kept] = _sum_over_arrangements(weights[kept], bag)
-    marginals[blank] = marginals[first_blank]
-    return marginals
+    return _log_marginals(*_checked(log_weights, counts))
+
+
+def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
+    if every_arrangement(bag, len(weights)) is None:
+        blank = blank_objects(weights, bag)
+        if np.count_nonzero(blank) > 1:
+            first = int(blank.argmax())
+            kept = ~blank
+            kept[first] = True
+            rows = np.where(blank, kept[:first].sum(), kept.cumsum() - 1)
+            return _log_marginals(weights[kept], bag)[rows]
+        num_states(bag, len(weights))  # raises if the sum is too large
+    fast = fast_marginals(weights, bag)
+    if fast is None:
+        return _sum_over_arrangements(weights, bag)
+    with np.errstate(divide="ignore"):
+        return np.log(fast)
 
 
 def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> float:
