@@ -9,11 +9,11 @@ shapes that the first i objects use up (forward-backward algorithm):
 
 There are at most ∏ (c_k + 1) multisets for counts c_k: 2^K if all shapes differ.
 
-:mod:`belief.arrangement_sums` does this in plain numbers, or lists all arrangements if they are few. Where some of these
-numbers underflow, the weights are logarithms here, relative to the best arrangement: the dual of the assignment problem
-has prices u_i, v_k with w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither overflow nor
-lose the terms that matter. Of many objects, those whose likelihood is the same for all shapes have the same marginals,
-which are computed once.
+:mod:`belief.arrangement_sums` does this in plain numbers, or lists all arrangements if they are few. Where some of
+these numbers underflow, the weights are logarithms here, relative to the best arrangement: the dual of the assignment
+problem has prices u_i, v_k with w_ik - u_i - v_k ≤ 0, and equality in the best arrangement. Sums therefore neither
+overflow nor lose the terms that matter. Of many objects, those whose likelihood is the same for all shapes have equal
+marginals, which are computed once.
 
     >>> import numpy as np
     >>> likelihoods = np.array([[0.9, 0.1], [0.5, 0.5]])      # the second object was not touched

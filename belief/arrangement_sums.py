@@ -35,7 +35,7 @@ _BLOCK = 2048
 
 
 def fast_marginals(log_weights: Floats, counts: tuple[int, ...]) -> Floats | None:
-    """Probability that each object has each shape, ``(N, K)``; None if some underflow, or every arrangement has weight 0.
+    """Probability that each object has each shape, ``(N, K)``; None if some underflow, or no arrangement is possible.
 
     Args:
         log_weights: log-likelihoods, ``(N, K)``, finite or -inf; -inf for shapes that are not in the bag.
@@ -122,7 +122,7 @@ def _step(row: Floats, totals: Floats, index: NDArray[np.int32]) -> Floats:
 
 
 def _step_and_totals(row: Floats, backward: Floats, layer: Layer, forward: Floats) -> tuple[Floats, Floats]:
-    """:func:`_step` backwards, and the total weight of the arrangements in which the object has each shape, ``(K,)``."""
+    """:func:`_step` backwards, and the total weight of the arrangements in which the object has a shape, ``(K,)``."""
     padded, found, sums = np.append(backward, 0.0), np.empty(len(forward)), np.zeros(len(row))
     for start in range(0, len(found), _BLOCK):
         block = slice(start, start + _BLOCK)
