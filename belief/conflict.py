@@ -218,6 +218,28 @@ def log_conflict(log_bets: Iterable[Floats]) -> float:
     return float(largest + np.log(np.exp(total - largest).mean()))
 
 
+def continued_bets(log_bets: ArrayLike, like: ArrayLike | None) -> Floats:
+    """Log wealth with which the test of a search begins that continues the test of an earlier one.
+
+    Args:
+        log_bets: :attr:`belief.SceneView.log_bets` of the earlier search, ``(J,)``; or 0.0 for none.
+        like: log bets of an object in the search, ``(J,)``; None for a model without a test.
+
+    Raises:
+        ValueError: a number is not finite, or their number is not that of the model's strategies.
+
+    >>> continued_bets(0.0, np.zeros(3)), continued_bets([0.5, -0.5, 0.0], np.zeros(3))
+    (array([0., 0., 0.]), array([ 0.5, -0.5,  0. ]))
+    """
+    given, wanted = np.asarray(log_bets, np.float64), np.zeros(1) if like is None else np.zeros(np.shape(like))
+    if given.shape not in ((), wanted.shape) or not np.isfinite(given).all():
+        raise ValueError(
+            f"log_bets must be {len(wanted)} finite numbers, from an earlier search with the same observation model, "
+            f"got {given.tolist()}"
+        )
+    return frozen(wanted + given)
+
+
 def stranger_probability(log_e_value: ArrayLike, prior: float) -> Floats:
     """Posterior probability that an object has none of the known shapes.
 

@@ -6,10 +6,12 @@ import warnings
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from belief.arrangement import log_arrangement_marginals, num_states
 from belief.bayes import update
 from belief.categorical import Belief
+from belief.conflict import continued_bets
 from belief.errors import ImpossibleObservation, ZeroPriorTarget
 from belief.history import TouchHistory
 from belief.naming import Name
@@ -31,6 +33,7 @@ class SceneBelief(ReadableScene):
         model: likelihood of touches.
         prior: belief about one object of an ``independent`` scene; uniform by default.
         target: label or index of the target shape; used only for the warning :class:`ZeroPriorTarget`.
+        log_bets: of the scene of an earlier search with the same set-up, whose conflict test this one continues.
 
     Raises:
         ValueError: problem, model and prior have different shapes; a prior where the composition fixes one; more
@@ -62,6 +65,7 @@ class SceneBelief(ReadableScene):
         prior: Belief | None = None,
         *,
         target: Name | None = None,
+        log_bets: ArrayLike = 0.0,
     ) -> None:
         self.labels = tuple(problem.shape_labels)
         if self.labels != tuple(model.shape_labels):
@@ -79,6 +83,7 @@ class SceneBelief(ReadableScene):
         self._log_likelihoods = np.zeros((problem.num_objects, problem.num_shapes))
         self._touches = [TouchHistory() for _ in range(problem.num_objects)]
         self._evidence = [start(model)] * problem.num_objects
+        self._earlier_bets = continued_bets(log_bets, self._evidence[0].log_bets)
         self._known = np.full(problem.num_objects, UNKNOWN)
         self._on_table = np.ones(problem.num_objects, np.bool_)
         self._log_marginals = self._compute(self._log_likelihoods, self._known)

@@ -55,6 +55,7 @@ class ReadableScene:
     _log_marginals: Floats
     _touches: Sequence[TouchHistory]
     _evidence: Sequence[ObjectEvidence]
+    _earlier_bets: Floats
 
     @property
     def num_objects(self) -> int:
@@ -108,10 +109,19 @@ class ReadableScene:
     def log_conflict(self) -> float:
         """Natural log of the e-value against "all touches so far come from the world that the model knows".
 
-        In that world it ever exceeds log(1/α) with probability at most α. It is 0.0 for models without a test. See
-        :mod:`belief.conflict`.
+        It counts the touches of earlier searches too, if their :attr:`log_bets` were given. In that world it ever
+        exceeds log(1/α) with probability at most α. It is 0.0 for models without a test. See :mod:`belief.conflict`.
         """
-        return log_conflict(evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
+        return log_conflict([self.log_bets])
+
+    @property
+    def log_bets(self) -> Floats:
+        """Log wealth of every strategy of the conflict test after all touches, ``(J,)``; 0.0 without a test.
+
+        Give it to the next search with the same robot and sensor, so that its test continues this one.
+        """
+        bets = (evidence.log_bets for evidence in self._evidence if evidence.log_bets is not None)
+        return np.asarray(sum(bets, start=self._earlier_bets))
 
     @property
     def state(self) -> ExactState:

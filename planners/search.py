@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch, Unsure
 from belief.naming import Name, index_of, seed_words
@@ -61,6 +62,7 @@ def search(
     target: Name,
     model: ObservationModel,
     seed: int | Sequence[int],
+    log_bets: ArrayLike = 0.0,
 ) -> Episode:
     """Search until an object is confirmed, all are rejected, the decider is unsure, or the touch limit is reached.
 
@@ -71,13 +73,14 @@ def search(
         target: label or index of the target shape.
         model: likelihood of touches.
         seed: of the episode, one number or several; the same seed gives the same episode.
+        log_bets: of an earlier search with the same set-up (:mod:`planners.set_up`).
 
     Raises:
         UnknownName: no shape has the target's name.
         BadDecision: the decider returns an invalid decision.
         ImpossibleObservation: a touch has likelihood zero for every possible shape.
     """
-    return search_lockstep([world], decider, problem, [target], model, [seed])[0]
+    return search_lockstep([world], decider, problem, [target], model, [seed], log_bets=[log_bets])[0]
 
 
 def search_lockstep(
@@ -88,14 +91,16 @@ def search_lockstep(
     model: ObservationModel,
     seeds: Sequence[int | Sequence[int]],
     touch_many: TouchMany[WorldT] | None = None,
+    log_bets: Sequence[ArrayLike] | None = None,
 ) -> list[Episode]:
-    """:func:`search` for many episodes at once, in the order of ``worlds``, ``targets`` and ``seeds``.
+    """:func:`search` for many episodes at once, in the order of ``worlds``, ``targets``, ``seeds`` and ``log_bets``.
 
     ``touch_many`` makes the touches of all waiting episodes; by default they are made one by one.
     """
+    labels = problem.shape_labels
     loops = [
-        _loop(world, decider, problem, index_of("target", problem.shape_labels, target), model, seed_words(seed))
-        for world, target, seed in zip(worlds, targets, seeds, strict=True)
+        _loop(world, decider, problem, index_of("target", labels, target), model, seed_words(seed), bets)
+        for world, target, seed, bets in zip(worlds, targets, seeds, log_bets or [0.0] * len(worlds), strict=True)
     ]
     finished: dict[int, Episode] = {}
     answers: dict[int, Touch | None] = dict.fromkeys(range(len(loops)))
@@ -122,13 +127,14 @@ def _loop(
     target: int,
     model: ObservationModel,
     seed: tuple[int, ...],
+    log_bets: ArrayLike,
 ) -> Generator[TouchRequest[WorldT], Touch | None, Episode]:
     """One episode as a coroutine: yields touch requests, receives touches, and returns the episode."""
     arrangement = tuple(int(shape) for shape in world.arrangement)
     if len(arrangement) != problem.num_objects:
         raise ValueError(f"the world has {len(arrangement)} objects, the problem {problem.num_objects}")
     world.reset()
-    scene = SceneBelief(problem, model, target=target)
+    scene = SceneBelief(problem, model, target=target, log_bets=log_bets)
     rng = deciding_rng(seed)
     steps: list[Step] = []
     object_index = num_touches = 0

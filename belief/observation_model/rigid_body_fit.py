@@ -23,9 +23,9 @@ from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
-_FITTED_ON = 400  # objects, at most, for the temperature
+_FITTED_ON = 1200  # sequences, at most, for the temperature
 _REPEATED = 400  # groups of repeats, at most, for their correlation
-_MOST_NUMBERS = 1 << 25  # that are held for this fit
+_MOST_NUMBERS = 1 << 26  # log weights that are held for a fit
 _TESTED_ON = 1200  # objects, at most, for the conflict test
 
 
@@ -111,16 +111,23 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
 def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     """The temperature with the lowest mean NLL of the shape after one touch of an object, two, … up to P or 12.
 
-    The touches of a sequence are in different poses, if the object was touched in all.
+    The touches of a sequence are in different poses, if the object was touched in all. Where objects are few, each
+    begins several sequences, up to P.
     """
-    rng = np.random.default_rng(0)
-    order = rng.permutation(len(data.objects))
-    first_in_pose = np.zeros(len(order), np.int64)
-    first_in_pose[np.unique((data.objects * data.num_poses + data.poses)[order], return_index=True)[1]] = 1
-    order = order[np.argsort(1 - first_in_pose, kind="stable")]
-    by_object = order[np.argsort(data.objects[order], kind="stable")]
-    touches, shapes = _sequences(data, by_object, _FITTED_ON, min(model.num_poses, MOST_TOUCHES))
-    return _best_temperature(model, touches, shapes, _ANYWHERE)
+    rng, length = np.random.default_rng(0), min(model.num_poses, MOST_TOUCHES)
+    most = max(1, min(_FITTED_ON, _MOST_NUMBERS // (length * len(model.shape_labels) * model.num_hypotheses)))
+    found = []
+    for _ in range(min(model.num_poses, -(-most // data.num_objects))):
+        order = rng.permutation(len(data.objects))
+        poses = (data.objects * data.num_poses + data.poses)[order]
+        again = np.ones(len(order), np.bool_)
+        again[np.unique(poses, return_index=True)[1]] = False
+        order = order[np.argsort(again, kind="stable")]
+        by_object = order[np.argsort(data.objects[order], kind="stable")]
+        found.append(_sequences(data, by_object, min(most, data.num_objects), length))
+    rows = np.concatenate([some for some, _ in found])[:most]
+    shapes = np.concatenate([some for _, some in found])[:most]
+    return _best_temperature(model, _touches(data, rows), shapes, _ANYWHERE)
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
@@ -175,7 +182,8 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
     """The conflict test from one sequence of touches of each object, in random order."""
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
-    return _conflict_test(model, *_sequences(data, by_object, _TESTED_ON, MOST_TOUCHES))
+    rows, shapes = _sequences(data, by_object, _TESTED_ON, MOST_TOUCHES)
+    return _conflict_test(model, _touches(data, rows), shapes)
 
 
 def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
@@ -186,8 +194,8 @@ def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) ->
 
 def _sequences(
     data: LabelledTouches, by_object: NDArray[np.int64], most_objects: int, longest: int
-) -> tuple[TouchBatch, NDArray[np.int64]]:
-    """The first touches of random objects, of each as many, and the shapes of the objects.
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows ``(S, n)`` of the first touches of random objects, of each as many, and the shapes ``(S,)`` of the objects.
 
     Args:
         data: all touches.
@@ -200,7 +208,7 @@ def _sequences(
         ids = np.sort(np.random.default_rng(2).permutation(ids)[:most_objects])
     ends = np.searchsorted(data.objects[by_object], np.arange(data.num_objects + 1))
     length = min(longest, int(np.diff(ends)[ids].min()))
-    return _touches(data, by_object[ends[ids][:, None] + np.arange(length)]), data.shape_of_object[ids]
+    return by_object[ends[ids][:, None] + np.arange(length)], data.shape_of_object[ids]
 
 
 def _touches(data: LabelledTouches, rows: NDArray[np.int64]) -> TouchBatch:

@@ -11,7 +11,7 @@ import numpy as np
 from experiments.reporting.style import PALETTE, figure
 from experiments.reporting.tables import Table, Value, interval
 from experiments.robustness.conflict import FALSE_ALARMS, STREAM
-from experiments.robustness.searches import CONFIDENCE
+from experiments.robustness.searches import CONFIDENCE, SET_UPS
 from experiments.robustness.shifted_touches import AS_TRAINED
 
 Parts: TypeAlias = Callable[[Mapping[str, Any]], tuple[tuple[float, float, float] | None, Mapping[str, Any] | None]]
@@ -177,18 +177,27 @@ def _abstention_table(numbers: Mapping[str, Any]) -> Table:
     """Searches with a wrong confirmation and searches that ended with "I do not know", by condition and model."""
     models = list(numbers["conditions"][AS_TRAINED]["models"])
     columns: list[Sequence[str]] = ["condition"]
-    columns += [(f"{model}: {what}", "") for model in models for what in ("wrong", "unsure")]
+    columns += [(f"{model}: {what}", "") for model in models for what in ("wrong", "unsure", "alarms")]
     rows: list[tuple[Value, ...]] = []
     for condition, row in numbers["conditions"].items():
         played = [row["models"][model].get("searches") for model in models]
-        cells = [None if one is None else interval(*one[what]) for one in played for what in ("wrong", "unsure")]
+        cells: list[Value] = []
+        for one in played:
+            cells += [None] * 3 if one is None else [interval(*one["wrong"]), interval(*one["unsure"]), _alarms(one)]
         rows.append((condition, *cells))
     return Table(
         f"{numbers['scene']}: live searches that confirmed a wrong object, and that ended with “I do not know”",
         columns,
         rows,
-        "Fractions of all searches with Clopper-Pearson intervals.",
+        f"Fractions of all searches; intervals resample the {SET_UPS} robots that share them. The conflict test of a "
+        "robot runs on from search to search. Alarms: how many robots had one, and in which search, the median.",
     )
+
+
+def _alarms(searches: Mapping[str, Any]) -> str:
+    """How many robots had an alarm, and in which search."""
+    when = searches["searches_to_alarm"]
+    return f"{searches['alarms']}" + ("" if when is None else f", in search {when:g}")
 
 
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
-from belief import SearchProblem
+from belief import SearchProblem, Touch
 from belief.observation_model import ArrayModel
 from belief.seeding import arrangement_rng
-from belief.statistics import clopper_pearson_interval
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
 from experiments.search.episode_statistics import calibration_of_confirmations
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import Abstaining
+from planners.search import TouchRequest
+from planners.set_up import search_in_turn
 
 CONFIDENCE = 0.95
 """Posterior of a shape at which touching stops."""
-_DECIDER, _TOGETHER = "information_gain", 25  # searches in lockstep
+_DECIDER = "information_gain"
+_TOGETHER = 25  # searches in lockstep
+SET_UPS = 8
+"""Robots that share the searches of a condition, where they may answer "I do not know"."""
 
 
 def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike) -> dict[str, Any] | None:
@@ -74,7 +79,9 @@ def search_scores(
     Returns:
         By condition and model: ``success`` with its ``interval``, ``touches`` a search, ``stated`` confidence and
         ``achieved`` accuracy at confirmation, ``wrong``: fraction of searches with a wrong confirmation, and with
-        ``abstain`` ``unsure``: fraction that ended with "I do not know", each with its interval.
+        ``abstain`` ``unsure``: fraction that ended with "I do not know", each with its interval; ``alarms``: how many
+        of :data:`SET_UPS` robots, whose test runs on from search to search, had an alarm; ``searches_to_alarm``: median
+        number of the search in which.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -106,20 +113,46 @@ def _search_all(
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
     decider = decider if abstain is None else Abstaining(decider, abstain, CONFIDENCE)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
-    played: list[Episode] = []
-    for first in range(0, len(seeds), _TOGETHER):
-        some = seeds[first : first + _TOGETHER]
-        rngs = [arrangement_rng(one) for one in some]
-        worlds = [TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng) for rng in rngs]
-        targets = [target for _, target, _ in some]
-        played += search_lockstep(
-            worlds, decider, problem, targets, sensor.model, some, lambda pending: touch_many(sensor, pending)[0]
+    worlds, targets = [], [target for _, target, _ in seeds]
+    for seed_of_episode in seeds:
+        rng = arrangement_rng(seed_of_episode)
+        worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
+
+    def touches(pending: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
+        return touch_many(sensor, pending)[0]
+
+    if abstain is None:
+        parts = [slice(first, first + _TOGETHER) for first in range(0, len(seeds), _TOGETHER)]
+        by_part = [
+            search_lockstep(worlds[part], decider, problem, targets[part], sensor.model, seeds[part], touches)
+            for part in parts
+        ]
+    else:
+        parts = [slice(first, None, SET_UPS) for first in range(min(SET_UPS, len(seeds)))]
+        by_part = search_in_turn(
+            [worlds[part] for part in parts],
+            decider,
+            problem,
+            [targets[part] for part in parts],
+            sensor.model,
+            [seeds[part] for part in parts],
+            touches,
         )
+    played = [episode for some in by_part for episode in some]
     won, confirmed = sum(episode.success for episode in played), calibration_of_confirmations(played)
     overall = None if confirmed is None else confirmed.overall
-    wrong = sum(episode.outcome is Outcome.CONFIRMED and not episode.success for episode in played)
-    unsure = sum(episode.outcome is Outcome.UNSURE for episode in played)
-    abstention = {"unsure": [unsure / len(played), *clopper_pearson_interval(unsure, len(played))]}
+    wrong = [episode.outcome is Outcome.CONFIRMED and not episode.success for episode in played]
+    unsure = [episode.outcome is Outcome.UNSURE for episode in played]
+    if abstain is None:  # searches are independent, otherwise those of a set-up are not
+        rate = partial(_rate, None)
+    else:
+        rate = partial(_rate, np.repeat(np.arange(len(by_part)), [len(some) for some in by_part]))
+    alarms = [num for some in by_part if (num := _searches_to_alarm(some)) is not None]
+    abstention = {
+        "unsure": rate(unsure),
+        "alarms": len(alarms),
+        "searches_to_alarm": float(np.median(alarms)) if alarms else None,
+    }
     return key, {
         "number": len(played),
         "success": won / len(played),
@@ -127,6 +160,19 @@ def _search_all(
         "touches": float(np.mean([episode.num_touches for episode in played])),
         "stated": None if overall is None else overall.mean_stated,
         "achieved": None if overall is None else overall.share_right,
-        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
+        "wrong": rate(wrong),
         **(abstention if abstain is not None else {}),
     }
+
+
+def _searches_to_alarm(episodes: Sequence[Episode]) -> int | None:
+    """Number of the search, from 1, in which the conflict test first stopped a set-up; None if it did not."""
+    stopped = (n for n, episode in enumerate(episodes, 1) if "is_conflict" in episode.steps[-1].decision.scores)
+    return next(stopped, None)
+
+
+def _rate(set_ups: NDArray[np.int64] | None, events: Sequence[bool]) -> list[float]:
+    """A frequency with its interval, which resamples set-ups if there are any."""
+    if set_ups is None:
+        return [float(np.mean(events)), *clopper_pearson_interval(sum(events), len(events))]
+    return list(cluster_bootstrap(np.asarray(events), set_ups, np.random.default_rng(0)))

@@ -200,7 +200,7 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
             own["searches"] = shy
     abstention = robustness_tables(report | {"conditions": numbers})[4]
     assert len(abstention.rows) == len(numbers)
-    assert len(abstention.rows[0]) == 5
+    assert len(abstention.rows[0]) == 7
 
 
 def test_no_stops_have_no_confidence():
