@@ -1,20 +1,20 @@
 # Two commands do everything on a machine that has Python 3.11 or newer:
 #   make search    set up, then the main job: compare deciders on live searches, write a report
-#   make test      set up, then lint, types, import contracts, and all tests
+#   make test      set up, then lint, types, import contracts, docs, and all tests
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 # More for `activetouch compare`, e.g. make search ARGS="--episodes 1000"
 ARGS ?=
-# More for `pip install`, e.g. where the CPU build of torch comes from (see the README)
+# More for `pip install`, e.g. where the CPU build of torch comes from (see docs/install.md)
 PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check environment development sensor robust-sensor independent-sensor policies figures reproduce clean
+.PHONY: search test check docs environment development sensor robust-sensor independent-sensor policies figures reproduce clean
 
 search: environment
-	$(BIN)/activetouch compare $(ARGS)
+	$(BIN)/activetouch compare --scene coarse $(ARGS)
 
 # Two processes of tests share the processors, so each computes on one thread.
 test: check
@@ -25,6 +25,12 @@ check: development
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BUILD_DOCS)
+
+# The documentation as a site in build/site; warnings are errors.
+BUILD_DOCS = NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+docs: development
+	$(BUILD_DOCS)
 
 # What searches need, and what training and tests need beside it, in the same folder. Without --no-compile, pip writes
 # 100 MB of bytecode (with training, a minute and a half more), most of it never used; the first start writes what is.
@@ -113,10 +119,11 @@ policies: development
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies
 	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(INDEPENDENT)/policies/
 
-figures: environment
+figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
 	$(BIN)/activetouch replay --folder runs/figure --target cone --number 48 --out docs/search.png
 	$(BIN)/activetouch gallery --out docs/gallery.png
+	$(BIN)/python docs/generate/gallery.py
 
 # The paper's tables and figures beside ours; make reproduce ARGS="--parts table2 figure3", or ARGS=--from-nothing.
 reproduce: development

@@ -8,7 +8,15 @@ use (decision 0034).
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import Any
+
+from activetouch.own_packages import make_way, require_own_packages
+
+if sys.argv[:1] == ["-m"]:  # while Python looks for the module that `python -m activetouch` runs
+    make_way()
+else:
+    require_own_packages("belief")
 
 from activetouch import envs
 from activetouch.named_scenes import SCENES
@@ -37,6 +45,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Functions that are loaded at first use, and the version."""
     if name in _ABOVE:
+        require_own_packages()
         return getattr(importlib.import_module(_ABOVE[name]), name)
     if name == "__version__":
         from importlib.metadata import version

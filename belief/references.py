@@ -15,11 +15,15 @@ import inspect
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.machinery import PathFinder
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from belief.errors import ActiveTouchError, UnknownName
+
+_ROOT = Path(__file__).resolve().parent.parent
+_PACKAGES = ("activetouch", "belief", "experiments", "planners")
 
 
 class BadReference(ActiveTouchError, ValueError):
@@ -81,6 +85,7 @@ class Reference:
         module_name, _, attribute = self.name.rpartition(":")
         here = str(Path.cwd())
         look_in(here)
+        _require_own_packages(here)
         try:
             found: Any = importlib.import_module(module_name)
         except ModuleNotFoundError as error:
@@ -117,6 +122,20 @@ def look_in(folder: str) -> None:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     importlib.invalidate_caches()
+
+
+def _require_own_packages(folder: str) -> None:
+    """Raise BadReference if a folder hides packages of this installation; worker processes look there too."""
+    for name in _PACKAGES:
+        spec = PathFinder.find_spec(name)
+        places = (
+            [] if spec is None else [*(spec.submodule_search_locations or []), *([spec.origin] if spec.origin else [])]
+        )
+        if places and not any(Path(place).resolve().is_relative_to(_ROOT) for place in places):
+            raise BadReference(
+                f"{places[0]} has the name of a package of activetouch, which worker processes need: rename it, or "
+                f"keep parts of your own in another folder than {folder}"
+            )
 
 
 def build(

@@ -22,6 +22,7 @@ from planners.ppo import PPODecider
 from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
+from planners.sb3_policy import PREFIX, SB3Policy
 from planners.stop_override import StopOverride
 from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
@@ -177,6 +178,8 @@ def find_decider(name: str) -> tuple[Any, Reference]:
         UnknownName: there is no such name; the message suggests the nearest.
         BadReference: the name is malformed, or its module cannot be imported.
     """
+    if name.startswith(PREFIX):
+        return SB3Policy, Reference(name, {"path": name.removeprefix(PREFIX)}, True)
     found, reference = find("decider", name, DECIDERS, ENTRY_POINTS)
     if given := [setting for setting in reference.settings if setting in _GIVEN]:
         raise BadReference(f"{name}: {given[0]} is no setting; it is passed to every decider")
@@ -189,6 +192,8 @@ def trained_state(name: str) -> str | None:
     >>> trained_state("ppo_confident(confirm=0.9)"), trained_state("threshold")
     ('paper', None)
     """
+    if name.startswith(PREFIX):
+        return None
     return TRAINED.get(Reference.parse(name).name)
 
 
@@ -203,7 +208,7 @@ def make_decider(
 
     Args:
         name: a key of :data:`DECIDERS`, an entry point, or ``module:attribute``; optionally with settings in brackets,
-            such as ``information_gain(confirm=0.97)``.
+            such as ``information_gain(confirm=0.97)``; or ``sb3:PATH``, a policy that Stable-Baselines3 saved.
         table: p(outcome | pose, shape) of single touches.
         model: the observation model, which some deciders need.
         policies: folder of trained policies, which some deciders need.

@@ -1,35 +1,20 @@
-"""The README's library example is executed as it stands, and its examples run."""
+"""Every block of code of README and docs is executed as it stands, the examples run, and what pages name exists."""
 
 import ast
 import builtins
 import re
 import runpy
+from functools import cache
 from pathlib import Path
 
 import pytest
+
+from activetouch import TactileSensor
 
 ROOT = Path(__file__).parent.parent
 LONG = {
     "04_a_mesh_of_your_own.py"
 }  # trains for minutes; tests/experiments/sensor/test_own_shape.py goes the same way in small
-
-
-@pytest.mark.mujoco
-@pytest.mark.torch
-def test_the_readmes_ten_lines_run_and_print_what_they_say():
-    text = (ROOT / "README.md").read_text()
-    [code] = re.findall(r"```python\n(.*?)```", text, flags=re.S)
-    assert len([line for line in code.splitlines() if line.strip()]) <= 12
-    namespace: dict = {}
-    exec(compile(code, "README.md", "exec"), namespace)
-    assert namespace["episode"].success
-
-
-@pytest.mark.mujoco
-def test_the_code_in_the_description_of_the_world_runs(capsys):
-    [code] = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "world.md").read_text(), flags=re.S)
-    exec(compile(code, "docs/world.md", "exec"), {})
-    assert "an image of (128, 128, 3)" in capsys.readouterr().out
 
 
 def test_the_code_in_the_guide_to_calibration_prints_what_the_guide_says(capsys):
@@ -60,12 +45,45 @@ def test_every_name_in_a_block_of_code_is_defined_in_it(code):
     assert not names - bound - set(dir(builtins))
 
 
+PRINTS = {
+    "docs/start.md 2": "found the cube: True",
+    "docs/world.md 1": "an image of (128, 128, 3)",
+    "docs/toy.md 1": "0.571",
+}
+
+NOT_OURS = {"dask_jobqueue"}
+
+
+@pytest.fixture(scope="module")
+def sensors_loaded_once():
+    """Blocks share sensors: each is loaded once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TactileSensor, "shipped", cache(TactileSensor.shipped))
+        yield
+
+
 @pytest.mark.mujoco
 @pytest.mark.torch
-@pytest.mark.parametrize("code", [block for block in BLOCKS if "docs/planners.md" in str(block.id)])
-def test_the_code_in_the_guide_to_deciders_runs(code, tmp_path, monkeypatch):
+@pytest.mark.parametrize("code", [block for block in BLOCKS if "calibration.md" not in str(block.id)])
+def test_every_block_of_code_runs(code, sensors_loaded_once, tmp_path, monkeypatch, capsys, request):
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "docs/planners.md", "exec"), {})
+    block = request.node.callspec.id
+    try:
+        exec(compile(code, block, "exec"), {})
+    except ModuleNotFoundError as error:
+        if error.name not in NOT_OURS:
+            raise
+        pytest.skip(f"{error.name} is for a cluster and in no extra")
+    assert PRINTS.get(block, "") in capsys.readouterr().out
+
+
+def test_the_first_live_search_fits_on_a_screen():
+    code = next(block.values[0] for block in BLOCKS if block.id == "docs/start.md 2")
+    assert len([line for line in code.splitlines() if line.strip()]) <= 12
+
+
+def test_the_readme_is_a_screen_and_a_half():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 90
 
 
 @pytest.mark.parametrize("name", sorted({path.name for path in (ROOT / "examples").glob("[0-9]*.py")} - LONG))
@@ -75,7 +93,7 @@ def test_every_example_runs(name, capsys):
 
 
 BOUND_IS_TOLD_IN = (
-    "README.md",
+    "docs/scenes.md",
     "docs/planners.md",
     "docs/ppo.md",
     "experiments/search/compare.py",
@@ -88,7 +106,7 @@ BOUND_IS_TOLD_IN = (
 def test_the_bound_is_called_what_it_is_one_of_a_discretised_sensor(page):
     text = " ".join((ROOT / page).read_text().replace('"', " ").split())
     assert "discretised sensor model" in text
-    assert page == "README.md" or "can exceed" in text
+    assert page == "docs/scenes.md" or "can exceed" in text
     for overstated in (
         "o planner can expect",
         "no decider can exceed",

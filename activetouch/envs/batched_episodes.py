@@ -74,7 +74,7 @@ class BankEpisodes:
         if state not in ENCODINGS:
             raise UnknownName("state", state, list(ENCODINGS))
         bank.require_labels(model.shape_labels, model.num_poses)
-        self.bank, self.num_envs, self.touch_limit = bank, num_envs, touch_limit
+        self.bank, self.num_envs, self.touch_limit, self.state = bank, num_envs, touch_limit, state
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
         self.num_poses, self.target = len(bank.pose_labels), bank.shape_labels.index(target)
         self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch
-from belief.errors import CorruptFile
+from activetouch.world import INDEPENDENT_SUFFIX, MODELS
+from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 
 _FORMAT = "activetouch-touch-bank-2"
 MANIFEST = "manifest.json"
 """Name of a bank's manifest; a folder without it is no bank."""
+SHIPPED = "bank"
+"""Folder of the bank that comes with a sensor of independent touches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +140,22 @@ class TouchBank(TouchRounds):
             raise
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             raise CorruptFile(f"{folder} is no touch bank: {error}") from error
+
+    @classmethod
+    def shipped(cls, scene: str) -> TouchBank:
+        """The bank of a scene that comes with the package: objects that its reader was not trained on.
+
+        Args:
+            scene: name of the scene.
+
+        Raises:
+            UnknownName: there is no bank of this scene.
+        """
+        known = sorted(path.parent.parent.name for path in MODELS.glob(f"*/{SHIPPED}/{MANIFEST}"))
+        if f"{scene}{INDEPENDENT_SUFFIX}" not in known:
+            raise UnknownName("scene with a bank", scene, [name.removesuffix(INDEPENDENT_SUFFIX) for name in known])
+        bank = cls.open(MODELS / f"{scene}{INDEPENDENT_SUFFIX}" / SHIPPED)
+        return replace(bank, logits=np.asarray(bank.logits, np.float32))
 
     def require_labels(self, shape_labels: tuple[str, ...], num_poses: int) -> None:
         """Check the shapes and the number of poses of an observation model.

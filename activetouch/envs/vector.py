@@ -30,7 +30,8 @@ class BankVectorEnv(VectorEnv):
         self._episodes = episodes
         self.num_envs = episodes.num_envs
         self.single_action_space = spaces.Discrete(episodes.num_actions)
-        self.single_observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
+        low = 0.0 if episodes.state == "paper" else -1.0
+        self.single_observation_space = spaces.Box(low, 1.0, episodes.observe().shape[1:], np.float32)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 

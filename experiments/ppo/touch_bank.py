@@ -43,6 +43,9 @@ class MakeTouchBank:
     """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
     """Use a collection of another scene than the sensor's."""
+    compact: bool = False
+    """Write only the objects to learn from, in half precision and without features: a bank as it comes with the
+    package."""
 
     def run(self) -> None:
         """Read both splits and write two banks."""
@@ -57,12 +60,12 @@ class MakeTouchBank:
         reader = TactileReader.load(sensor / READER_FILE)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
-        for split in (TRAINING, TEST):
+        for split in (TRAINING,) if self.compact else (TRAINING, TEST):
             touches = read_split(data, split)
             num_objects, num_poses = len(np.unique(touches.object_ids)), len(manifest.pose_labels)
             logits, features = [], []
             for reading in readings(reader, touches.images, f"reading {split} touches"):
-                logits.append(reading.logits.astype(np.float32))
+                logits.append(reading.logits.astype(np.float16 if self.compact else np.float32))
                 features.append(reading.embeddings.astype(np.float16))
             by_object = (num_objects, manifest.plan.repeats, num_poses, -1)
             bank = TouchBank(
@@ -70,7 +73,7 @@ class MakeTouchBank:
                 touches.shapes.reshape(by_object[:3])[:, 0, 0],
                 manifest.shape_labels,
                 manifest.pose_labels,
-                np.concatenate(features).reshape(by_object),
+                None if self.compact else np.concatenate(features).reshape(by_object),
                 {"collection": str(data), "split": split, "classifier": reader.card.training},
                 manifest.scene,
             )

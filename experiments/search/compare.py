@@ -31,8 +31,8 @@ from planners.registry import DECIDERS, find_decider, summary_of
 
 _DECIDERS_HELP = (
     "Deciders to compare. Settings follow in brackets: 'information_gain(confirm=0.97)'. Name your own as "
-    "module:attribute: 'mine:TwoLooks(touches=4)'. Available deciders:\n"
-    + "\n".join(f"{name}: {summary_of(name)}" for name in DECIDERS)
+    "module:attribute: 'mine:TwoLooks(touches=4)', or a policy that Stable-Baselines3 saved: 'sb3:model.zip'. "
+    "Available deciders:\n" + "\n".join(f"{name}: {summary_of(name)}" for name in DECIDERS)
 )
 
 

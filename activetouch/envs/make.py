@@ -1,0 +1,76 @@
+"""The environments by id at speed: many tests at once on the touches that come with the package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from activetouch.envs.base import BadOption
+from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.priors import TargetProb
+from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.vector import BankVectorEnv
+from activetouch.world import INDEPENDENT_SUFFIX, MODELS, load_observation_model
+from belief.policy_state import TOUCH_LIMIT
+
+_BY_OBJECT = 'gymnasium.make_vec(..., vectorization_mode="sync")'
+
+
+def bank_episodes(scene: str = "gel", target: str = "cone", num_envs: int = 1, **settings: Any) -> BankEpisodes:
+    """Parallel tests on the recorded touches of a scene that come with the package.
+
+    Args:
+        scene: name of a scene with a bank.
+        target: label of the target shape.
+        num_envs: number of parallel tests.
+        settings: further arguments of :class:`activetouch.envs.batched_episodes.BankEpisodes`.
+
+    Raises:
+        UnknownName: the scene has no bank, or the target is unknown.
+    """
+    bank = TouchBank.shipped(scene)
+    model = load_observation_model(MODELS / f"{scene}{INDEPENDENT_SUFFIX}")
+    return BankEpisodes(bank, model, target, num_envs, **settings)
+
+
+def vector_test(
+    num_envs: int = 1,
+    scene: str = "gel",
+    target: str = "cone",
+    touch_cost: float = 0.02,
+    touch_limit: int = TOUCH_LIMIT,
+    target_prob: TargetProb = 0.5,
+    state: str = "paper",
+    touches: None = None,
+    render_mode: None = None,
+    max_episode_steps: int | None = None,
+) -> BankVectorEnv:
+    """What ``gymnasium.make_vec("activetouch/ObjectTest-v0", num_envs=...)`` makes: tests on recorded touches.
+
+    The touches were read by the sensor ``SCENE-independent``, whose belief takes them as independent given the shape.
+
+    Args:
+        num_envs: number of parallel tests.
+        scene: name of a scene with a bank.
+        target: label of the target shape.
+        touch_cost: λ.
+        touch_limit: T_max.
+        target_prob: prior of the target, or a range from which every test draws its own.
+        state: ``"paper"`` or ``"posterior"``, the observation.
+        touches: must be None; environments of single objects have other touches.
+        render_mode: must be None; recorded touches have no picture.
+        max_episode_steps: at least ``touch_limit + 1``; a test ends by itself.
+
+    Raises:
+        BadOption: an argument that only environments of single objects have, or too few steps.
+        UnknownName: the scene has no bank, or the target or the state is unknown.
+    """
+    for name, value in (("touches", touches), ("render_mode", render_mode)):
+        if value is not None:
+            raise BadOption(f"{name}={value!r} is not for recorded touches; use {_BY_OBJECT}")
+    if max_episode_steps is not None and max_episode_steps <= touch_limit:
+        raise BadOption(
+            f"max_episode_steps={max_episode_steps} ends tests before touch_limit={touch_limit} does; give "
+            f"max_episode_steps={touch_limit + 1} or more"
+        )
+    settings = {"touch_cost": touch_cost, "touch_limit": touch_limit, "target_prob": target_prob, "state": state}
+    return BankVectorEnv(bank_episodes(scene, target, num_envs, **settings))

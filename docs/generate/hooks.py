@@ -1,0 +1,116 @@
+"""Hooks of the site: pages that are generated, and links of pages that leave the folder of the site.
+
+Links to files that are no pages become plain text, because the site has no place for them.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path, PurePosixPath
+from posixpath import normpath, relpath
+from typing import Any
+
+ROOT = Path(__file__).parent.parent.parent
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+
+import gallery  # noqa: E402
+import pages  # noqa: E402
+from mkdocs.structure.files import File  # noqa: E402
+
+OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+"""Files outside of the folder that are pages."""
+LATER = {"Look up": ["real_touch.md"], "Understand": ["where_to_touch.md"]}
+"""Pages that are shown as soon as they exist."""
+NAV: dict[str, list[str]] = {
+    "Learn": ["start.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
+    "Look up": ["commands.md", "columns.md", "environments.md", "extending.md", "scale.md"],
+    "Understand": ["world.md", "perception.md", "calibration.md", "planners.md", "ppo.md", "architecture.md"],
+    "Check": ["results.md", "perception/robustness.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "limits.md"],
+}
+_LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
+_ROLE = re.compile(r":(?:class|func|mod|meth|data|attr|exc):<code>~?([^<]+)</code>")
+
+
+def on_config(config: Any) -> Any:
+    """Set the contents."""
+    there = {
+        section: [page for page in (*found, *LATER.get(section, [])) if _exists(page)] for section, found in NAV.items()
+    }
+    made = pages.generated()
+    config["nav"] = [
+        "index.md",
+        {"Learn": there["Learn"]},
+        {"Gallery": ["gallery.md", *(f"gallery/{script.stem}.md" for script in gallery.scripts())]},
+        {"Deciders": [name for name in made if name.startswith("deciders/")]},
+        {"Worlds": ["scenes.md", *(name for name in made if name.startswith("worlds/"))]},
+        {"Look up": [*there["Look up"], "reference/commands.md"]},
+        {"Understand": there["Understand"]},
+        {"Check": there["Check"]},
+        {"API": [name for name in made if name.startswith("reference/api/")]},
+        {
+            "Decisions": [
+                "decisions/index.md",
+                *sorted(f"decisions/{p.name}" for p in (ROOT / "docs/decisions").glob("0*.md")),
+            ]
+        },
+        "contributing.md",
+        "changelog.md",
+    ]
+    return config
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the generated pages."""
+    made = {page: (ROOT / name).read_text(encoding="utf-8") for name, page in OF_ROOT.items()}
+    made |= pages.generated()
+    for script in gallery.scripts():
+        first, paragraph = gallery.description(script)
+        title, code = script.stem.replace("_", " ").capitalize(), script.read_text(encoding="utf-8")
+        figure = f"![{first}]({script.stem}.png)" if (gallery.FIGURES / f"{script.stem}.png").exists() else ""
+        made[f"gallery/{script.stem}.md"] = f"# {title}\n\n{paragraph}\n\n{figure}\n\n```python\n{code}```\n"
+    for name, text in made.items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
+    """Rewrite links that leave the folder."""
+    place = page.file.src_uri
+    origin = next((name for name, made in OF_ROOT.items() if made == place), f"docs/{place}")
+
+    def link(found: re.Match[str]) -> str:
+        mark, words, target, section = found.groups()
+        if not target or "://" in target or target.startswith("mailto:"):
+            return found[0]
+        inside = _page_of(normpath(str(PurePosixPath(origin).parent / target)), files)
+        if inside is None:
+            return words
+        return f"{mark}[{words}]({relpath(inside, str(PurePosixPath(place).parent))}{section or ''})"
+
+    parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
+    return "".join(part if number % 2 else _LINK.sub(link, part) for number, part in enumerate(parts))
+
+
+def on_page_content(html: str, page: Any, config: Any, files: Any) -> str:
+    """Show what docstrings refer to as code."""
+    return _ROLE.sub(lambda found: f"<code>{found[1]}</code>", html)
+
+
+def _page_of(target: str, files: Any) -> str | None:
+    """The file of the site that a path from the root of the repository stands for."""
+    if target in OF_ROOT:
+        return OF_ROOT[target]
+    if target.startswith("examples/gallery/"):
+        target = f"docs/gallery/{PurePosixPath(target).stem}.md"
+    inside = target.removeprefix("docs/")
+    if inside == target:
+        return None
+    for name in (inside, f"{inside}/index.md"):
+        if files.get_file_from_path(name) is not None:
+            return name
+    return None
+
+
+def _exists(page: str) -> bool:
+    return (ROOT / "docs" / page).exists()

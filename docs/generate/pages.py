@@ -1,0 +1,195 @@
+"""Pages that are generated from the code: one for each decider, scene, command and part of the API."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+import shelves
+
+from activetouch.named_scenes import SCENES
+from experiments.cli import COMMAND_GROUPS, commands
+from planners.registry import DECIDERS, summary_of
+
+ROOT = Path(__file__).parent.parent.parent
+API = {
+    "belief": ("belief", "belief.synthetic", "belief.policy_state"),
+    "observation models": ("belief.observation_model", "belief.observation_model.selection", "belief.touch_batch"),
+    "calibration": ("belief.calibration", "belief.metrics"),
+    "statistics": ("belief.statistics",),
+    "planners": ("planners", "planners.stopping", "planners.probing", "planners.stop_override", "planners.abstaining"),
+    "solver": ("planners.solve", "planners.bounds", "planners.export"),
+    "activetouch": ("activetouch", "activetouch.world", "activetouch.scene", "activetouch.named_scenes"),
+    "rendering": ("activetouch.rendering",),
+    "environments": ("activetouch.envs.object_test", "activetouch.envs.object_goal", "activetouch.envs.object_search",
+                     "activetouch.envs.wrappers", "activetouch.envs.make", "activetouch.envs.touch_bank",
+                     "activetouch.envs.vector"),
+}  # fmt: skip
+"""Modules of the API reference, by page."""
+_GIVEN = ("table", "model", "policies")
+
+
+@cache
+def generated() -> dict[str, str]:
+    """All pages by path."""
+    made = {"deciders/index.md": _deciders()}
+    made |= {f"deciders/{name}.md": _decider(name) for name in DECIDERS}
+    made |= {f"worlds/{name}.md": _world(name) for name in SCENES}
+    made["reference/commands.md"] = _commands()
+    made |= {f"reference/api/{name.replace(' ', '_')}.md": _api(name, modules) for name, modules in API.items()}
+    made["decisions/index.md"] = _decisions()
+    return made
+
+
+def table(headings: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A Markdown table."""
+    headings = list(headings)
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(str(cell).replace("|", r"\|") for cell in line) + " |" for line in lines)
+
+
+def _deciders() -> str:
+    rows = [(f"[`{name}`]({name}.md)", summary_of(name)) for name in DECIDERS]
+    rest = "A name with settings in brackets makes another one: `information_gain(confirm=0.97)`."
+    return f"# Deciders\n\n{table(('name', 'what it does'), rows)}\n\n{rest} [How they compare](../planners.md).\n"
+
+
+def _decider(name: str) -> str:
+    said = shelves.DECIDERS.get(name, shelves.NOTHING)
+    settings = [
+        (f"`{one.name}`", f"`{one.default!r}`")
+        for one in inspect.signature(DECIDERS[name]).parameters.values()
+        if one.name not in _GIVEN and one.default is not inspect.Parameter.empty
+    ]
+    shown = table(("setting", "default"), settings) if settings else "It has no settings."
+    return f"""# {name}
+
+{summary_of(name)}
+
+## Idea
+
+{said.idea}
+
+## Use
+
+```sh
+activetouch compare --scene coarse --deciders {name} random_confirm --episodes 25
+```
+
+```python
+from activetouch import TactileSensor
+from planners import make_decider
+
+model = TactileSensor.shipped("coarse").model
+decider = make_decider("{name}", model.outcome_table(), model)
+```
+
+{shown}
+
+## What its scores mean
+
+{said.scores}
+
+## What it is bad at
+
+{said.weak}
+
+## Beside the others
+
+![Every decider: return, success, touches and time per decision](../planners/deciders.svg)
+
+`python benchmarks/deciders.py --episodes 400 --trees 40 20 4`;
+[table and text](../planners.md#comparison-of-all-deciders).
+"""
+
+
+def _world(name: str) -> str:
+    said, named = shelves.WORLDS.get(name, shelves.NOTHING), SCENES[name]
+    scene = named.scene
+    fields = {
+        "objects of a search": f"{named.num_objects}, {named.composition.value}",
+        "shapes": ", ".join(scene.shape_labels),
+        "poses": ", ".join(scene.pose_labels),
+        "image": " × ".join(map(str, scene.image_shape)),
+        "renderer": f"`{scene.renderer!r}`",
+        "press": f"`{type(scene.press_model).__name__}`",
+        "faults of the sensor": ", ".join(f"`{fault!r}`" for fault in scene.faults) or "none",
+        "size": f"`{scene.variation.size!r}`",
+        "force [N]": f"`{scene.variation.force!r}`",
+    }
+    sensors = sorted(path.name for path in (ROOT / "activetouch/models").glob(f"{name}*") if path.is_dir())
+    figure = "![Four shapes in six poses, as three sensors show them](../gallery.png)"
+    return f"""# {name}
+
+## Idea
+
+{said.idea}
+
+## What it is
+
+{table(("", ""), fields.items())}
+
+Sensors that come with it: {", ".join(f"`{sensor}`" for sensor in sensors)}.
+`activetouch explain --scene {name}` lists all that it models.
+
+## Use
+
+```sh
+activetouch compare --scene {name} --episodes 25
+```
+
+```python
+from activetouch import SCENES, TactileSensor
+
+scene = SCENES["{name}"].scene
+sensor = TactileSensor.shipped("{name}")
+```
+
+## What results here mean
+
+{said.scores}
+
+## What it is bad at
+
+{said.weak}
+
+## Figure
+
+{figure}
+
+`activetouch gallery --out docs/gallery.png` draws it. [All scenes](../scenes.md), [results](../results.md).
+"""
+
+
+def _commands() -> str:
+    lines, classes = ["# Commands, from the code", ""], commands()
+    for group, entries in COMMAND_GROUPS.items():
+        lines += [f"## {group}", ""]
+        for name, entry in entries.items():
+            text = inspect.cleandoc(classes[name].__doc__ or "")
+            text = re.sub(r"For example:\n\n((?:    .*\n?|\n)+)", _fenced, text)
+            lines += [f"### {name}", "", f"*{entry.summary}*", "", _plain(text), ""]
+    return "\n".join(lines)
+
+
+def _fenced(found: re.Match[str]) -> str:
+    return f"For example:\n\n```sh\n{inspect.cleandoc(found[1])}\n```\n"
+
+
+def _plain(text: str) -> str:
+    return re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text.replace("``", "`"))
+
+
+def _api(name: str, modules: Iterable[str]) -> str:
+    return f"# {name.capitalize()}\n\n" + "\n\n".join(f"## `{module}`\n\n::: {module}" for module in modules) + "\n"
+
+
+def _decisions() -> str:
+    rows = []
+    for path in sorted((ROOT / "docs/decisions").glob("0*.md")):
+        title = path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+        rows.append((path.name[:4], f"[{re.sub(r'^[0-9]{4}[.:]? *', '', title)}]({path.name})"))
+    return f"# Decisions\n\nWhat was chosen and why, half a page each.\n\n{table(('', ''), rows)}\n"

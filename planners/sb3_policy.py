@@ -1,0 +1,122 @@
+"""A policy that Stable-Baselines3 saved, as a decider: ``sb3:PATH``.
+
+The size of the policy's observation tells what it sees: the paper's state or the posterior, alone or followed by the
+target, one-hot. Loading such a file runs code from it, so load only files that you trust.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from belief import Confirm, Probe, Reject
+from belief.errors import MissingPackage
+from belief.policy_state import ENCODINGS, TOUCH_LIMIT
+from planners.decider import Decision, InformationState
+from planners.ppo import BadPolicy, MissingPolicy, situation_of
+
+PREFIX = "sb3:"
+"""What the name of such a decider starts with."""
+
+
+class Loaded(NamedTuple):
+    """A policy, what it sees, and whether it also sees the target."""
+
+    model: Any
+    state: str
+    sees_target: bool
+
+
+@dataclass(frozen=True)
+class SB3Policy:
+    """Takes the best action of a saved policy, object by object.
+
+    After 12 touches of one object it takes the more probable answer.
+
+    Attributes:
+        path: the file; ``{target}`` in it stands for the label of the target.
+    """
+
+    path: str
+
+    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.Decider`."""
+        problem, scores = info.problem, {"target_prob": info.target_prob}
+        loaded = self._loaded(info)
+        situation = situation_of(info.history, info.belief.log_probs, problem.num_poses, TOUCH_LIMIT)
+        seen = ENCODINGS[loaded.state](situation, info.target)[0]
+        if loaded.sees_target:
+            seen = np.append(seen, np.arange(problem.num_shapes) == info.target)
+        action = int(loaded.model.predict(seen.astype(np.float32), deterministic=True)[0])
+        if action < problem.num_poses:
+            if len(info.history) < TOUCH_LIMIT:
+                return Decision(Probe(action), scores)
+            action = problem.num_poses + (info.target_prob < 0.5)
+        return Decision(Confirm() if action == problem.num_poses else Reject(), scores)
+
+    def files(self, target: str) -> tuple[Path, ...]:
+        """The file that searches for this target follow.
+
+        Raises:
+            MissingPolicy: there is none.
+        """
+        path = Path(self.path.replace("{target}", target))
+        if not path.is_file():
+            raise MissingPolicy(f"{PREFIX}{self.path}: there is no file {path}")
+        return (path,)
+
+    def _loaded(self, info: InformationState) -> Loaded:
+        [path] = self.files(info.problem.shape_labels[info.target])
+        found = path.stat()
+        model = _model(path, (found.st_mtime_ns, found.st_size))
+        num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
+        sizes = {"paper": num_shapes + num_poses + 3, "posterior": num_shapes + num_poses + 2}
+        shape, actions = model.observation_space.shape, getattr(model.action_space, "n", None)
+        for state, size in sizes.items():
+            for sees_target in (False, True):
+                if shape == (size + sees_target * num_shapes,) and actions == num_poses + 2:
+                    return Loaded(model, state, sees_target)
+        raise BadPolicy(
+            f"{path} reads an observation of shape {shape} and chooses among {actions} actions; a search with "
+            f"{num_shapes} shapes and {num_poses} poses needs {num_poses + 2} actions and "
+            + " or ".join(
+                f"{size} numbers ({state}), {size + num_shapes} with the target" for state, size in sizes.items()
+            )
+        )
+
+
+@lru_cache(maxsize=32)
+def _model(path: Path, written: tuple[int, int]) -> Any:
+    """The model, read once in each process, and again when its file was written anew."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            data = json.loads(file.read("data"))
+        module, name = _algorithm(data)
+    except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
+        raise BadPolicy(f"{path} is no file that Stable-Baselines3 saved: {error}") from error
+    try:
+        algorithm = getattr(import_module(module), name)
+    except ModuleNotFoundError as error:
+        extra = "contrib" if module == "sb3_contrib" else "rl"
+        raise MissingPackage(f"{path} needs {module}: pip install 'activetouch[{extra}]'") from error
+    return algorithm.load(path, device="cpu")
+
+
+def _algorithm(data: dict[str, Any]) -> tuple[str, str]:
+    """Module and name of the algorithm that wrote a file, by the settings it keeps.
+
+    >>> _algorithm({"clip_range": 0.2, "policy_class": {"__module__": "stable_baselines3.common.policies"}})
+    ('stable_baselines3', 'PPO')
+    """
+    if "sb3_contrib" in str(data.get("policy_class")):
+        return "sb3_contrib", "MaskablePPO"
+    if "exploration_fraction" in data:
+        return "stable_baselines3", "DQN"
+    return "stable_baselines3", "PPO" if "clip_range" in data else "A2C"

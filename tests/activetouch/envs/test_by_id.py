@@ -1,0 +1,88 @@
+"""Environments by id work at speed on install, and the target of a goal-conditioned one is drawn and observed."""
+
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from activetouch.envs import IDS, MOST_STEPS
+from activetouch.envs.base import BadOption
+from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import SampledTouches
+from activetouch.envs.wrappers import BeliefShaping, PosteriorState
+from belief.errors import UnknownName
+
+TEST, GOAL = "activetouch/ObjectTest-v0", "activetouch/ObjectTestGoal-v0"
+
+
+@pytest.fixture
+def sampled(model):
+    return SampledTouches(model, ("p0", "p1", "p2"))
+
+
+@pytest.mark.parametrize("scene", ["coarse", "gel", "paper", "hard", "many"])
+def test_every_scene_has_a_bank_that_plays(scene):
+    envs = gymnasium.make_vec(TEST, num_envs=32, scene=scene, state="posterior")
+    observations, _ = envs.reset(seed=0)
+    assert observations in envs.observation_space
+    rng, returns = np.random.default_rng(0), []
+    for _ in range(30):
+        observations, reward, *_ = envs.step(rng.integers(8, size=32))
+        assert observations in envs.observation_space
+        returns.append(reward)
+    assert envs.spec.max_episode_steps == MOST_STEPS
+    assert {-1.0, 1.0} <= set(np.unique(returns))
+
+
+def test_a_bank_is_small_and_without_features():
+    bank = TouchBank.shipped("coarse")
+    assert bank.logits.shape == (1200, 6, 6, 4)
+    assert bank.logits.dtype == np.float32
+    assert bank.features is None
+    with pytest.raises(UnknownName, match="coarse"):
+        TouchBank.shipped("coarze")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"render_mode": "rgb_array"}, "render_mode='rgb_array'"),
+        ({"touches": 3}, "sync"),
+        ({"touch_limit": 1000}, "1001"),
+    ],
+)
+def test_what_recorded_touches_do_not_have_is_refused(options, named):
+    with pytest.raises(BadOption, match=named):
+        gymnasium.make_vec(TEST, num_envs=2, scene="coarse", **options)
+    longer = gymnasium.make_vec(TEST, num_envs=2, scene="coarse", touch_limit=1000, max_episode_steps=1001)
+    assert longer.reset(seed=0)[0].shape == (2, 13)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_an_episode_ends_by_its_touch_limit_before_the_time_limit(name, sampled):
+    env = gymnasium.make(name, touches=sampled, touch_limit=20, **({} if name == GOAL else {"target": "shape_0"}))
+    assert env.spec.max_episode_steps == MOST_STEPS
+    env.reset(seed=0)
+    for _ in range(20):
+        assert env.step(0)[2:4] == (False, False)
+    assert env.step(0)[2:4] == (False, True)
+
+
+@pytest.mark.parametrize("wrap", [lambda env: env, PosteriorState, lambda env: BeliefShaping(env, 0.1, 0.99)])
+def test_the_target_is_drawn_and_observed(wrap, sampled):
+    env = wrap(gymnasium.make(GOAL, touches=sampled).unwrapped)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*different from the unwrapped version.*")
+        check_env(env, skip_render_check=True)
+    seen = set()
+    for seed in range(30):
+        observation, info = env.reset(seed=seed)
+        assert observation[-4:].tolist() == [label == info["target"] for label in sampled.model.shape_labels]
+        assert info["target_prob"] == pytest.approx(0.5)
+        unwrapped = env.unwrapped
+        is_target = unwrapped.arrangement[0] == unwrapped.target
+        assert env.step(unwrapped.confirm)[4]["is_success"] == is_target
+        seen.add((info["target"], is_target))
+    assert len(seen) == 8

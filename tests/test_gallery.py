@@ -1,0 +1,52 @@
+"""The scripts of the gallery are short, run, and are shown on its page."""
+
+import sys
+from functools import cache
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+
+from activetouch import TactileSensor
+
+ROOT = Path(__file__).parent.parent
+_SPEC = spec_from_file_location("gallery_of_docs", ROOT / "docs" / "generate" / "gallery.py")
+gallery = module_from_spec(_SPEC)
+_SPEC.loader.exec_module(gallery)
+NEEDS = {"digits_through_crops": "sklearn", "train_ppo": "stable_baselines3"}
+
+
+@pytest.fixture(scope="module")
+def sensors_loaded_once():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TactileSensor, "shipped", cache(TactileSensor.shipped))
+        yield
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+@pytest.mark.parametrize("script", gallery.scripts(), ids=lambda script: script.stem)
+def test_a_script_of_the_gallery_runs_in_short_form(script, sensors_loaded_once, tmp_path, monkeypatch, capsys):
+    if script.stem in NEEDS and find_spec(NEEDS[script.stem]) is None:
+        pytest.skip(f"{NEEDS[script.stem]} is not installed")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", list(sys.argv))
+    gallery.run(script, tmp_path / "figure.png", "--short")
+    assert (tmp_path / "figure.png").stat().st_size > 1000
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("script", gallery.scripts(), ids=lambda script: script.stem)
+def test_a_script_is_short_and_says_what_it_shows(script):
+    lines = script.read_text().splitlines()
+    assert len(lines) < 80
+    assert f"python examples/gallery/{script.name} [FIGURE.png]" in "\n".join(lines)
+    first, paragraph = gallery.description(script)
+    assert 10 < len(first) < 120
+    assert len(paragraph) > 80
+
+
+def test_the_page_shows_every_script_with_its_figure():
+    assert gallery.PAGE.read_text() == gallery.page(), "run: python docs/generate/gallery.py NONE"
+    for script in gallery.scripts():
+        assert (gallery.FIGURES / f"{script.stem}.png").stat().st_size < 120_000
