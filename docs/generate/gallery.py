@@ -33,7 +33,7 @@ ORDER = (
     "digits_through_crops",
 )
 """The scripts, in the order of the page; a script that is missing here comes last."""
-_COLOURS = 64
+_COLOURS = 200
 
 
 def scripts() -> list[Path]:

@@ -29,7 +29,7 @@ for shape, colour in zip(SHAPES, ("#9aa5b1", "#56b4e9", "#009e73", "#d55e00"), s
     probs = np.array([belief.prob(shape) for belief in beliefs])
     axes.bar(range(len(beliefs)), probs, bottom=bottom, color=colour, label=shape)
     bottom += probs
-axes.set_xticks(range(len(beliefs)), ["before any touch", *(f"it says\n{said}" for said in SAID)])
+axes.set_xticks(range(len(beliefs)), ["before", *(f"it says\n{said}" for said in SAID)])
 axes.set_ylabel("probability")
 axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "update_a_belief.png")

@@ -17,7 +17,7 @@ from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import make_decider, search_lockstep
 
 SHORT = "--short" in sys.argv
-NUMBER, THRESHOLDS = (20, (0.8, 0.99)) if SHORT else (400, (0.6, 0.8, 0.9, 0.95, 0.98, 0.99, 0.999))
+NUMBER, THRESHOLDS = (20, (0.8, 0.99)) if SHORT else (400, (0.8, 0.9, 0.95, 0.98, 0.99, 0.999))
 
 model = random_model(np.random.default_rng(0), num_shapes=4, num_poses=6, sharpness=3.0)
 problem = SearchProblem(model.shape_labels, tuple(f"pose_{i}" for i in range(6)), num_objects=4)
@@ -38,7 +38,7 @@ figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
 rows = [play(f"information_gain(confirm={value}, reject={1 - value:.4f})") for value in THRESHOLDS]
 for (touches, success, low, high), value in zip(rows, THRESHOLDS, strict=True):
     axes.errorbar(touches, success, [[success - low], [high - success]], fmt="o", color="#0072b2")
-    axes.annotate(f" {value}", (touches, success), va="top")
+    axes.annotate(f"{value}", (touches, success), (0, -12), textcoords="offset points", ha="center", fontsize=8)
 touches, success, low, high = play("point_based")
 axes.errorbar(touches, success, [[success - low], [high - success]], fmt="D", color="#d55e00", label="point_based")
 touches, success, low, high = play("random_confirm")

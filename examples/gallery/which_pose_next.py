@@ -30,6 +30,6 @@ axes.scatter([step.touch.pose for step in touches], range(len(touches)), color="
 axes.set_xticks(range(len(scene.pose_labels)), scene.pose_labels)
 axes.set_yticks(range(len(touches)), [f"object {s.object_index + 1}, target {s.belief.probs[3]:.2f}" for s in touches])
 figure.colorbar(picture, label="expected gain [nats]")
-axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.25), frameon=False)
+axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.2), frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "which_pose_next.png")
 print(f"{len(touches)} touches, {'found' if episode.success else 'not found'}")

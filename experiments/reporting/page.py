@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,8 +53,17 @@ def write_page(
     environment = Environment(
         loader=PackageLoader("experiments.reporting"), undefined=StrictUndefined, autoescape=True, trim_blocks=True
     )
-    environment.filters["data_uri"] = data_uri
+    environment.filters |= {"data_uri": data_uri, "anchor": anchor}
     write_text(path, environment.get_template(template).render(title=title, sections=sections, **values))
+
+
+def anchor(title: str) -> str:
+    """The anchor of a heading.
+
+    >>> anchor("Answers and “I do not know”")
+    'answers-and-i-do-not-know'
+    """
+    return re.sub(r"[^\w]+", "-", title.lower()).strip("-")
 
 
 def data_uri(content: str | bytes, kind: str) -> str:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.search.selective import RANKINGS
-from experiments.search.summary import ALL, Comparison
+from experiments.search.summary import ALL, Cell, Comparison
 
 _WIDTH = 5.2  # inches; narrow, so that text stays readable on a phone
 _MARKERS = "osD^vP*X"
@@ -41,10 +41,13 @@ def _pictures(comparison: Comparison) -> list[Picture]:
 
 
 _SUCCESS = (
-    "Success by target with 95 % Wilson intervals. The dotted lines are the no-touch baseline and the full-information "
-    "oracle."
+    "Fraction of failed searches by target, with 95 % Wilson intervals, on a logarithmic axis: points further left are "
+    "better. An open marker at the left edge stands for no failure at all. The dotted line is the no-touch baseline."
 )
-_FRONTIER = "Success against touches per search, over all targets. Points further up and to the left are better."
+_FRONTIER = (
+    "Fraction of failed searches against touches per search, over all targets. Points further down and to the left are "
+    "better. An open marker at the lower edge stands for no failure at all. The dotted line is the no-touch baseline."
+)
 _POSITIONS = "Success by position of the target in the order of visit, with 95 % Wilson intervals."
 _TOUCHES = "Fraction of searches that took at most this number of touches."
 _STATED = (
@@ -55,28 +58,43 @@ _TIMES = "Time per touch by component."
 
 
 def _draw_success(axes: Axes, comparison: Comparison) -> None:
-    groups = [*comparison.targets, ALL]
-    _reference_lines(axes.axvline, comparison)
+    groups, least = [*comparison.targets, ALL], _least_failure(comparison)
+    axes.axvline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
-        y = (np.arange(len(groups)) + _offset(index, len(comparison.deciders))).tolist()
-        cells = [comparison.cells[decider, group] for group in groups]
-        _whiskers(axes, [c.success for c in cells], y, [c.success_interval for c in cells], index, decider)
-    axes.set(xlabel="success", xlim=(-0.02, 1.02), yticks=np.arange(len(groups)), yticklabels=groups)
+        for place, group in enumerate(groups):
+            y = place + _offset(index, len(comparison.deciders))
+            value, bars, style = _failures(comparison.cells[decider, group], least, index)
+            axes.errorbar(value, y, xerr=bars, **style, label=decider if place == 0 else None)
+    axes.set(xscale="log", xlabel="failed searches", xlim=(least / 1.4, 1.4))
+    axes.set(yticks=np.arange(len(groups)), yticklabels=groups)
     axes.invert_yaxis()
     _legend(axes, comparison)
 
 
 def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
-    _reference_lines(axes.axhline, comparison)
+    least, count = _least_failure(comparison), len(comparison.deciders)
+    axes.axhline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
-        cell = comparison.cells[decider, ALL]
-        low, high = cell.success_interval
-        axes.errorbar(
-            cell.touches, cell.success, [[cell.success - low], [high - cell.success]], **_style(index), label=decider
-        )
-    axes.set(xlabel="touches per search", ylabel="success", ylim=(-0.02, 1.04))
+        value, bars, style = _failures(comparison.cells[decider, ALL], least, index)
+        style["markersize"] = 5 + 1.8 * (count - 1 - index)  # later markers are smaller, so none is hidden
+        axes.errorbar(comparison.cells[decider, ALL].touches, value, yerr=bars, **style, label=decider)
+    axes.set(yscale="log", xlabel="touches per search", ylabel="failed searches", ylim=(least / 1.4, 1.4))
     axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
     _legend(axes, comparison)
+
+
+def _least_failure(comparison: Comparison) -> float:
+    """Where a fraction of zero is drawn on a logarithmic axis: half a failure in the largest group."""
+    return 0.5 / max(cell.num_episodes for cell in comparison.cells.values())
+
+
+def _failures(cell: Cell, least: float, index: int) -> tuple[float, list[list[float]], dict[str, Any]]:
+    """Fraction of failures, lengths of its error bar, and its style; no failures at all have an open marker."""
+    low, high = (1.0 - end for end in reversed(cell.success_interval))
+    value, style = 1.0 - cell.success, _style(index)
+    if cell.successes == cell.num_episodes:
+        return least, [[0.0], [max(high - least, 0.0)]], style | {"markerfacecolor": "none"}
+    return value, [[value - max(low, least)], [max(high - value, 0.0)]], style
 
 
 def _draw_positions(axes: Axes, comparison: Comparison) -> None:

@@ -1,4 +1,4 @@
-"""Report of a comparison: one HTML page with the verdict, tables, figures and a few searches to step through."""
+"""Report of a comparison: one HTML page with cards, verdict, tables, figures and a few searches to step through."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from PIL import Image
 from belief import SearchProblem
 from experiments.reporting.page import Section, data_uri, write_page
 from experiments.search.body_picture import Bodies
+from experiments.search.cards import by_return, cards
+from experiments.search.descriptions import belief_in_words, image_in_words
 from experiments.search.figures import pictures
 from experiments.search.frames import Frame, action_words, replay
 from experiments.search.replay_figures import coloured
@@ -24,7 +26,7 @@ from experiments.search.setting import Setting, load_sensor
 from experiments.search.summary import Comparison
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
-from experiments.sensor_choice import shift_sentences
+from experiments.sensor_choice import command, shift_sentences
 from planners import Episode, Outcome
 
 _MOST_BYTES = 3_500_000  # of all displayed searches, to keep the page below 5 MB
@@ -76,7 +78,11 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         for title, (figures, names) in _SECTIONS.items()
         if any(name in shown for name in names)
     ]
-    stories, left_out = _stories(setting, comparison)
+    bodies = Bodies.of(load_sensor(setting), pixels=48, draws=24) if choose(comparison) else None
+    pair = beside(comparison)
+    duel = [_story(setting, decider, episode, bodies) for decider, episode in pair]
+    stories, left_out = _stories(setting, comparison, bodies, sum(story.num_bytes for story in duel))
+    run = RunFolder(folder)
     path = folder / "report.html"
     write_page(
         path,
@@ -88,7 +94,16 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         verdict=[*shift_sentences(setting.shift), *verdict_sentences(comparison)],
         stories=stories,
         left_out=left_out,
-        run=RunFolder(folder).read_run(),
+        run=run.read_run(),
+        again=run.again(),
+        replay=command("replay", folder=folder, decider="NAME", target="SHAPE", number="N", out="search.png"),
+        cards=cards(comparison),
+        duel=duel,
+        also=[
+            *(["Two deciders on the same search"] if duel else []),
+            "Some searches, touch by touch",
+            "How this was made",
+        ],
         seed=seed,
         notes=notes,
         longest_label=max(map(len, comparison.problem.shape_labels)),
@@ -112,12 +127,12 @@ class Story:
         )
 
 
-def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], list[str]]:
-    """Searches to display, and titles of those omitted to limit the size of the page."""
-    stories, left_out, total = [], [], 0
-    chosen = choose(comparison)
-    bodies = Bodies.of(load_sensor(setting), pixels=48, draws=24) if chosen else None
-    for decider, episode in chosen:
+def _stories(
+    setting: Setting, comparison: Comparison, bodies: Bodies | None, total: int
+) -> tuple[list[Story], list[str]]:
+    """Searches to display, and titles of those omitted to limit the size of the page, which has ``total`` bytes."""
+    stories, left_out = [], []
+    for decider, episode in choose(comparison):
         story = _story(setting, decider, episode, bodies)
         if total + story.num_bytes > _MOST_BYTES:
             left_out.append(story.title)
@@ -125,6 +140,23 @@ def _stories(setting: Setting, comparison: Comparison) -> tuple[list[Story], lis
         total += story.num_bytes
         stories.append(story)
     return stories, left_out
+
+
+def beside(comparison: Comparison) -> list[tuple[str, Episode]]:
+    """The same search by two deciders that touch, where they differ most: in success, else in touches.
+
+    The first is the reference if it touches, the other the best of the rest by return. Empty without two of them.
+    """
+    names = [name for name in by_return(comparison) if any(episode.num_touches for episode in comparison.of(name))]
+    first = comparison.reference if comparison.reference in names else next(iter(names), None)
+    rest = [name for name in names if name != first]
+    if first is None or not rest:
+        return []
+    pairs = list(zip(comparison.of(first), comparison.of(rest[0]), strict=True))
+    one, other = max(
+        pairs, key=lambda two: (two[0].success != two[1].success, abs(two[0].num_touches - two[1].num_touches))
+    )
+    return [(first, one), (rest[0], other)]
 
 
 def choose(comparison: Comparison) -> list[tuple[str, Episode]]:
@@ -153,12 +185,14 @@ def _panel(problem: SearchProblem, episode: Episode, frame: Frame, bodies: Bodie
     if bodies is not None and frame.evidence is not None and frame.image is not None:
         [(label, prob, picture)] = bodies.likeliest(frame.evidence, frame.posterior, 1)
         body = (label, _picture((255 * coloured(picture, prob)).astype(np.uint8)))
+    bars = [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)]
     return {
         "body": body,
+        "alt": "" if frame.image is None else f"{image_in_words(frame.image)}; belief: {belief_in_words(bars)}",
         "heading": f"object {frame.step.object_index + 1}, a {labels[frame.shape]}",
         "action": action_words(frame.step.decision.action, problem),
         "picture": None if frame.image is None else _picture(frame.image),
-        "bars": [(labels[k], float(prob), k == episode.target) for k, prob in enumerate(frame.posterior)],
+        "bars": bars,
         "scores": [(name, f"{value:.3f}") for name, value in frame.step.decision.scores.items()],
     }
 

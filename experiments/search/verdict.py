@@ -6,6 +6,7 @@ import math
 from statistics import fmean
 
 from belief.statistics.power import LEVEL
+from experiments.search.cards import by_return, tie_sentence, tied
 from experiments.search.paired import Difference
 from experiments.search.selective import Selective
 from experiments.search.summary import ALL, Comparison
@@ -24,7 +25,7 @@ def verdict_sentences(comparison: Comparison) -> list[str]:
 
 
 def _best(comparison: Comparison) -> str:
-    names = sorted(comparison.deciders, key=lambda name: -comparison.cells[name, ALL].reward)
+    names, equals = by_return(comparison), tied(comparison)
     best = comparison.cells[names[0], ALL]
     low, high = best.success_interval
     said = (
@@ -33,12 +34,13 @@ def _best(comparison: Comparison) -> str:
     )
     if len(names) == 1:
         return said.replace("is best: it succeeds", "succeeds")
+    if len(equals) > 1:
+        return f"{said.replace('is best: it', 'has the highest return: it')} {tie_sentence(equals, comparison)}"
     sure = comparison.prob_best[names[0]]
     if sure > 0.999:
         return f"{said} Its return is almost certainly the highest of the {len(names)}."
-    word = "certainly" if sure > 0.975 else ("probably" if sure > 0.8 else "possibly")
     return (
-        f"{said} Its return is {word} the highest of the {len(names)}: it is the highest in {100 * sure:.0f} % of "
+        f"{said} Its return is certainly the highest of the {len(names)}: it is the highest in {100 * sure:.0f} % of "
         f"bootstrap resamples of the episodes. The second best is {names[1]} with a return of "
         f"{comparison.cells[names[1], ALL].reward:.3f}."
     )

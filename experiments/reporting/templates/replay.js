@@ -2,18 +2,27 @@
 document.documentElement.classList.add("js");
 for (const story of document.querySelectorAll(".story")) {
   const panels = [...story.querySelectorAll(".panel")];
-  const [back, on, whole] = story.querySelectorAll("button");
+  const [back, on, whole, play] = story.querySelectorAll("button");
+  let timer = null;
+  const stop = () => { clearInterval(timer); timer = null; play.textContent = "play"; };
   const slider = story.querySelector("input"), label = story.querySelector("output");
   const show = (step) => {
     slider.value = step = Math.max(0, Math.min(panels.length - 1, step));
     panels.forEach((panel, index) => panel.classList.toggle("now", index === step));
     back.disabled = step === 0;
     on.disabled = step === panels.length - 1;
+    if (timer && on.disabled) stop();
     label.textContent = `step ${step + 1} of ${panels.length}`;
   };
   back.onclick = () => show(+slider.value - 1);
   on.onclick = () => show(+slider.value + 1);
   slider.oninput = () => show(+slider.value);
+  play.onclick = () => {
+    if (timer) return stop();
+    if (on.disabled) show(0);
+    timer = setInterval(() => show(+slider.value + 1), 1200);
+    play.textContent = "pause";
+  };
   whole.onclick = () => { whole.textContent = story.classList.toggle("whole") ? "one at a time" : "all steps"; };
   story.onkeydown = (event) => {
     const by = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
