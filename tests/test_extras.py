@@ -49,7 +49,7 @@ def test_searches_need_no_training_stack(activetouch, jobs, tmp_path):
     done = activetouch("compare", *words, "--deciders", *deciders)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "run" / "report.html").stat().st_size > 10_000
-    assert "is best" in done.stdout.replace("\n", " ")
+    assert "has the highest return" in done.stdout.replace("\n", " ")  # two searches are a tie
 
 
 @pytest.mark.parametrize(

@@ -67,6 +67,7 @@ def _draw_success(axes: Axes, comparison: Comparison) -> None:
             axes.errorbar(value, y, xerr=bars, **style, label=decider if place == 0 else None)
     axes.set(xscale="log", xlabel="failed searches", xlim=(least / 1.4, 1.4))
     axes.set(yticks=np.arange(len(groups)), yticklabels=groups)
+    axes.xaxis.set_major_formatter("{x:g}")
     axes.invert_yaxis()
     _legend(axes, comparison)
 
@@ -79,6 +80,7 @@ def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
         style["markersize"] = 5 + 1.8 * (count - 1 - index)  # later markers are smaller, so none is hidden
         axes.errorbar(comparison.cells[decider, ALL].touches, value, yerr=bars, **style, label=decider)
     axes.set(yscale="log", xlabel="touches per search", ylabel="failed searches", ylim=(least / 1.4, 1.4))
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xlim(left=-0.04 * axes.get_xlim()[1])
     _legend(axes, comparison)
 
