@@ -25,7 +25,7 @@ def folder(tmp_path):
 
 @pytest.mark.mujoco
 def test_the_command_runs_beside_own_folders_and_names_them(folder):
-    short = ("--episodes", "1", "--deciders", "threshold", "random_confirm", "--targets", "cone", "--jobs", "2")
+    short = ("--episodes", "1", "--deciders", "threshold", "--targets", "cone", "--jobs", "2")
     done = run(folder, "-m", "activetouch", "compare", *short)
     assert done.returncode == 0, done.stderr
     assert f"{folder / 'planners'} and {folder / 'experiments'}: not used" in done.stderr

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from gymnasium.vector import SyncVectorEnv, VectorEnv
+
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.envs.touch_source import Touches
 from activetouch.envs.vector import BankVectorEnv
+from activetouch.envs.wrappers import PosteriorState
 from activetouch.world import INDEPENDENT_SUFFIX, MODELS, load_observation_model
+from belief.errors import UnknownName
 from belief.policy_state import TOUCH_LIMIT
-
-_BY_OBJECT = 'gymnasium.make_vec(..., vectorization_mode="sync")'
 
 
 def bank_episodes(scene: str = "gel", target: str = "cone", num_envs: int = 1, **settings: Any) -> BankEpisodes:
@@ -40,10 +44,10 @@ def vector_test(
     touch_limit: int = TOUCH_LIMIT,
     target_prob: TargetProb = 0.5,
     state: str = "paper",
-    touches: None = None,
-    render_mode: None = None,
+    touches: Touches | None = None,
+    render_mode: str | None = None,
     max_episode_steps: int | None = None,
-) -> BankVectorEnv:
+) -> VectorEnv:
     """What ``gymnasium.make_vec("activetouch/ObjectTest-v0", num_envs=...)`` makes: tests on recorded touches.
 
     The touches were read by the sensor ``SCENE-independent``, whose belief takes them as independent given the shape.
@@ -56,21 +60,24 @@ def vector_test(
         touch_limit: T_max.
         target_prob: prior of the target, or a range from which every test draws its own.
         state: ``"paper"`` or ``"posterior"``, the observation.
-        touches: must be None; environments of single objects have other touches.
-        render_mode: must be None; recorded touches have no picture.
+        touches: another source of touches; tests are then played one after the other.
+        render_mode: None or ``"rgb_array"``, with which presses are live, because recorded touches have no picture.
         max_episode_steps: at least ``touch_limit + 1``; a test ends by itself.
 
     Raises:
-        BadOption: an argument that only environments of single objects have, or too few steps.
+        BadOption: too few steps.
         UnknownName: the scene has no bank, or the target or the state is unknown.
     """
-    for name, value in (("touches", touches), ("render_mode", render_mode)):
-        if value is not None:
-            raise BadOption(f"{name}={value!r} is not for recorded touches; use {_BY_OBJECT}")
     if max_episode_steps is not None and max_episode_steps <= touch_limit:
         raise BadOption(
             f"max_episode_steps={max_episode_steps} ends tests before touch_limit={touch_limit} does; give "
             f"max_episode_steps={touch_limit + 1} or more"
         )
+    if touches is not None or render_mode is not None:
+        wrap = {"paper": lambda env: env, "posterior": PosteriorState}
+        if state not in wrap:
+            raise UnknownName("state", state, list(wrap))
+        given = (scene, target, touch_cost, touch_limit, target_prob, touches, render_mode)
+        return SyncVectorEnv([lambda: wrap[state](ObjectTestEnv(*given))] * num_envs)
     settings = {"touch_cost": touch_cost, "touch_limit": touch_limit, "target_prob": target_prob, "state": state}
     return BankVectorEnv(bank_episodes(scene, target, num_envs, **settings))

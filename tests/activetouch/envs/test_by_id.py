@@ -45,19 +45,19 @@ def test_a_bank_is_small_and_without_features():
         TouchBank.shipped("coarze")
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"render_mode": "rgb_array"}, "render_mode='rgb_array'"),
-        ({"touches": 3}, "sync"),
-        ({"touch_limit": 1000}, "1001"),
-    ],
-)
-def test_what_recorded_touches_do_not_have_is_refused(options, named):
-    with pytest.raises(BadOption, match=named):
-        gymnasium.make_vec(TEST, num_envs=2, scene="coarse", **options)
+def test_a_time_limit_that_would_cut_tests_is_refused():
+    with pytest.raises(BadOption, match="give max_episode_steps=1001"):
+        gymnasium.make_vec(TEST, num_envs=2, scene="coarse", touch_limit=1000)
     longer = gymnasium.make_vec(TEST, num_envs=2, scene="coarse", touch_limit=1000, max_episode_steps=1001)
     assert longer.reset(seed=0)[0].shape == (2, 13)
+
+
+@pytest.mark.parametrize(("state", "size"), [("paper", 10), ("posterior", 9)])
+def test_other_touches_are_played_one_after_the_other(state, size, sampled):
+    envs = gymnasium.make_vec(TEST, num_envs=2, touches=sampled, target="shape_0", state=state)
+    assert envs.reset(seed=0)[0].shape == (2, size)
+    with pytest.raises(UnknownName, match="posterior"):
+        gymnasium.make_vec(TEST, num_envs=2, touches=sampled, target="shape_0", state="posteriour")
 
 
 @pytest.mark.parametrize("name", IDS)
