@@ -29,7 +29,6 @@ NAV: dict[str, list[str]] = {
     "Check": ["results.md", "perception/robustness.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "limits.md"],
 }
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
-_ROLE = re.compile(r":(?:class|func|mod|meth|data|attr|exc):<code>~?([^<]+)</code>")
 
 
 def on_config(config: Any) -> Any:
@@ -43,8 +42,8 @@ def on_config(config: Any) -> Any:
         {"Learn": there["Learn"]},
         {"Gallery": ["gallery.md", *(f"gallery/{script.stem}.md" for script in gallery.scripts())]},
         {"Deciders": [name for name in made if name.startswith("deciders/")]},
-        {"Worlds": ["scenes.md", *(name for name in made if name.startswith("worlds/"))]},
-        {"Look up": [*there["Look up"], "reference/commands.md"]},
+        {"Worlds": [*(name for name in made if name.startswith("worlds/")), "scenes.md"]},
+        {"Look up": [*there["Look up"], "reference/commands.md", "reference/environments.md"]},
         {"Understand": there["Understand"]},
         {"Check": there["Check"]},
         {"API": [name for name in made if name.startswith("reference/api/")]},
@@ -90,11 +89,6 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
 
     parts = re.split(r"(^```.*?^```)", markdown, flags=re.S | re.M)  # code stays as it is
     return "".join(part if number % 2 else _LINK.sub(link, part) for number, part in enumerate(parts))
-
-
-def on_page_content(html: str, page: Any, config: Any, files: Any) -> str:
-    """Show what docstrings refer to as code."""
-    return _ROLE.sub(lambda found: f"<code>{found[1]}</code>", html)
 
 
 def _page_of(target: str, files: Any) -> str | None:

@@ -6,10 +6,12 @@ import inspect
 import re
 from collections.abc import Iterable
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import shelves
 
+from activetouch.envs import IDS, MOST_STEPS, VECTOR_IDS
 from activetouch.named_scenes import SCENES
 from experiments.cli import COMMAND_GROUPS, commands
 from planners.registry import DECIDERS, summary_of
@@ -37,8 +39,10 @@ def generated() -> dict[str, str]:
     """All pages by path."""
     made = {"deciders/index.md": _deciders()}
     made |= {f"deciders/{name}.md": _decider(name) for name in DECIDERS}
+    made["worlds/index.md"] = _worlds()
     made |= {f"worlds/{name}.md": _world(name) for name in SCENES}
     made["reference/commands.md"] = _commands()
+    made["reference/environments.md"] = _environments()
     made |= {f"reference/api/{name.replace(' ', '_')}.md": _api(name, modules) for name, modules in API.items()}
     made["decisions/index.md"] = _decisions()
     return made
@@ -162,6 +166,28 @@ sensor = TactileSensor.shipped("{name}")
 
 `activetouch gallery --out docs/gallery.png` draws it. [All scenes](../scenes.md), [results](../results.md).
 """
+
+
+def _worlds() -> str:
+    rows = []
+    for name, named in SCENES.items():
+        image, said = " × ".join(map(str, named.scene.image_shape)), shelves.WORLDS.get(name, shelves.NOTHING)
+        objects = f"{named.num_objects}, {named.composition.value}"
+        rows.append((f"[`{name}`]({name}.md)", objects, len(named.scene.shape_labels), image, said.idea))
+    return f"# Worlds\n\n{table(('scene', 'objects of a search', 'shapes', 'image', 'idea'), rows)}\n"
+
+
+def _environments() -> str:
+    lines, rows = [], []
+    for name, place in IDS.items():
+        module, _, kind = place.partition(":")
+        text = _plain(inspect.cleandoc(getattr(import_module(module), kind).__doc__ or ""))
+        many = "recorded touches that come with the package" if name in VECTOR_IDS else "one after the other"
+        rows.append((f"`{name}`", text.partition("\n")[0], many))
+        lines += [f"## {name.partition('/')[2]}", "", re.sub(r"^##", "###", text, flags=re.M), ""]
+    first = table(("id", "task", "`make_vec` plays"), rows)
+    words = f"`max_episode_steps` is {MOST_STEPS}; episodes end by their own touch limit. [More](../environments.md)."
+    return "\n".join(["# Environments, from the code", "", first, "", words, "", *lines])
 
 
 def _commands() -> str:

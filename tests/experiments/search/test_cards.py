@@ -13,7 +13,6 @@ from experiments.search.summary import compare_episodes
 from experiments.search.verdict import verdict_sentences
 from planners import make_decider, search_lockstep
 
-
 SAME = "information_gain(confirm=0.99)"  # its default by another name
 
 
