@@ -54,9 +54,7 @@ def measure_beliefs() -> None:
 def measure_planners(searches: int) -> None:
     """The same searches by the point-based planner, by pomdp-py's tree searches, and without a touch."""
     table, first, milliseconds = deciders.tables()["coarse"], np.empty(0), []
-    low, high = deciders.bounds(table)
     print(f"\n{searches} searches among four objects, table of scene coarse, touch cost {deciders.TOUCH_COST}, seed 0")
-    print(f"best expected return: between {low:.3f} and {high:.3f}")
     for name in ("point_based", "random_confirm", *(f"{tree}(simulations=100)" for tree in deciders.TREES)):
         timed = deciders.Timed(make_decider(name, table))
         episodes, problem = deciders.play(table, timed, searches, seed=0)
@@ -71,6 +69,7 @@ def measure_planners(searches: int) -> None:
             f"{milliseconds[-1]:.3f} ms a decision, {milliseconds[-1] / milliseconds[0]:.2g} × point_based",
             flush=True,
         )
+    print("best expected return: between {:.3f} and {:.3f}".format(*deciders.bounds(table)))
 
 
 def measure_calibration(number: int) -> None:
@@ -130,11 +129,11 @@ def main(searches: int) -> None:
     """Measure and print everything."""
     known = ", ".join(f"{name} {version(name) if has(name) else 'not installed'}" for name in PEERS)
     print(f"Python {sys.version.split()[0]}, numpy {np.__version__}; {known}")
+    for number in (560, 100_000):
+        measure_calibration(number)
     if has("pomdp-py"):
         measure_beliefs()
         measure_planners(searches)
-    for number in (560, 100_000):
-        measure_calibration(number)
 
 
 if __name__ == "__main__":
