@@ -3,13 +3,16 @@
 Run: OMP_NUM_THREADS=1 python benchmarks/beliefs.py       (pomdp-py: Linux, Python 3.11 or 3.12)
 
 Times are medians of interleaved rounds. Ratios to pomdp-py's update of a histogram are taken within a round, so they
-hardly depend on other load. Beliefs are over four shapes unless a row says otherwise. The last table gives the
-information about the shape in a touch and in its outcome.
+hardly depend on other load. Beliefs are over four shapes unless a row says otherwise. Exact marginals are compared with
+plain references: one sum over all permutations, and subset sums in a loop. The last table gives the information about
+the shape in a touch and in its outcome.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
+from itertools import permutations
 
 import numpy as np
 from rounds import time_in_rounds
@@ -68,10 +71,7 @@ def histogram_update(prior: np.ndarray, likelihood: np.ndarray) -> Callable[[int
 def others() -> dict[str, Callable[[int], object]]:
     """Functions of the other steps of a search."""
     rng = np.random.default_rng(0)
-    weights = {n: rng.normal(size=(n, n)) for n in (4, 12)}
-    cases: dict[str, Callable[[int], object]] = {
-        f"exact marginals of {n} distinct objects": lambda _, w=w: arrangement_marginals(w) for n, w in weights.items()
-    }
+    cases: dict[str, Callable[[int], object]] = {}
     for name in ("gel", "many", "hard"):
         model = load_observation_model(independent_sensor(name))
         table, num_shapes = model.outcome_table().probs, len(model.shape_labels)
@@ -83,6 +83,54 @@ def others() -> dict[str, Callable[[int], object]]:
             target_information_gain(b, t, 0)
         )
     return cases
+
+
+@cache
+def every_permutation(number: int) -> np.ndarray:
+    """All permutations of N numbers, ``(N!, N)``."""
+    return np.array(list(permutations(range(number))))
+
+
+def by_permutations(log_weights: np.ndarray) -> np.ndarray:
+    """Marginals of N distinct objects as one sum over all permutations: the plain reference up to six objects."""
+    number, chosen = len(log_weights), every_permutation(len(log_weights))
+    probs = np.exp(log_weights[np.arange(number), chosen].sum(axis=1))
+    return np.array([np.bincount(column, probs, number) for column in chosen.T]) / probs.sum()
+
+
+def by_subsets(log_weights: np.ndarray) -> np.ndarray:
+    """The same by subset sums, one subset after the other: the plain reference for more objects."""
+    number, weights = len(log_weights), np.exp(log_weights)
+    forward, backward = np.zeros((2, 2**number))
+    forward[0] = backward[-1] = 1.0
+    subsets = [(used, used.bit_count()) for used in range(2**number)]
+    for used, size in subsets[1:]:
+        forward[used] = sum(forward[used ^ 1 << k] * weights[size - 1, k] for k in range(number) if used >> k & 1)
+    found = np.zeros((number, number))
+    for used, size in subsets[-2::-1]:
+        rest = [k for k in range(number) if not used >> k & 1]
+        parts = [weights[size, k] * backward[used | 1 << k] for k in rest]
+        backward[used] = sum(parts)
+        found[size, rest] += forward[used] * np.array(parts)
+    return found / backward[0]
+
+
+def print_marginals() -> None:
+    """Print the time of exact marginals of N distinct objects, beside that of the plain reference."""
+    print(f"\n{'exact marginals of N objects of N shapes':<42}{'ms':>9}{'plain, ms':>11}{'ratio':>7}")
+    rng = np.random.default_rng(0)
+    for number in (2, 3, 4, 5, 6, 8, 10, 12, 14, 16, 18, 20):
+        weights = 2.0 * rng.normal(size=(number, number))
+        plain = by_permutations if number <= 6 else by_subsets
+        cases: dict[str, Callable[[int], object]] = {"ours": lambda _, w=weights: arrangement_marginals(w)}
+        if number <= 12:
+            np.testing.assert_allclose(arrangement_marginals(weights), plain(weights), rtol=1e-9)
+            cases["plain"] = lambda _, w=weights, f=plain: f(w)
+        times = time_in_rounds(cases, 7, 20 if number <= 6 else 1)
+        ours = f"N = {number:<38}{np.median(times['ours']):9.3f}"
+        if "plain" in times:
+            ours += f"{np.median(times['plain']):11.3f}{np.median(times['ours'] / times['plain']):7.3f}"
+        print(ours)
 
 
 def print_information() -> None:
@@ -108,6 +156,7 @@ def main() -> None:
     print(f"\n{'median of 15 rounds':<62}{'µs':>9}")
     for name, times in time_in_rounds(others(), 15, 20).items():
         print(f"{name:<62}{1e3 * np.median(times):9.1f}")
+    print_marginals()
     print_information()
 
 

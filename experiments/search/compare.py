@@ -82,8 +82,9 @@ class Compare:
     out: Path | None = None
     """Folder of the run; by default runs/compare for the scene gel, runs/compare-SCENE for any other."""
     bound: bool = False
-    """Also compute an upper bound on the expected return for the discretised sensor model (minutes per target). Live
-    returns can exceed it, because live touches carry more information than their outcome and are correlated."""
+    """Also compute an upper bound on the expected return for the discretised sensor model (up to minutes per target).
+    Live returns can exceed it, because live touches carry more information than their outcome and are correlated. For
+    a sensor of one rigid body, also one for a decider that is shown orientation, size and stiffness of each object."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes; the results do not depend on it."""
     backend: Literal["loky", "dask"] = "loky"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
 from belief import SearchProblem
+from experiments.search.bound import RevealedBody
 from experiments.search.run_folder import (
     BOUND,
     EPISODES_PER_SHARD,
@@ -129,8 +130,14 @@ class Holdings:
         solved = {
             t: [json.loads(line)["solved"] for line in self.lines((ORACLE, t))[:tried]] for t in selection.targets
         }
-        bounds = {t: json.loads(line)["bound"] for t in selection.targets if bound for line in self.lines((BOUND, t))}
-        return compare_episodes(problem, episodes, seconds, solved, reference, np.random.default_rng(seed), bounds)
+        bounds = {t: json.loads(line) for t in selection.targets if bound for line in self.lines((BOUND, t))}
+        found = compare_episodes(
+            *(problem, episodes, seconds, solved, reference, np.random.default_rng(seed)),
+            {target: some["bound"] for target, some in bounds.items()},
+        )
+        return replace(
+            found, revealed_body=RevealedBody.over_targets([some["revealed_body"] for some in bounds.values()])
+        )
 
     def _has_oracle(self, target: str, num: int) -> bool:
         return len(self.lines((ORACLE, target))) >= min(num, ORACLE_EPISODES)

@@ -15,7 +15,7 @@ from activetouch.scene_description import scene_fields
 from activetouch.world import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
-from experiments.search.bound import best_expected_return
+from experiments.search.bound import best_expected_return, best_return_with_revealed_bodies
 from experiments.search.fingerprint import files_digest, fingerprint, modules_of
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.run_folder import (
@@ -104,7 +104,9 @@ class ShardTask:
             player = _require_same(self.setting, self.seed, self.key.decider, self.key.target, self.wanted)
             target = list(self.setting.problem.shape_labels).index(self.key.target)
             if self.key.decider == BOUND:
-                lines = [json.dumps({"bound": best_expected_return(self.setting, target)}) + "\n"]
+                revealed = best_return_with_revealed_bodies(self.setting, target)
+                bounds = {"bound": best_expected_return(self.setting, target), "revealed_body": revealed}
+                lines = [json.dumps(bounds) + "\n"]
                 return self.key, Shard(lines, Seconds(), player)
             numbers = self.key.episodes(self.size)
             if self.key.decider == ORACLE:

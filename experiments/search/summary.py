@@ -11,6 +11,7 @@ import numpy as np
 from belief import SearchProblem
 from belief.metrics import CalibrationAtStop
 from belief.statistics import wilson_interval
+from experiments.search.bound import RevealedBody
 from experiments.search.episode_statistics import Place, by_position, calibration_of_confirmations, gap, regret
 from experiments.search.paired import Difference, differences, prob_best
 from experiments.search.run_folder import Seconds
@@ -104,6 +105,8 @@ class Comparison:
             (:mod:`experiments.search.oracle`).
         selective: answers and abstention, by decider; None for a decider whose answers do not carry the statistics.
         reference: decider that the others are compared with.
+        revealed_body: upper bound on the expected return if the body of each object were revealed, with its standard
+            error (:func:`experiments.search.bound.best_return_with_revealed_bodies`); None where it is not known.
     """
 
     problem: SearchProblem
@@ -118,6 +121,7 @@ class Comparison:
     solved: Mapping[str, Sequence[bool]]
     selective: Mapping[str, Selective | None]
     reference: str
+    revealed_body: RevealedBody | None = None
 
     @property
     def deciders(self) -> list[str]:

@@ -53,7 +53,18 @@ def _frame(comparison: Comparison) -> str:
         f"The no-touch baseline succeeds in {_share(comparison.no_touch_baseline)} of searches. The full-information "
         f"oracle, which touches every object in every pose before it answers, succeeds in {solved} of {tried}. "
         f"With any sensor, the expected return is at most {most:.3f}, that of touches which reveal the shape."
-        f"{_bound(comparison)}"
+        f"{_revealed_body(comparison)}{_bound(comparison)}"
+    )
+
+
+def _revealed_body(comparison: Comparison) -> str:
+    """Bound for deciders that are shown the body; empty if it is not known."""
+    found = comparison.revealed_body
+    if found is None:
+        return ""
+    return (
+        " If orientation, size and stiffness of each object were revealed at first sight, and touches were as the "
+        f"sensor model predicts them, it is at most {found.mean:.3f} (standard error {found.standard_error:.3f})."
     )
 
 

@@ -6,33 +6,32 @@ This is an information relaxation: a searcher who learns more can only do better
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 
 from belief import Composition
-from planners.bounds.object import ObjectBound
+from belief.problem import Floats
 from planners.pomdp.problem import SearchTouchProblem
-from planners.pomdp.touch_costs import TouchCosts
+
+BoundOfObject: TypeAlias = Callable[[Floats, Floats, Floats], float]
+"""Upper bound on the value for one object at a belief, for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
 
 
 def clairvoyant_bound(
-    problem: SearchTouchProblem, costs: TouchCosts, rng: np.random.Generator
+    problem: SearchTouchProblem, bound_for: Callable[[tuple[int, ...]], BoundOfObject]
 ) -> Callable[[int, frozenset[int]], float]:
     """Upper bound by the number of rejected objects and the set of their shapes that matter.
 
     The searcher's belief is about the current object only, so every stage is a problem of one object; the last stage is
     solved first. All rejected shapes matter if shapes are distinct; otherwise only whether the target was among them.
-    ``rng`` samples the beliefs around which grids are fine; any grid gives a valid bound.
+    ``bound_for`` gives the bound for one object by its possible shapes.
     """
     num_shapes, target, prior = problem.num_shapes, problem.target, problem.prior
     assert prior is not None, "filled in at construction"
     confirm = np.where(np.arange(num_shapes) == target, 1.0, -1.0)
     distinct = problem.composition is Composition.DISTINCT
-
-    @lru_cache(maxsize=1)  # grids are large, and none is needed again
-    def bound_for(shapes: tuple[int, ...]) -> ObjectBound:
-        return ObjectBound(problem.outcome_probs, np.array(shapes), costs, rng)
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:

@@ -1,0 +1,85 @@
+r"""Upper bound on the value for one object: after a few touches as the table has them, one more reveals the shape.
+
+Until then the bound looks ahead exactly: all poses, all outcomes. Afterwards it takes the larger of stopping and of one
+more touch that reveals the shape, which no touch exceeds. So it is an information relaxation, valid for any number of
+touches before, and falls with it; with none, it is :mod:`planners.bounds.one_touch`.
+
+A branch that can change the result by less than :data:`_PRECISION` is not followed. The bound is higher by as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief.problem import Floats
+from planners.pomdp.touch_costs import TouchCosts
+
+_PRECISION = 1e-6  # in units of a success, of each branch
+_AT_ONCE = 2_000_000  # numbers in the largest array
+
+
+@dataclass(frozen=True, eq=False)
+class RevealingTouchBound:
+    """Upper bounds for one object with some possible shapes, for any payoffs of CONFIRM and REJECT.
+
+    Attributes:
+        tables: p(outcome | pose, shape) of equally likely circumstances which are revealed before the first touch, such
+            as orientations, each ``(P, K, M)``. The bound is the mean over them.
+        costs: of touches.
+        touches: number of touches before the one that reveals the shape.
+
+    With one pose that is right nine times in ten, the bound falls to the optimal value, 0.8537:
+
+    >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
+    >>> confirm = np.array([1.0, -1.0])
+    >>> values = [
+    ...     RevealingTouchBound([table], TouchCosts(0.05), touches)(np.full(2, 0.5), confirm, -confirm)
+    ...     for touches in (0, 1, 2, 4, 8)
+    ... ]
+    >>> [round(value, 4) for value in values]
+    [0.95, 0.9, 0.871, 0.8568, 0.8538]
+    """
+
+    tables: Sequence[Floats]
+    costs: TouchCosts
+    touches: int
+
+    def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
+        """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
+        shapes = np.flatnonzero(belief > 0.0)
+        payoffs = np.stack([confirm, reject])[:, shapes]
+        if len(shapes) == 1:
+            return float(payoffs.max())
+        start, reach = belief[None, shapes], np.ones(1)
+        found = [self._bound(table[:, shapes], payoffs, start, reach, 0)[0] for table in self.tables]
+        return float(np.mean(found))
+
+    def _bound(self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int) -> Floats:
+        """Bound at beliefs ``(B, K)`` after some touches, which are reached with probabilities ``(B,)``; ``(B,)``."""
+        stop = (beliefs @ payoffs.T).max(axis=1)
+        bound = np.maximum(stop, self.costs.discount * (beliefs @ payoffs.max(axis=0)) - self.costs.cost)
+        if before == self.touches:
+            return np.asarray(bound)
+        matters = np.flatnonzero(reach * (bound - stop) > _PRECISION)
+        size = max(1, _AT_ONCE // table.size)
+        for some in np.split(matters, range(size, len(matters), size)):
+            followed = self._touched(table, payoffs, beliefs[some], reach[some], before)
+            bound[some] = np.minimum(bound[some], np.maximum(stop[some], followed))
+        return np.asarray(bound)
+
+    def _touched(self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int) -> Floats:
+        """Bound on the value of touching in the best pose, ``(B,)``."""
+        (num_poses, num_shapes, num_outcomes), number = table.shape, len(beliefs)
+        if not number:
+            return np.zeros(0)
+        joint = (beliefs[:, None, None] * table.swapaxes(1, 2)).reshape(-1, num_shapes)  # (B P M, K)
+        chance = joint.sum(axis=1)
+        joint /= np.maximum(chance, np.finfo(float).tiny)[:, None]
+        weight = self.costs.weight(before)
+        after = self._bound(table, payoffs, joint, np.repeat(reach, num_poses * num_outcomes) * chance, before + 1)
+        shown = (chance * after).reshape(number, num_poses, num_outcomes).sum(axis=2).max(axis=1)
+        nothing = self._bound(table, payoffs, beliefs, reach, before + 1) if weight < 1.0 else 0.0
+        return np.asarray(self.costs.discount * (weight * shown + (1.0 - weight) * nothing) - self.costs.cost)
