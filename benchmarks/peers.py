@@ -2,14 +2,14 @@
 
 Run: OMP_NUM_THREADS=1 python benchmarks/peers.py        (some minutes; packages that are not installed are left out)
 
-Times of beliefs and calibration are by the clock, medians of interleaved rounds; ratios are taken within a round, so
-they hardly depend on other load. Times of decisions are of the processor. Planners play the same searches, with touches
-drawn from the table they plan with.
+Times are of the processor, medians of interleaved rounds; ratios are taken within a round, so they hardly depend on
+other load. Planners play the same searches, with touches drawn from the table they plan with.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 
@@ -17,7 +17,6 @@ import beliefs
 import calibration
 import deciders
 import numpy as np
-from rounds import time_in_rounds
 
 from belief.bayes import update, update_probs
 from belief.calibration import TemperatureScaling
@@ -27,6 +26,18 @@ from planners import make_decider
 
 PEERS = ("pomdp-py", "scikit-learn", "netcal")
 Calls = dict[str, Callable[[int], object]]
+
+
+def time_in_rounds(calls: Calls, rounds: int, per_round: int) -> dict[str, np.ndarray]:
+    """Milliseconds of the processor per call, of every case and round; one more round is run first and dropped."""
+    found: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds + 1):
+        for name, call in calls.items():
+            started = time.process_time()
+            for index in range(per_round):
+                call(index)
+            found[name].append(1e3 * (time.process_time() - started) / per_round)
+    return {name: np.array(times[1:]) for name, times in found.items()}
 
 
 def has(package: str) -> bool:
