@@ -1,6 +1,6 @@
 """Measure steps per second of processor time of the environments, live and from a bank, and of a trivial one.
 
-Run: python benchmarks/env.py [SCENE] [BANK]     (a bank from: activetouch touch-bank --scene SCENE)
+Run: python benchmarks/env.py [SCENE] [BANK]     (default: the bank that comes with the package)
 
 Actions are random; three quarters are probes. The trivial environment only counts, so its time is that of the
 vectoriser. Times are medians of interleaved rounds.
@@ -47,9 +47,9 @@ class Counter(gymnasium.Env):
         return np.zeros(13, np.float32), 0.0, self._steps == 12, False, {}
 
 
-def main(scene: str, folder: Path) -> None:
+def main(scene: str, folder: Path | None) -> None:
     torch.set_num_threads(1)
-    sensor, bank = TactileSensor.shipped(f"{scene}-independent"), TouchBank.open(folder)
+    sensor, bank = TactileSensor.shipped(f"{scene}-independent"), bank_of(scene, folder)
     live, sampled = LiveTouches(sensor), SampledTouches(sensor.model, sensor.scene.pose_labels)
     target, model = sensor.scene.shape_labels[-1], sensor.model
 
@@ -62,11 +62,17 @@ def main(scene: str, folder: Path) -> None:
     def test_of(touches: Touches) -> Callable[[], gymnasium.Env]:
         return lambda: ObjectTestEnv(touches=touches, target=target)
 
+    def by_id(num_envs: int) -> gymnasium.vector.VectorEnv:
+        return gymnasium.make_vec("activetouch/ObjectTest-v0", num_envs=num_envs, scene=scene, target=target)
+
     cases = {  # name: environment, how many at once, steps in a round
         "gymnasium sync × 16: trivial": (sync(Counter, 16), 16, 100),
         "gymnasium sync × 16: touches from the model": (sync(test_of(sampled), 16), 16, 25),
         "gymnasium sync × 16: live": (sync(test_of(live), 16), 16, 4),
         "gymnasium × 256: bank": (BankVectorEnv(episodes(256)), 256, 100),
+        "gymnasium × 16: make_vec": (by_id(16), 16, 400),
+        "gymnasium × 256: make_vec": (by_id(256), 256, 100),
+        "gymnasium × 1024: make_vec": (by_id(1024), 1024, 50),
         "sb3 dummy × 256: trivial": (DummyVecEnv([Counter] * 256), 256, 20),
         "sb3 × 64: bank": (BankVecEnv(episodes(64), (0,)), 64, 100),
         "sb3 × 256: bank": (BankVecEnv(episodes(256), (0,)), 256, 100),
@@ -93,6 +99,11 @@ def main(scene: str, folder: Path) -> None:
         print(f"{name:<45} {1.0 / np.median(times):>10,.0f} steps/s{ratio}")
 
 
+def bank_of(scene: str, folder: Path | None) -> TouchBank:
+    """The bank in a folder, or that of a scene which comes with the package."""
+    return TouchBank.shipped(scene) if folder is None else TouchBank.open(folder)
+
+
 if __name__ == "__main__":
     name = sys.argv[1] if len(sys.argv) > 1 else "coarse"
-    main(name, Path(sys.argv[2]) if len(sys.argv) > 2 else Path("data") / f"{name}-bank" / "calibration")
+    main(name, Path(sys.argv[2]) if len(sys.argv) > 2 else None)
