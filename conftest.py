@@ -1,5 +1,19 @@
-"""Leaves out doctests of modules whose packages this platform does not have."""
+"""What all tests and doctests share: no module whose packages are missing, and plans in a temporary folder."""
 
+import os
+from collections.abc import Iterator
 from importlib.util import find_spec
 
+import pytest
+
 collect_ignore = [] if find_spec("pomdp_py") else ["planners/pomdp_py_adapter.py"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _plans_in_a_temporary_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Plans that a test solves are kept for other tests and workers of this session, not in the user's cache."""
+    folder = tmp_path_factory.getbasetemp()
+    shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ACTIVETOUCH_PLANS", str(shared / "plans"))
+        yield

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -369,12 +369,20 @@ class TouchWorld:
         self._current = 0
 
 
-def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[list[Touch], TouchTime]:
+PendingT = TypeVar("PendingT", bound=PendingTouch)
+
+
+def touch_many(
+    sensor: TactileSensor,
+    pending: Sequence[PendingT],
+    press: Callable[[PendingT], tuple[NDArray[np.uint8], TouchTime]] | None = None,
+) -> tuple[list[Touch], TouchTime]:
     """Press the current object of many worlds, then read all images in one pass of the network.
 
     Args:
         sensor: reads the images.
         pending: the touches to make.
+        press: gives the image of one, and the time it took; by default its world is pressed.
 
     Returns:
         The touches, in the order of ``pending``, and the time they took.
@@ -382,7 +390,8 @@ def touch_many(sensor: TactileSensor, pending: Sequence[PendingTouch]) -> tuple[
     Raises:
         UnstablePress: a press did not settle in any attempt.
     """
-    images, times = zip(*[touch.world.press(touch.pose, touch.rng) for touch in pending], strict=True)
+    pressed = [touch.world.press(touch.pose, touch.rng) if press is None else press(touch) for touch in pending]
+    images, times = zip(*pressed, strict=True)
     started = time.perf_counter()
     touches = sensor.read(np.stack(images), [touch.pose for touch in pending])
     return touches, sum(times, TouchTime(network=time.perf_counter() - started))

@@ -26,7 +26,8 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
-from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem, solve
+from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
+from planners.solve.plan_cache import solve_once
 from planners.target_abstraction import belief_by_target, stages_by_target
 
 MAX_STATES = 200
@@ -40,7 +41,7 @@ LEAST_COST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PointBased:
-    """Follows a policy from point-based value iteration; solved when a search is first seen, in under a second.
+    """Follows a policy from point-based value iteration; solved when a search is first seen, in one to four seconds.
 
     Attributes:
         table: p(outcome | pose, shape).
@@ -53,7 +54,7 @@ class PointBased:
     rounds: Sequence[int] = ROUNDS
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
-        """The policy for a search, solved once per process.
+        """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
 
         Raises:
             TableMismatch: the table has other numbers of poses or shapes than the search.
@@ -62,7 +63,7 @@ class PointBased:
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:
             weights = weights_in_turn(self.repeats, problem.num_poses, _MOST_USES)
-            _POLICIES[key] = solve(self._touch_problem(problem, target), rounds=self.rounds, repeat_weights=weights)
+            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, weights)
         return _POLICIES[key]
 
     @cached_property

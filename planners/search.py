@@ -45,11 +45,36 @@ WorldT = TypeVar("WorldT", bound=World)
 
 @dataclass(frozen=True, eq=False)
 class TouchRequest(Generic[WorldT]):
-    """A touch for which an episode waits."""
+    """A touch for which an episode waits.
+
+    Attributes:
+        world: whose current object to touch.
+        pose: in which pose.
+        rng: generator of the touch.
+        key: seed of the episode, index of the object, pose, and number of earlier touches in it. It determines the
+            touch: worlds with the same objects give the same one.
+    """
 
     world: WorldT
     pose: int
     rng: np.random.Generator
+    key: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls, world: WorldT, seed: tuple[int, ...], object_index: int, pose: int, repeat: int
+    ) -> TouchRequest[WorldT]:
+        """The request for a touch of the current object of an episode.
+
+        Args:
+            world: with the object in front of the pad.
+            seed: of the episode.
+            object_index: of the object.
+            pose: index of the pose.
+            repeat: number of earlier touches of the object in this pose.
+        """
+        rng = touch_rng(seed, object_index, pose, repeat)
+        return cls(world, pose, rng, (*seed, object_index, pose, repeat))
 
 
 TouchMany: TypeAlias = Callable[[Sequence[TouchRequest[WorldT]]], Sequence[Touch]]
@@ -151,7 +176,7 @@ def _loop(
                 steps.append(Step(object_index, info.belief, decision, None))
                 return end(Outcome.TRUNCATED)
             repeat = int(info.uses[action.pose])
-            touch = yield TouchRequest(world, action.pose, touch_rng(seed, object_index, action.pose, repeat))
+            touch = yield TouchRequest.of(world, seed, object_index, action.pose, repeat)
             assert touch is not None, "a waiting episode is resumed with its touch"
             scene.update(object_index, [touch])
             num_touches += 1

@@ -13,12 +13,14 @@ import numpy as np
 
 from activetouch.world import touch_many
 from belief import SceneBelief
-from belief.seeding import touch_rng
 from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
+from experiments.search.touch_memo import TouchMemo
 from planners.search import TouchRequest
 
 
-def solved_by_full_information(setting: Setting, target: int, seed: int, numbers: Sequence[int]) -> list[bool]:
+def solved_by_full_information(
+    setting: Setting, target: int, seed: int, numbers: Sequence[int], memo: TouchMemo | None = None
+) -> list[bool]:
     """Whether the full-information oracle succeeds, for each of the given episodes.
 
     Args:
@@ -26,19 +28,18 @@ def solved_by_full_information(setting: Setting, target: int, seed: int, numbers
         target: index of the target shape.
         seed: seed of the run.
         numbers: numbers of the episodes.
+        memo: images of touches in this setting.
     """
     sensor, problem = load_sensor(setting), setting.problem
+    memo = TouchMemo() if memo is None else memo
     solved = []
     for number in numbers:
         key = episode_seed(seed, target, number)
         world = make_world(setting, sensor, key)
         scene = SceneBelief(problem, sensor.model)
         for object_index in range(problem.num_objects):
-            requests = [
-                TouchRequest(world, pose, touch_rng(key, object_index, pose, repeat=0))
-                for pose in range(problem.num_poses)
-            ]
-            scene.update(object_index, touch_many(sensor, requests)[0])
+            requests = [TouchRequest.of(world, key, object_index, pose, repeat=0) for pose in range(problem.num_poses)]
+            scene.update(object_index, touch_many(sensor, requests, memo.press)[0])
             if object_index + 1 < problem.num_objects:
                 world.advance()
         here = scene.marginals()[:, target]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 
 import numpy as np
@@ -13,7 +13,7 @@ from experiments.parallel import run_lazily
 from experiments.search.holdings import ORACLE_EPISODES
 from experiments.search.run_folder import BOUND, EPISODES_PER_SHARD, ORACLE, MadeBy, RunFolder, ShardKey
 from experiments.search.setting import Setting
-from experiments.search.shards import ShardTask, identity, portrait
+from experiments.search.shards import GroupTask, ShardTask, identity, portrait
 
 
 def shard_sizes(players: Sequence[str], targets: Sequence[str], episodes: int) -> dict[ShardKey, int]:
@@ -35,6 +35,26 @@ def shard_sizes(players: Sequence[str], targets: Sequence[str], episodes: int) -
                 left = num - number * EPISODES_PER_SHARD
                 sizes[ShardKey(player, target, number)] = min(left, EPISODES_PER_SHARD)
     return sizes
+
+
+def groups_of(keys: Iterable[ShardKey], least: int = 1) -> list[list[ShardKey]]:
+    """The shards that one process plays, because they share touches: those of the same episodes, the oracle's first.
+
+    Args:
+        keys: of the shards.
+        least: number of groups wanted; where there are fewer, shards of the same episodes are spread over several.
+
+    >>> keys = shard_sizes(["threshold", ORACLE], ["cone", "cube"], 25)
+    >>> [[key.stem for key in group] for group in groups_of(keys)][0]
+    ['oracle-cone-00000', 'threshold-cone-00000']
+    >>> len(groups_of(keys, least=3))
+    4
+    """
+    groups: dict[object, list[ShardKey]] = {}
+    for key in sorted(keys, key=lambda key: key.decider != ORACLE):
+        groups.setdefault(key if key.decider == BOUND else (key.target, key.number), []).append(key)
+    pieces = -(-least // max(len(groups), 1))
+    return [part for group in groups.values() for first in range(pieces) if (part := group[first::pieces])]
 
 
 def play_missing(
@@ -80,16 +100,21 @@ def play_missing(
     def done(key: ShardKey) -> bool:
         return folder.has(key, players[key.decider][key.target], sizes[key])
 
-    keys = [key for key in list(sizes)[first::parts] if not done(key)]
-    np.random.default_rng().shuffle(keys)  # so that processes that fill the same folder rarely play the same shard
+    mine = chain.from_iterable(groups_of(sizes, parts)[first::parts])
+    groups = groups_of((key for key in mine if not done(key)), 2 * jobs)
+    order = np.random.default_rng().permutation(len(groups))
+    # At random, so that processes that fill the same folder rarely play the same shards.
 
-    def missing() -> Iterator[ShardTask]:
-        return (
-            ShardTask(key, sizes[key], setting, seed, wanted[key.decider, key.target]) for key in keys if not done(key)
-        )
+    def missing() -> Iterator[GroupTask]:
+        for number in order:
+            keys = [key for key in groups[number] if not done(key)]
+            if keys:
+                tasks = (ShardTask(key, sizes[key], setting, seed, wanted[key.decider, key.target]) for key in keys)
+                yield GroupTask(tuple(tasks))
 
     is_open = False
-    for result in chain(run_lazily(missing(), len(keys), jobs, "searching", scheduler), [None]):
+    played = chain.from_iterable(run_lazily(missing(), len(groups), jobs, "searching", scheduler))
+    for result in chain(played, [None]):
         if not is_open:  # only now, because a run that fails without any result must not claim the folder
             is_open = True
             if warning := folder.open(run, arguments, players):

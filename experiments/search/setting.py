@@ -28,6 +28,7 @@ from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
+from experiments.search.touch_memo import TouchMemo
 from experiments.sensor_choice import check_sensor, load_quietly, sensor_folder
 from planners import Decider, Episode, make_decider, search_lockstep
 from planners.abstaining import Abstaining
@@ -199,7 +200,7 @@ def episode_seed(seed: int, target: int, number: int) -> tuple[int, ...]:
 
 
 def play_episodes(
-    setting: Setting, decider: str, target: int, seed: int, numbers: Sequence[int]
+    setting: Setting, decider: str, target: int, seed: int, numbers: Sequence[int], memo: TouchMemo | None = None
 ) -> tuple[list[Episode], Seconds]:
     """Play episodes in lockstep; the same arguments give the same episodes, bit for bit, in any process.
 
@@ -209,26 +210,33 @@ def play_episodes(
         target: index of the target shape.
         seed: seed of the run.
         numbers: numbers of the episodes.
+        memo: images of touches in this setting, which other deciders of the same episodes made.
 
     Returns:
-        The episodes, and the time that they took together.
+        The episodes, and the time that they took together. The time of a press counts for every decider that makes the
+        touch, though it is pressed once.
     """
     sensor, spent = load_sensor(setting), [TouchTime()]
+    memo = TouchMemo() if memo is None else memo
     seeds = [episode_seed(seed, target, number) for number in numbers]
     worlds = [make_world(setting, sensor, key) for key in seeds]
     chosen = build_decider(setting, decider)
 
+    waited = 0.0
+
     def touch_and_time(requests: Sequence[TouchRequest[TouchWorld]]) -> list[Touch]:
-        touches, seconds = touch_many(sensor, requests)
+        nonlocal waited
+        asked = time.perf_counter()
+        touches, seconds = touch_many(sensor, requests, memo.press)
         spent.append(seconds)
+        waited += time.perf_counter() - asked
         return touches
 
     started = time.perf_counter()
     episodes = search_lockstep(
         worlds, chosen, setting.problem, [target] * len(worlds), sensor.model, seeds, touch_and_time
     )
-    total = time.perf_counter() - started
+    thinking = time.perf_counter() - started - waited
     touches = sum(episode.num_touches for episode in episodes)
     seconds = sum(spent, TouchTime())
-    thinking = total - seconds.physics - seconds.network
     return episodes, Seconds(seconds.physics, seconds.network, thinking, touches, seconds.pressed_again)

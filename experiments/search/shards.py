@@ -29,6 +29,7 @@ from experiments.search.run_folder import (
     versions,
 )
 from experiments.search.setting import Setting, Stamps, build_decider, episode_seed, known_model, play_episodes, stamps
+from experiments.search.touch_memo import TouchMemo
 
 _PLAYING = threading.Lock()  # Dask workers may run tasks in threads, but physics and clocks exist once per process
 
@@ -93,8 +94,11 @@ class ShardTask:
     wanted: str
     folder: str = field(default_factory=os.getcwd)
 
-    def __call__(self) -> tuple[ShardKey, Shard]:
+    def __call__(self, memo: TouchMemo | None = None) -> tuple[ShardKey, Shard]:
         """Play the shard.
+
+        Args:
+            memo: images of the touches that other shards of the setting and seed made.
 
         Raises:
             WorkerMismatch: This machine has other versions, another sensor or other code than the requesting one.
@@ -110,9 +114,9 @@ class ShardTask:
                 return self.key, Shard(lines, Seconds(), player)
             numbers = self.key.episodes(self.size)
             if self.key.decider == ORACLE:
-                return self.key, Shard(self._oracle_lines(target, numbers), Seconds(), player)
+                return self.key, Shard(self._oracle_lines(target, numbers, memo), Seconds(), player)
             try:
-                episodes, seconds = play_episodes(self.setting, self.key.decider, target, self.seed, numbers)
+                episodes, seconds = play_episodes(self.setting, self.key.decider, target, self.seed, numbers, memo)
             except ActiveTouchError as error:
                 error.add_note(
                     f"in one of the episodes {numbers} of {self.key.decider}, target {self.key.target}, "
@@ -121,12 +125,28 @@ class ShardTask:
                 raise
             return self.key, Shard(episode_lines(self.key.decider, episodes), seconds, player)
 
-    def _oracle_lines(self, target: int, numbers: range) -> list[str]:
-        solved = solved_by_full_information(self.setting, target, self.seed, numbers)
+    def _oracle_lines(self, target: int, numbers: range, memo: TouchMemo | None) -> list[str]:
+        solved = solved_by_full_information(self.setting, target, self.seed, numbers, memo)
         return [
             json.dumps({"seed": episode_seed(self.seed, target, number), "solved": bool(right)}) + "\n"
             for number, right in zip(numbers, solved, strict=True)
         ]
+
+
+@dataclass(frozen=True)
+class GroupTask:
+    """A task that plays shards one after the other, which share the images of their touches.
+
+    Attributes:
+        shards: of one setting and seed, and of the same episodes where possible.
+    """
+
+    shards: tuple[ShardTask, ...]
+
+    def __call__(self) -> list[tuple[ShardKey, Shard]]:
+        """Play the shards; see :class:`ShardTask`."""
+        memo = TouchMemo()
+        return [shard(memo) for shard in self.shards]
 
 
 def portrait(setting: Setting, seed: int, decider: str, target: str) -> str:

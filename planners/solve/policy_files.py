@@ -50,7 +50,6 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
             "with fewer hidden states than the search"
         )
     header: dict[str, Any] = {
-        "format": _FORMAT,
         "model_sha256": OutcomeTable(problem.outcome_probs).sha256,
         "target": int(problem.target),
         "touch_cost": float(problem.touch_cost),
@@ -66,10 +65,28 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
     for number, by_touches in enumerate(by_object):
         for touches, vectors in enumerate(by_touches):
             arrays |= {f"alphas_{number}_{touches}": vectors.alphas, f"actions_{number}_{touches}": vectors.actions}
-    header["arrays_sha256"] = _arrays_sha256(arrays)
-    content = {"header": np.array(sealed_json(header, indent=None)), **arrays}
+    write_arrays(path, _FORMAT, header, arrays, compressed=True)
+
+
+def write_arrays(
+    path: Path, name: str, fields: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]], compressed: bool = False
+) -> None:
+    """Write arrays and fields, with digests of both, atomically.
+
+    Args:
+        path: of the file.
+        name: of the format.
+        fields: JSON types.
+        arrays: by name; not ``header``.
+        compressed: whether to compress them.
+
+    Raises:
+        CannotWrite: the disk is full, or the folder cannot be written to.
+    """
+    header = {"format": name, **fields, "arrays_sha256": _arrays_sha256(arrays)}
+    content: dict[str, Any] = {"header": np.array(sealed_json(header, indent=None)), **arrays}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **content)
+        (np.savez_compressed if compressed else np.savez)(file, allow_pickle=False, **content)
 
 
 def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPolicy | SearchPolicy:
@@ -81,7 +98,7 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
     """
     content = path.read_bytes()
     try:
-        header, arrays = _unpacked(content)
+        header, arrays = read_arrays(content, _FORMAT)
         policy = _policy(header, arrays)
     except Exception as error:  # numpy and zipfile raise many kinds on damaged bytes
         raise CorruptPolicy(f"{path} cannot be read as a policy: {error}; solve again and save it") from error
@@ -96,8 +113,16 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
     return policy
 
 
-def _unpacked(content: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
-    """Header and arrays, once their digests are checked."""
+def read_arrays(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+    """Fields and arrays of a file from :func:`write_arrays`, once their digests are checked.
+
+    Args:
+        content: bytes of the file.
+        name: of the format.
+
+    Raises:
+        Exception: it is something else, or damaged; numpy and zipfile raise many kinds.
+    """
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > _MOST_BYTES:
@@ -105,8 +130,8 @@ def _unpacked(content: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     with np.load(io.BytesIO(content), allow_pickle=False) as found:
         arrays = {name: found[name] for name in found.files}
     header = unsealed_json(str(arrays.pop("header")))
-    if header["format"] != _FORMAT:
-        raise ValueError(f"its format is {header['format']!r}, this reads {_FORMAT!r}")
+    if header["format"] != name:
+        raise ValueError(f"its format is {header['format']!r}, this reads {name!r}")
     if header["arrays_sha256"] != _arrays_sha256(arrays):
         raise ValueError("it was changed after it was written: its arrays do not match their SHA-256")
     return header, arrays
@@ -126,15 +151,27 @@ def _policy(header: dict[str, Any], arrays: dict[str, Any]) -> TouchPolicy | Sea
     target, cost, discount = header["target"], header["touch_cost"], header["discount"]
     if "num_objects" not in header:
         single = TouchProblem(table, prior, target, cost, discount)
-        return TouchPolicy(single, _vectors(arrays, "0_0"))
+        return TouchPolicy(single, alpha_vectors(arrays, "0_0"))
     given: Floats | None = prior if header["composition"] == "independent" else None
     search = SearchTouchProblem(table, header["num_objects"], header["composition"], target, cost, given, discount)
     touches = range(header["num_touches"])
-    by_object = [[_vectors(arrays, f"{number}_{count}") for count in touches] for number in range(search.num_objects)]
-    return SearchPolicy(search, tuple(map(tuple, by_object)))
+    by_object = [
+        tuple(alpha_vectors(arrays, f"{number}_{count}") for count in touches) for number in range(search.num_objects)
+    ]
+    return SearchPolicy(search, tuple(by_object))
 
 
-def _vectors(arrays: dict[str, Any], name: str) -> AlphaVectors:
+def alpha_vectors(arrays: Mapping[str, Any], name: str) -> AlphaVectors:
+    """The alpha vectors ``alphas_NAME`` and ``actions_NAME``.
+
+    Args:
+        arrays: from :func:`read_arrays`.
+        name: of the set.
+
+    Raises:
+        KeyError: they are missing.
+        ValueError: they are no alpha vectors.
+    """
     alphas, actions = arrays[f"alphas_{name}"], arrays[f"actions_{name}"]
     if alphas.dtype.kind != "f" or actions.dtype.kind != "i" or not len(alphas):
         raise ValueError(f"the alpha vectors {name} are not numbers")
