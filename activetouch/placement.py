@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ class Placement:
 
     def __post_init__(self) -> None:
         numbers = (self.scale, self.friction, self.stiffness, *self.offset, *self.orientation)
-        if not (np.isfinite(numbers).all() and min(self.scale, self.stiffness) > 0.0 and self.friction >= 0.0):
+        if not (all(map(isfinite, numbers)) and min(self.scale, self.stiffness) > 0.0 and self.friction >= 0.0):
             raise ValueError(
                 f"scale and stiffness must be above zero, friction at least zero, all finite; got {self}, friction "
                 f"{self.friction}, stiffness {self.stiffness}"

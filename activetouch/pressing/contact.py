@@ -136,7 +136,7 @@ def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     distance = np.empty(pad.num_taxels**2)
     for first_ray in range(0, len(distance), _RAYS_AT_ONCE):
         rays = slice(first_ray, first_ray + _RAYS_AT_ONCE)
-        origins = to_object @ pad.taxel_centres[:, rays]
+        origins = to_object[:, 1:] @ pad.taxel_centres[1:, rays]  # the face of the pad is the plane x = 0
         origins -= centre
         distance[rays] = placement.shape.entry_distance(origins, rotation[0])
     distance *= placement.scale

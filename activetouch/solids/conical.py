@@ -50,22 +50,50 @@ class Frustum:
         half_height = self.height / 2
         slope = (self.bottom_radius - self.top_radius) / self.height
         radius = (self.bottom_radius + self.top_radius) / 2 - slope * z  # of the cone at the rays' starts
-        entry = np.full(len(x), np.inf)
-        with np.errstate(invalid="ignore", over="ignore"):
-            for t in quadratic_roots(
-                dx * dx + dy * dy - (slope * dz) ** 2,
-                x * dx + y * dy + slope * radius * dz,
-                x * x + y * y - radius * radius,
-            ):
+        a = float(dx * dx + dy * dy - (slope * dz) ** 2)
+        half_b = x * dx
+        half_b += y * dy
+        half_b += (slope * dz) * radius
+        c = x * x
+        c += y * y
+        c -= radius * radius
+        entry: Floats | None = None
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            for t in _entries(a, half_b, c):
                 # The height limit also discards the mirror cone beyond the apex.
-                on_side = np.abs(z + t * dz) <= half_height * _SLACK
-                np.minimum(entry, t, out=entry, where=on_side)
-            if dz != 0.0:  # the cap that faces the ray
-                cap, rim = (-half_height, self.bottom_radius) if dz > 0.0 else (half_height, self.top_radius)
-                t = (cap - z) / dz
-                on_cap = (x + t * dx) ** 2 + (y + t * dy) ** 2 <= (rim * _SLACK) ** 2
-                np.minimum(entry, t, out=entry, where=on_cap)
+                height = t * dz
+                height += z
+                on_side = np.abs(height, out=height) <= half_height * _SLACK
+                found = np.where(on_side, t, np.inf)
+                entry = found if entry is None else np.minimum(entry, found, out=entry)
+            assert entry is not None, "there is at least one root"
+            cap, rim = (-half_height, self.bottom_radius) if dz > 0.0 else (half_height, self.top_radius)
+            if dz != 0.0 and rim > 0.0:  # the cap that faces the ray
+                t = cap - z
+                t /= dz
+                across, along = t * dx, t * dy
+                across += x
+                along += y
+                across *= across
+                along *= along
+                across += along
+                np.minimum(entry, np.where(across <= (rim * _SLACK) ** 2, t, np.inf), out=entry)
         return ahead(entry)
+
+
+def _entries(a: float, half_b: Floats, c: Floats) -> tuple[Floats, ...]:
+    """Roots of a·t² + 2·half_b·t + c at which a ray may enter a cone; NaN if there is none.
+
+    For a > 0 the ray is inside between the two roots, so it enters at the first. Ahead of the ray half_b is negative
+    then, so the difference below is a sum; behind it the root is negative and does not count.
+    """
+    if a <= 0.0:
+        return quadratic_roots(a, half_b, c)
+    root = half_b * half_b
+    root -= a * c
+    np.sqrt(root, out=root)
+    root -= half_b
+    return (np.divide(c, root, out=root),)
 
 
 @dataclass(frozen=True)

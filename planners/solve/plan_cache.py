@@ -91,9 +91,11 @@ def solve_once(
 
 def _key(search: StagedProblem, rounds: Sequence[int], repeat_weights: Floats) -> str:
     """Digest of everything that determines the solution: the problem, the settings and the code."""
-    arrays = {"initial": search.initial, "outcome_probs": search.outcome_probs, "repeat_weights": repeat_weights}
+    arrays: dict[str, NDArray[Any]] = {"initial": search.initial, "outcome_probs": search.outcome_probs}
+    arrays["repeat_weights"] = repeat_weights
     for number, stage in enumerate(search.stages):
-        parts = {"shapes": stage.shapes, "confirm": stage.confirm, "reject": stage.reject, "moves": stage.moves}
+        parts: dict[str, NDArray[Any] | None] = {"shapes": stage.shapes, "confirm": stage.confirm}
+        parts |= {"reject": stage.reject, "moves": stage.moves}
         arrays |= {f"{name}_{number}": part for name, part in parts.items() if part is not None}
     settings = [_FORMAT, array_digest(arrays), search.touch_cost, search.discount, [int(num) for num in rounds]]
     return hashlib.sha256(json.dumps([*settings, np.__version__, *_code()]).encode()).hexdigest()

@@ -1,0 +1,184 @@
+"""Measure this version against an earlier one, in one interleaved run, and print ratios.
+
+Run: git worktree add ../before ece93d3
+     python benchmarks/versions.py ../before                    the parts of a touch
+     python benchmarks/versions.py ../before --commands         whole commands; some minutes
+
+Each version has a process of its own. The two take turns in short rounds, so that other load and changes of the
+processor's speed affect both; a ratio is taken within each round, and the table shows the median and the quartiles over
+rounds. Times are processor seconds of one thread. Commands are timed as whole processes with their workers, set-up
+included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parent.parent
+PER_ROUND = 48
+_PLAN = "--plan.train 250 --plan.calibration 1 --plan.test 1"
+COMMANDS = {
+    "compare --scene many, 2 of 12 targets": "compare --scene many --episodes 25 --targets cone torus --out {out}",
+    "compare --scene many --episodes 25": "compare --scene many --episodes 25 --out {out}",
+    "compare (make search)": "compare --out {out}",
+    "collect, quasistatic": f"collect --fidelity quasistatic {_PLAN} --out {{out}}",
+    "collect, dynamic": f"collect {_PLAN} --out {{out}}",
+}
+
+
+def cases() -> dict[str, Callable[[int], object]]:
+    """What to time in the version that this process imports, as functions of a running number."""
+    from activetouch import SCENES, Quasistatic, TactileSensor, TouchWorld
+
+    found: dict[str, Callable[[int], object]] = {}
+    for name in ("gel", "coarse", "paper"):
+        scene, rng = SCENES[name].scene, np.random.default_rng(0)
+        sensor = TactileSensor.shipped(name)
+        things = [scene.sample_object(index % len(scene.shapes), rng) for index in range(PER_ROUND)]
+        worlds = [TouchWorld(sensor, [thing]) for thing in things]
+        found[f"{name}: live touch, pressed and read"] = _touch(worlds)
+        found[f"{name}: press and image"] = _press(scene, things)
+        if name != "paper":
+            found[f"{name}: quasistatic press and image"] = _press(replace(scene, press_model=Quasistatic()), things)
+        images = np.stack([scene.press(thing, 0, rng).image for thing in things])
+        found[f"{name}: one image read"] = _read(sensor, images)
+    return found
+
+
+def _touch(worlds: list[Any]) -> Callable[[int], object]:
+    return lambda index: worlds[index].touch(index % 6, np.random.default_rng(index))
+
+
+def _press(scene: Any, things: list[Any]) -> Callable[[int], object]:
+    return lambda index: scene.press(things[index], index % 6, np.random.default_rng(index))
+
+
+def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
+    return lambda index: sensor.read(images[index : index + 1], [0])
+
+
+def serve() -> None:
+    """Time a case for each line of the standard input, and answer with milliseconds per call."""
+    known = cases()
+    print("|".join(known), flush=True)
+    for line in sys.stdin:
+        function = known[line.strip()]
+        started = time.process_time()
+        for index in range(PER_ROUND):
+            function(index)
+        print(1e3 * (time.process_time() - started) / PER_ROUND, flush=True)
+
+
+class Version:
+    """A process that imports one version of the packages."""
+
+    def __init__(self, folder: Path) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, __file__, "--serve"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment(folder),
+        )
+        self.names = self._line().split("|")
+
+    def time(self, name: str) -> float:
+        """Milliseconds per call of a case."""
+        assert self.process.stdin is not None
+        print(name, file=self.process.stdin, flush=True)
+        return float(self._line())
+
+    def _line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """The environment in which Python imports the packages of a folder and uses one thread."""
+    return {**os.environ, "PYTHONPATH": str(folder.resolve()), "OMP_NUM_THREADS": "1"}
+
+
+def row(name: str, before: list[float], after: list[float], unit: str) -> None:
+    ratios = np.array(after) / np.array(before)
+    low, middle, high = np.quantile(ratios, [0.25, 0.5, 0.75])
+    print(
+        f"{name:<42}{np.median(before):10.3f}{np.median(after):10.3f} {unit}{middle:8.2f} [{low:.2f}, {high:.2f}]",
+        flush=True,
+    )
+
+
+def compare_parts(before: Path, rounds: int) -> None:
+    versions = [Version(before), Version(HERE)]
+    for name in versions[1].names:
+        times: list[list[float]] = [[], []]
+        for round_ in range(rounds + 1):
+            for version, found in zip(versions, times, strict=True):
+                milliseconds = version.time(name)
+                if round_:  # the first round compiles and warms up
+                    found.append(milliseconds)
+        row(name, times[0], times[1], "ms")
+
+
+def compare_commands(before: Path, rounds: int, chosen: list[str]) -> None:
+    for name, arguments in COMMANDS.items():
+        if chosen and not any(word in name for word in chosen):
+            continue
+        times: list[list[float]] = [[], []]
+        with tempfile.TemporaryDirectory() as plans:
+            for round_ in range(rounds):
+                for folder, found in zip((before, HERE), times, strict=True):
+                    found.append(_seconds(folder, arguments, Path(plans)))
+                print(f"    round {round_ + 1}: {times[0][-1]:.1f} s, {times[1][-1]:.1f} s", flush=True)
+        row(name, times[0], times[1], "s ")
+
+
+def _seconds(folder: Path, arguments: str, plans: Path) -> float:
+    """Processor seconds of a command and its workers."""
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, "-m", "experiments.cli", *arguments.format(out=Path(out) / "run").split()]
+        started = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(
+            command,
+            check=True,
+            cwd=out,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**environment(folder), "ACTIVETOUCH_PLANS": str(plans)},
+        )
+        ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return ended.ru_utime + ended.ru_stime - started.ru_utime - started.ru_stime
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("before", nargs="?", type=Path, help="folder of the earlier version")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--commands", nargs="*", help="time whole commands; words of their names select some")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.serve:
+        serve()
+        return
+    if arguments.before is None or not (arguments.before / "activetouch").is_dir():
+        parser.error("give the folder of an earlier version, such as a git worktree of its commit")
+    print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
+    if arguments.commands is None:
+        compare_parts(arguments.before, arguments.rounds)
+    else:
+        compare_commands(arguments.before, arguments.rounds, arguments.commands)
+
+
+if __name__ == "__main__":
+    main()
