@@ -1,7 +1,7 @@
 // Gives every folded table a field that shows only the rows with what is typed, such as "failed".
 for (const details of document.querySelectorAll("details")) {
   const rows = details.querySelectorAll("tbody tr"), summary = details.querySelector("summary");
-  if (rows.length < 10) continue;
+  if (rows.length < 4) continue;
   const field = document.createElement("input");
   Object.assign(field, { type: "search", placeholder: "filter rows", className: "screen filter" });
   field.setAttribute("aria-label", `filter rows of: ${summary.textContent}`);

@@ -39,7 +39,7 @@ const wrong = [];
 addEventListener("error", (event) => wrong.push(event.message || `cannot load ${event.target.src}`), true);
 addEventListener("securitypolicyviolation", (event) => wrong.push(`refused ${event.blockedURI}`));
 addEventListener("load", () => {
-  const story = document.querySelector(".story"), [back, on, whole] = story.querySelectorAll("button");
+  const story = document.querySelector(".story"), [back, on, whole, play] = story.querySelectorAll("button");
   const shown = () => [...story.querySelectorAll(".panel")].flatMap((p, i) => p.offsetParent ? [i] : []);
   const seen = { steps: story.querySelectorAll(".panel").length, start: shown(), back: back.disabled };
   on.click();
@@ -57,6 +57,19 @@ addEventListener("load", () => {
   seen.onAtEnd = on.disabled;
   whole.click();
   seen.whole = shown().length;
+  play.click();
+  seen.playing = [play.textContent, slider.value];
+  play.click();
+  seen.paused = play.textContent;
+  const touched = [...document.querySelectorAll(".touch img")];
+  seen.unnamed = touched.filter((image) => !image.alt.includes("of the image pressed")).length;
+  const field = document.querySelector(".filter"), table = field.closest("details");
+  const rows = () => [...table.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length;
+  const all = rows();
+  field.value = "information_gain";
+  field.dispatchEvent(new Event("input"));
+  seen.filtered = [all, rows()];
+  seen.lost = [...document.querySelectorAll("nav a")].filter((a) => !document.querySelector(a.hash)).length;
   for (const details of document.querySelectorAll("details")) details.open = true;
   const root = document.documentElement;
   const wide = [...document.body.querySelectorAll("*")].filter((e) =>
@@ -113,6 +126,9 @@ def test_the_report_steps_fits_and_logs_no_error(report, tmp_path, width):
     assert (seen["right"], seen["home"]) == ([2], [0])
     assert (seen["end"], seen["onAtEnd"]) == ([last], True)
     assert seen["whole"] == last + 1
+    assert (seen["playing"], seen["paused"]) == (["pause", "0"], "play")
+    assert (seen["unnamed"], seen["lost"]) == (0, 0)
+    assert 0 < seen["filtered"][1] < seen["filtered"][0]
 
 
 @pytest.mark.parametrize(
