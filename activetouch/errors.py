@@ -59,3 +59,7 @@ class TrainingDiverged(ActiveTouchError, ArithmeticError):
 
 class UnknownLikelihood(ActiveTouchError, TypeError):
     """The faults of a sensor have no likelihood in closed form."""
+
+
+class BadRecording(ActiveTouchError, ValueError):
+    """Recorded touches cannot be read or used; the message says which file, line or touch, and what would work."""

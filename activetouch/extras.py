@@ -19,6 +19,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "contrib": ("sb3_contrib",),
         "pomdp": ("pomdp_py",),
         "dask": ("distributed",),
+        "recorded": ("sklearn",),
     }
 )
 """Modules by the extra that installs them."""

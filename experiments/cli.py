@@ -66,6 +66,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         ),
         "limit": Command("bayes_error.limit:Limit", "estimate the best possible accuracy of one touch"),
         "leak": Command("press.leak:Leak", "measure what force and depth reveal without the image"),
+        "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
         "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),

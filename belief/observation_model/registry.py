@@ -13,6 +13,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.baselines.confusion import ConfusionModel
 from belief.observation_model.baselines.gaussian import GaussianModel
 from belief.observation_model.baselines.plda import PLDAModel
@@ -45,6 +46,9 @@ OBSERVATION_MODELS: Mapping[str, Fit] = MappingProxyType(
 JOINT_MODELS: Mapping[str, Fit] = MappingProxyType({"rigid body": RigidBodyModel.fit})
 """Those that need a reader that embeds hypotheses too: they take the argument ``embed``."""
 
+KERNEL_MODELS: Mapping[str, Fit] = MappingProxyType({"action kernel": ActionKernelModel.fit})
+"""Those whose touches have log likelihood ratios of a calibrated reader as logits."""
+
 
 def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
     """The classes of a registry, by default all of this package, by the names that their files bear.
@@ -52,7 +56,7 @@ def kinds(fits: Mapping[str, Fit] | None = None) -> dict[str, type[ArrayModel]]:
     >>> kinds()["ratio"].__name__
     'RatioModel'
     """
-    all_fits = ({**OBSERVATION_MODELS, **JOINT_MODELS} if fits is None else fits).values()
+    all_fits = ({**OBSERVATION_MODELS, **JOINT_MODELS, **KERNEL_MODELS} if fits is None else fits).values()
     found = [getattr(fit.func if isinstance(fit, partial) else fit, "__self__", None) for fit in all_fits]
     return {kind.name: kind for kind in found if inspect.isclass(kind) and issubclass(kind, ArrayModel)}
 

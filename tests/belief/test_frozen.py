@@ -24,6 +24,7 @@ from belief.observation_model import (
     RatioModel,
     SignatureModel,
 )
+from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.outcome_mixture import OutcomeMixture
@@ -74,6 +75,10 @@ HOLDERS = {
     "RatioModel": (
         lambda a, b: RatioModel(LABELS, TemperatureScaling(), a, 0.5, b),
         [np.array([0.5, 0.5]), ROWS[None]],
+    ),
+    "ActionKernelModel": (
+        lambda a, b: ActionKernelModel(LABELS, a, b),
+        [np.full((2, 2), 0.5), np.ones((2, 3, 2))],
     ),
     "RigidBodyModel": (
         lambda a, b, c: RigidBodyModel(LABELS, a, 3, 1.0, b, c),

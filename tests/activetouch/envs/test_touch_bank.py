@@ -19,7 +19,7 @@ from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import RatioModel
-from belief.observation_model.registry import JOINT_MODELS, kinds
+from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, kinds
 from belief.observation_model.selection import OBSERVATION_MODELS
 
 POSES = ("p0", "p1", "p2")
@@ -100,9 +100,9 @@ def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_pro
 
 
 # All that calibration chooses from, and all that files can hold; none is listed by hand.
-# The joint models need embeddings too, and have tests of their own.
+# The joint models need embeddings too, the kernel model log likelihood ratios; they have tests of their own.
 FITS = OBSERVATION_MODELS | {
-    f"{kind.name} of files": kind.fit for kind in kinds().values() if kind.name not in JOINT_MODELS
+    f"{kind.name} of files": kind.fit for kind in kinds().values() if kind.name not in {**JOINT_MODELS, **KERNEL_MODELS}
 }
 
 

@@ -1,0 +1,71 @@
+"""The format ``bts3``: grasps of objects in three hand poses with three BioTac SP fingers of 24 electrodes.
+
+From the BioTac SP Stability Set v2 (MIT). Files ``bts3v2_palm_POSE.csv``, also compressed as ``.csv.gz``, have the
+columns ``object,slipped,ff_biotac_1,…``. Whether the object slipped is known only after the touch, and is no feature.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.errors import BadRecording
+from activetouch.recorded.bounded import lines_of, require_folder
+from activetouch.recorded.touches import RecordedTouches, scalar_features
+from belief.observation_model.kernel_fit import numbered_sessions
+
+POSES = ("down", "45", "side")
+_ELECTRODES = 72
+_FINGERS = 3
+
+
+def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The grasps of the 41 objects of the training files, and what was left out.
+
+    Raises:
+        BadRecording: a file is missing or cannot be read; the message names the line.
+    """
+    require_folder(folder, "bts3v2_palm_down.csv, bts3v2_palm_45.csv and bts3v2_palm_side.csv (or .csv.gz)")
+    rows: list[list[float]] = []
+    names: list[str] = []
+    actions: list[int] = []
+    for action, pose in enumerate(POSES):
+        found = [path for end in ("csv", "csv.gz") if (path := folder / f"bts3v2_palm_{pose}.{end}").is_file()]
+        if not found:
+            raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
+        for number, line in lines_of(found[0]):
+            cells = line.split(",")
+            if len(cells) != _ELECTRODES + 2:
+                raise BadRecording(
+                    f"line {number} of {found[0]} has {len(cells)} cells instead of {_ELECTRODES + 2}: object, "
+                    f"slipped, {_ELECTRODES} electrodes"
+                )
+            if number == 1:
+                continue
+            try:
+                rows.append([float(cell) for cell in cells[2:]])
+            except ValueError as error:
+                raise BadRecording(
+                    f"line {number} of {found[0]} holds something that is not a number: {error}"
+                ) from error
+            names.append(cells[0])
+            actions.append(action)
+    known = sorted(set(names))
+    objects = np.array([known.index(name) for name in names])
+    values = np.array(rows)
+    fingers = values.reshape(len(values), _FINGERS, -1)
+    scalars = np.concatenate([scalar_features(fingers[:, finger]) for finger in range(_FINGERS)], axis=1)
+    touches = RecordedTouches(
+        values,
+        np.array(actions),
+        objects,
+        numbered_sessions(objects, np.array(actions)),
+        tuple(f"palm {pose}" for pose in POSES),
+        tuple(known),
+        {},
+        {"scalar features only": scalars},
+        "BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), files of the 41 training objects",
+        "MIT",
+    )
+    return touches, ()

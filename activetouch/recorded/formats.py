@@ -1,0 +1,39 @@
+"""The formats of recorded touches. To add one, write a function in a file of its own and add a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal, TypeAlias, get_args
+
+from activetouch.errors import BadRecording
+from activetouch.recorded.bts3 import read_bts3
+from activetouch.recorded.csv_format import read_csv
+from activetouch.recorded.cy101 import read_cy101
+from activetouch.recorded.npz_format import read_npz
+from activetouch.recorded.sdh2 import read_sdh2
+from activetouch.recorded.touches import RecordedTouches
+
+Format: TypeAlias = Literal["cy101", "sdh2", "bts3", "npz", "csv"]
+
+FORMATS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]] = MappingProxyType(
+    {"cy101": read_cy101, "sdh2": read_sdh2, "bts3": read_bts3, "npz": read_npz, "csv": read_csv}
+)
+"""Functions that read a folder: they return the touches, and sentences about what was left out."""
+assert tuple(FORMATS) == get_args(Format)
+
+
+def read_recorded(data: Path, format: str) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """Recorded touches from a folder, and what was left out.
+
+    Args:
+        data: folder of the recordings; for ``npz`` also the file.
+        format: a key of :data:`FORMATS`.
+
+    Raises:
+        BadRecording: an unknown format, or data that are not in it.
+    """
+    if format not in FORMATS:
+        raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
+    return FORMATS[format](data)

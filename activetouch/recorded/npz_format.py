@@ -1,0 +1,84 @@
+"""The format ``npz``: arrays in one ``.npz`` file, which is read without running anything.
+
+``features (n, F)`` and ``object (n,)`` are needed; ``action``, ``session``, ``category``, ``shape``, each ``(n,)``, and
+``untouched (n, C)`` are optional and mean what the columns of :mod:`activetouch.recorded.csv_format` do. More controls
+are ``control:NAME (n, C)``; ``provenance`` and ``licence`` are text.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activetouch.errors import BadRecording
+from activetouch.recorded.bounded import MOST_BYTES
+from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.touches import RecordedTouches
+from belief.files import atomic_path
+
+_NAMES = ("object", "action", "session", "category", "shape")
+_WORDS = ("provenance", "licence")
+_CONTROL = "control:"
+
+
+def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The touches of a ``.npz`` file, or of the only one in a folder.
+
+    Raises:
+        BadRecording: no such file, several, arrays of objects that would have to be unpickled, or a missing array.
+    """
+    if path.is_dir():
+        found = sorted(path.glob("*.npz"))
+        if len(found) != 1:
+            raise BadRecording(f"{path} must hold one .npz file, it holds {len(found)}; give the file itself")
+        path = found[0]
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > MOST_BYTES:
+            raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files if _is_known(name)}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        if isinstance(error, BadRecording):
+            raise
+        raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
+    if missing := [name for name in ("features", "object") if name not in arrays]:
+        raise BadRecording(f"{path} has no array {missing[0]!r}; it has {', '.join(arrays) or 'none that is known'}")
+    features = arrays["features"]
+    if features.ndim != 2 or not np.issubdtype(features.dtype, np.number) or np.iscomplexobj(features):
+        raise BadRecording(f"features in {path} must be numbers (n, F), got {features.dtype} {features.shape}")
+    untouched = arrays.get("untouched", np.empty((len(features), 0)))
+    given = {name: arrays[name] for name in _NAMES if name in arrays}
+    touches = touches_of_columns(features.astype(np.float64), untouched, given, str(path))
+    controls = {name.removeprefix(_CONTROL): arrays[name] for name in arrays if name.startswith(_CONTROL)}
+    words: dict[str, Any] = {name: str(arrays[name]) for name in _WORDS if name in arrays}
+    return replace(touches, controls={**touches.controls, **controls}, **words), ()
+
+
+def write_npz(path: Path, touches: RecordedTouches) -> None:
+    """Write touches so that :func:`read_npz` reads them.
+
+    Raises:
+        CannotWrite: the disk is full, or the folder is not writable.
+    """
+    columns = {"categories": "category", "shapes": "shape"}
+    arrays: dict[str, Any] = {
+        "features": touches.features,
+        "object": np.array(touches.object_names)[touches.objects],
+        "action": np.array(touches.action_names)[touches.actions],
+        "session": touches.sessions,
+        **{columns[task]: np.array(names)[touches.objects] for task, names in touches.labels.items()},
+        **{f"{_CONTROL}{name}": rows for name, rows in touches.controls.items()},
+        **{name: np.array(getattr(touches, name)) for name in _WORDS},
+    }
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _is_known(name: str) -> bool:
+    return name in (*_NAMES, *_WORDS, "features", "untouched") or name.startswith(_CONTROL)

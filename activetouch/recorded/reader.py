@@ -1,0 +1,211 @@
+"""A reader of recorded touches: from features to calibrated log likelihood ratios, with a classifier for each action.
+
+The classifiers are scikit-learn's; each action's is chosen by cross-validation, by the negative log-likelihood after
+temperature scaling. Features are standardised: for linear discriminants by their spread within labels, for kernel
+machines by their spread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.extras import require_extra
+from activetouch.recorded.discriminants import LinearDiscriminants
+from activetouch.recorded.splits import Split
+from activetouch.recorded.touches import TaskTouches
+from belief.calibration import PerPose, StructuredMatrixScaling, TemperatureScaling
+from belief.metrics import negative_log_likelihood
+from belief.problem import Floats
+
+Integers = NDArray[np.int64]
+
+_MANY_LABELS = 30  # beyond, pairs of labels are too many, and touches too few to calibrate single labels
+_POOLING = 20.0  # touches that the calibration of all actions counts as in that of each
+_LEAST = 1e-3  # of a feature's spread, so that a feature that is constant within labels does not dominate
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """A kind of classifier.
+
+    Attributes:
+        make: makes an unfitted scikit-learn classifier.
+        is_linear: whether its features are scaled by their spread within labels.
+    """
+
+    make: Callable[[], Any]
+    is_linear: bool
+
+
+def kinds(num_labels: int) -> Mapping[str, Kind]:
+    """The classifiers to choose from, by name.
+
+    Raises:
+        MissingPackage: scikit-learn is not installed.
+    """
+    require_extra("recorded")
+    from sklearn.svm import SVC
+
+    found = {
+        f"linear discriminants, shrinkage {s}": Kind(partial(LinearDiscriminants, s), True) for s in (0.1, 0.3, 0.6)
+    }
+    if num_labels <= _MANY_LABELS:
+        found |= {
+            f"support vectors, C = {c}": Kind(partial(SVC, C=c, decision_function_shape="ovo"), False) for c in (1, 10)
+        }
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A classifier with the scaling of its features.
+
+    Attributes:
+        centre, scale: of the features, ``(F,)``.
+        classifier: fitted to scaled features.
+        num_labels: K.
+    """
+
+    centre: Floats
+    scale: Floats
+    classifier: Any
+    num_labels: int
+
+    @classmethod
+    def of(cls, kind: Kind, features: Floats, labels: Integers, num_labels: int) -> Fitted:
+        """Scale the features and fit a classifier."""
+        spread = features.std(axis=0)
+        scale = spread
+        if kind.is_linear:
+            known, number = np.unique(labels, return_inverse=True)
+            means = np.array([features[number == k].mean(axis=0) for k in range(len(known))])
+            scale = np.sqrt(((features - means[number]) ** 2).mean(axis=0)) + _LEAST * spread
+        centre, scale = features.mean(axis=0), np.where(scale > 0.0, scale, 1.0)
+        return cls(centre, scale, kind.make().fit((features - centre) / scale, labels), num_labels)
+
+    def logits(self, features: Floats) -> Floats:
+        """Scores ``(n, K)`` of features ``(n, F)``; the lowest of its row for labels that the training lacked."""
+        scores = self.classifier.decision_function((features - self.centre) / self.scale)
+        known = np.asarray(self.classifier.classes_)
+        if len(known) == 2 and scores.ndim == 1:
+            scores = np.stack([-scores, scores], axis=1) / 2.0
+        elif scores.shape[1] != len(known) or getattr(self.classifier, "decision_function_shape", "") == "ovo":
+            scores = _summed_pairs(scores, len(known))
+        found = np.repeat(scores.min(axis=1, keepdims=True), self.num_labels, axis=1)
+        found[:, known] = scores
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedReader:
+    """A classifier and a calibration for each action.
+
+    Attributes:
+        classifiers: of each action.
+        calibration: of the logits, per action.
+        log_prior: log share of each label among the calibration touches, ``(K,)``.
+        chosen: name of each action's kind of classifier.
+    """
+
+    classifiers: tuple[Fitted, ...]
+    calibration: PerPose
+    log_prior: Floats
+    chosen: tuple[str, ...]
+
+    def ratios(self, features: Floats, actions: Integers) -> Floats:
+        """Log likelihood ratios log q(label | touch) - log π, ``(n, K)``, of features ``(n, F)`` by action ``(n,)``."""
+        return np.asarray(
+            self.calibration.predict_log_proba(_logits(self.classifiers, features, actions), actions) - self.log_prior
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A fitted reader, and the log likelihood ratios of touches that it did not learn from.
+
+    Attributes:
+        reader: fitted to the training touches.
+        calibration_rows: of the task, ``(c,)``.
+        calibration_ratios: their log likelihood ratios, ``(c, K)``; by classifiers that did not learn from them.
+        test_ratios: those of the test touches, ``(t, K)``.
+    """
+
+    reader: RecordedReader
+    calibration_rows: Integers
+    calibration_ratios: Floats
+    test_ratios: Floats
+
+
+def read(touches: TaskTouches, split: Split, control: str | None = None) -> Reading:
+    """Fit a reader to a split, and read the calibration and test touches.
+
+    Args:
+        touches: of the task.
+        split: what to learn from, to calibrate on and to test on.
+        control: name of a control whose features are read instead.
+    """
+    features, num_labels = touches.features(control), len(touches.label_names)
+    num_actions = touches.source.num_actions
+    x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
+    options = kinds(num_labels)
+    held = np.zeros((len(x), num_labels))
+    classifiers, chosen = [], []
+    for action in range(num_actions):
+        here = np.flatnonzero(a == action)
+        tried = {
+            name: _held_out(kind, x[here], y[here], split.inner[here], num_labels) for name, kind in options.items()
+        }
+        losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
+        best = min(losses, key=lambda name: losses[name])
+        held[here] = tried[best]
+        chosen.append(best)
+        classifiers.append(Fitted.of(options[best], x[here], y[here], num_labels))
+    rows, logits = split.train, held
+    if len(split.calibration):
+        rows = split.calibration
+        logits = _logits(tuple(classifiers), features[rows], touches.actions[rows])
+    kind = TemperatureScaling() if num_labels > _MANY_LABELS else StructuredMatrixScaling()
+    labels, actions = touches.labels[rows], touches.actions[rows]
+    calibration = PerPose(kind, _POOLING).fit(logits, labels, actions, num_actions)
+    counts = np.bincount(labels, minlength=num_labels) + 0.5
+    reader = RecordedReader(tuple(classifiers), calibration, np.log(counts / counts.sum()), tuple(chosen))
+    ratios = calibration.predict_log_proba(logits, actions) - reader.log_prior
+    return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
+
+
+def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:
+    found = np.zeros((len(features), classifiers[0].num_labels))
+    for action in np.unique(actions).tolist():
+        here = actions == action
+        found[here] = classifiers[action].logits(features[here])
+    return found
+
+
+def _held_out(kind: Kind, features: Floats, labels: Integers, folds: Integers, num_labels: int) -> Floats:
+    """Logits of touches by classifiers that learned from the other folds, ``(n, K)``."""
+    found = np.zeros((len(features), num_labels))
+    for fold in np.unique(folds).tolist():
+        held = folds == fold
+        if len(np.unique(labels[~held])) > 1:
+            found[held] = Fitted.of(kind, features[~held], labels[~held], num_labels).logits(features[held])
+    return found
+
+
+def _loss(logits: Floats, labels: Integers) -> float:
+    return negative_log_likelihood(TemperatureScaling().fit(logits, labels).predict_proba(logits), labels)
+
+
+def _summed_pairs(scores: Floats, num_labels: int) -> Floats:
+    """Mean margin of each label over the others, ``(n, K)``, from those of all pairs in scikit-learn's order."""
+    found = np.zeros((len(scores), num_labels))
+    first, second = np.triu_indices(num_labels, 1)
+    for pair, (one, other) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        found[:, one] += scores[:, pair]
+        found[:, other] -= scores[:, pair]
+    return found / max(num_labels - 1, 1)

@@ -1,0 +1,88 @@
+"""The format ``sdh2``: grasps of a three-finger hand with six pressure pads, one ``.dsa`` file each in OBJECT folders.
+
+The recordings are under GPL-3.0: they are read from a folder of the user's and never come with this package.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from activetouch.errors import BadRecording
+from activetouch.recorded.bounded import require_folder
+from activetouch.recorded.dsa import read_dsa
+from activetouch.recorded.pressure_features import before_contact, grasp_features, pressure_scalars
+from activetouch.recorded.touches import RecordedTouches
+from belief.observation_model.kernel_fit import numbered_sessions
+
+_MOST_FILES = 100_000
+_FIRST_FRAME = re.compile(r"_(\d+)-\d+\.dsa$")
+SHAPES: Mapping[str, tuple[str, ...]] = {
+    "sphere": (
+        "christmas_ball",
+        "foam_ball",
+        "golf_ball",
+        "green_plastic_ball_large",
+        "green_plastic_ball_small",
+        "hockey_ball",
+        "ping-pong_ball",
+        "tennis_ball",
+    ),
+    "box": ("dice_large", "dice_small", "wooden_block_flat", "wooden_block_small"),
+    "cylinder": (
+        "aerosol_can",
+        "bottle_glass",
+        "bottle_plastic_vinegar",
+        "pen_medium",
+        "pen_thick",
+        "pen_thin",
+        "wooden_cylinder",
+    ),
+}
+"""Objects whose shape is one of ours."""
+
+
+def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The grasps in all object folders of a folder, or of its subfolder ``grasps``, in the order of recording.
+
+    Raises:
+        BadRecording: there are none, or one cannot be read.
+    """
+    require_folder(folder, "a folder for each object with its .dsa files")
+    top = folder / "grasps" if (folder / "grasps").is_dir() else folder
+    paths = sorted((path for path in top.glob("*/*.dsa") if path.is_file()), key=_place)
+    if not 0 < len(paths) <= _MOST_FILES:
+        raise BadRecording(f"{top} must hold folders with 1 to {_MOST_FILES} .dsa files, found {len(paths)}")
+    films = [read_dsa(path) for path in paths]
+    for path, film in zip(paths, films, strict=True):
+        if film.shapes != films[0].shapes:
+            raise BadRecording(f"{path} has pads {film.shapes}, {paths[0]} has {films[0].shapes}")
+    names = sorted({path.parent.name for path in paths})
+    objects = np.array([names.index(path.parent.name) for path in paths])
+    actions = np.zeros(len(paths), np.int64)
+    shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
+    touches = RecordedTouches(
+        np.array([grasp_features(film) for film in films]),
+        actions,
+        objects,
+        numbered_sessions(objects, actions),
+        ("grasp",),
+        tuple(names),
+        {"shapes": tuple(shape_of.get(name, "") for name in names)},
+        {
+            "scalar features only": np.array([pressure_scalars(film) for film in films]),
+            "first frames, before contact": np.array([before_contact(film) for film in films]),
+        },
+        "peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",
+        "GPL-3.0: not redistributed",
+    )
+    return touches, ()
+
+
+def _place(path: Path) -> tuple[str, int, str]:
+    """Key of the order of recording: the object, and the first frame in the session, which the file name gives."""
+    found = _FIRST_FRAME.search(path.name)
+    return path.parent.name, int(found[1]) if found else 0, path.name

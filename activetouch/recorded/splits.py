@@ -1,0 +1,78 @@
+"""Splits of recorded touches into what a reader learns from, what it is calibrated on, and what it is tested on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.recorded.touches import TaskTouches
+from belief.cross_validation import object_folds
+from belief.frozen import FrozenArrays
+
+Order: TypeAlias = Literal["time", "random", "objects"]
+_LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
+_INNER = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Split(FrozenArrays):
+    """Indices into the rows of a task.
+
+    Attributes:
+        train: to learn from.
+        calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
+        test: to test on.
+        inner: fold of each row of ``train``, for that cross-validation and for the choice of a classifier.
+    """
+
+    train: NDArray[np.int64]
+    calibration: NDArray[np.int64]
+    test: NDArray[np.int64]
+    inner: NDArray[np.int64]
+
+
+def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> Split:
+    """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
+
+    Args:
+        touches: of a task whose labels are objects.
+        rng: draws another order of each object's sessions: the control that shows what the order of recording hides.
+    """
+    place = np.empty(len(touches.rows))
+    rank = np.empty(len(touches.rows), np.int64)
+    for thing in np.unique(touches.objects).tolist():
+        own = np.flatnonzero(touches.objects == thing)
+        sessions, number = np.unique(touches.sessions[own], return_inverse=True)
+        order = np.arange(len(sessions)) if rng is None else rng.permutation(len(sessions))
+        for action in np.unique(touches.actions[own]).tolist():
+            here = np.flatnonzero(touches.actions[own] == action)
+            ranks = np.unique(order[number[here]], return_inverse=True)[1]
+            rank[own[here]] = ranks
+            place[own[here]] = (ranks + 0.5) / (ranks.max() + 1)
+    train = np.flatnonzero(place < _LEARNED)
+    calibration = np.flatnonzero((place >= _LEARNED) & (place < _CALIBRATED))
+    blocks = np.minimum((place[train] / _LEARNED * 3).astype(np.int64), 2)
+    return Split(train, calibration, np.flatnonzero(place >= _CALIBRATED), blocks)
+
+
+def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
+    """Whole objects held out, in folds in which every object is tested once."""
+    folds = object_folds(touches.labels, touches.objects, num_folds)
+    found = []
+    for fold in range(num_folds):
+        train = np.flatnonzero(folds != fold)
+        inner = object_folds(touches.labels[train], touches.objects[train], _inner_folds(touches, train))
+        found.append(Split(train, np.empty(0, np.int64), np.flatnonzero(folds == fold), inner.astype(np.int64)))
+    return found
+
+
+def _inner_folds(touches: TaskTouches, train: NDArray[np.int64]) -> int:
+    """As many folds as the label with the fewest objects has, but at least 2 and at most 4."""
+    fewest = min(
+        len(np.unique(touches.objects[train][touches.labels[train] == label]))
+        for label in np.unique(touches.labels[train]).tolist()
+    )
+    return int(np.clip(fewest, 2, _INNER))

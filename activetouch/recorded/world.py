@@ -1,0 +1,139 @@
+"""Recorded objects as a world: a touch with an action is one of the object's recordings with that action."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import BadRecording
+from belief import Touch
+from belief.errors import InvalidArgument
+from belief.frozen import FrozenArrays
+from belief.problem import Floats
+from belief.seeding import keyed_rng
+
+_KEY = 0x7EC0
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedBank(FrozenArrays):
+    """n held-out touches of recorded objects, as a reader sees them.
+
+    Attributes:
+        label_names: of the K labels.
+        action_names: of the P actions.
+        ratios: log likelihood ratios of each touch, ``(n, K)``.
+        labels, objects, actions, sessions: of each touch, ``(n,)``.
+
+    Raises:
+        BadRecording: an object has no touch with some action.
+
+    >>> one = np.zeros(1, np.int64)
+    >>> bank = RecordedBank(("mug", "can"), ("press",), np.zeros((1, 2)), one, one, one, one)
+    >>> bank.repeats, bank.objects_of(0)
+    (1, [0])
+    """
+
+    label_names: tuple[str, ...]
+    action_names: tuple[str, ...]
+    ratios: Floats
+    labels: NDArray[np.int64]
+    objects: NDArray[np.int64]
+    actions: NDArray[np.int64]
+    sessions: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        counts = self._counts()
+        if not counts.size or counts.min() == 0:
+            thing, action = (int(i) for i in np.argwhere(counts == 0)[0]) if counts.size else (0, 0)
+            raise BadRecording(
+                f"object {np.unique(self.objects)[thing] if counts.size else '-'} has no held-out touch with the "
+                f"action {self.action_names[action]}; every object needs one of each action"
+            )
+        self.freeze()
+
+    @property
+    def repeats(self) -> int:
+        """Number of different touches with each action that every object has."""
+        return int(self._counts().min())
+
+    def objects_of(self, label: int) -> list[int]:
+        """The objects with a label."""
+        return [int(thing) for thing in np.unique(self.objects[self.labels == label])]
+
+    def among(self, labels: Sequence[str]) -> RecordedBank:
+        """The touches of objects of some labels, with the ratios of these labels only."""
+        columns = [self.label_names.index(label) for label in labels]
+        rows = np.flatnonzero(np.isin(self.labels, columns))
+        new = np.array([columns.index(label) for label in self.labels[rows].tolist()], np.int64)
+        arrays = (column[rows] for column in (self.objects, self.actions, self.sessions))
+        return RecordedBank(tuple(labels), self.action_names, self.ratios[rows][:, columns], new, *arrays)
+
+    def rows_of(self, thing: int, action: int) -> NDArray[np.int64]:
+        """Rows of an object's touches with an action, in the order of its sessions."""
+        rows = np.flatnonzero((self.objects == thing) & (self.actions == action))
+        return rows[np.argsort(self.sessions[rows], kind="stable")]
+
+    def _counts(self) -> NDArray[np.int64]:
+        """Touches of each object with each action."""
+        things, number = np.unique(self.objects, return_inverse=True)
+        counts = np.zeros((len(things), len(self.action_names)), np.int64)
+        np.add.at(counts, (number, self.actions), 1)
+        return counts
+
+
+class RecordedWorld:
+    """The objects of a search, which the seed alone decides how to replay.
+
+    The n-th touch of an object with an action is from the n-th of its sessions in an order that the seed gives. First
+    touches with different actions come from one session, as if the robot had stayed with one placement of the object.
+    After the last session the world repeats the recordings; observation models that are told their number
+    (``repeats``) count a repeated recording for nothing.
+
+    Args:
+        bank: held-out touches.
+        things: the objects, in order of visit.
+        seed: of the order of sessions.
+
+    >>> zeros, ones = np.zeros(2, np.int64), np.arange(2)
+    >>> bank = RecordedBank(("mug", "can"), ("press",), np.eye(2), ones, ones, zeros, zeros)
+    >>> world = RecordedWorld(bank, things=[1, 0], seed=[0])
+    >>> world.arrangement, world.touch(0, np.random.default_rng(0)).logits.tolist()
+    ((1, 0), [0.0, 1.0])
+    """
+
+    def __init__(self, bank: RecordedBank, things: Sequence[int], seed: Sequence[int]) -> None:
+        self._bank = bank
+        self.things = tuple(int(thing) for thing in things)
+        if unknown := [thing for thing in self.things if thing not in bank.objects]:
+            raise InvalidArgument(f"the bank has no object {unknown[0]}, it has {np.unique(bank.objects).tolist()}")
+        self.arrangement = tuple(int(bank.labels[bank.objects == thing][0]) for thing in self.things)
+        self._orders = []
+        for number, thing in enumerate(self.things):
+            sessions = np.unique(bank.sessions[bank.objects == thing])
+            turns = keyed_rng([*seed, _KEY, number]).permutation(len(sessions))
+            self._orders.append(dict(zip(sessions.tolist(), turns.tolist(), strict=True)))
+        self.reset()
+
+    def touch(self, pose: int, rng: np.random.Generator) -> Touch:
+        """The next recording of the current object with an action; ``rng`` is not used."""
+        thing, turn = self.things[self._current], self._orders[self._current]
+        rows = self._bank.rows_of(thing, pose)
+        ordered = rows[np.argsort([turn[session] for session in self._bank.sessions[rows].tolist()], kind="stable")]
+        used = self._used.get((self._current, pose), 0)
+        self._used[self._current, pose] = used + 1
+        return Touch(pose, self._bank.ratios[ordered[used % len(ordered)]])
+
+    def advance(self) -> None:
+        """Go to the next object; raises InvalidArgument after the last."""
+        if self._current + 1 >= len(self.things):
+            raise InvalidArgument(f"there is no object after the last of {len(self.things)}")
+        self._current += 1
+
+    def reset(self) -> None:
+        """Go to the first object, and forget which recordings were used."""
+        self._current = 0
+        self._used: dict[tuple[int, int], int] = {}

@@ -1,0 +1,187 @@
+"""Fit of the correlations between poses to sequences of touches of known objects."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import log_softmax, softmax
+
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
+from belief.problem import Floats
+
+_ORDERS = 4  # random orders of the poses of an object
+_LONGEST = 12  # touches of a sequence
+_MOST_VALUES = 4_000_000  # logits of all sequences together
+
+
+class Sequences(NamedTuple):
+    """S sequences of at most n touches, each of one object, padded.
+
+    Attributes:
+        rows: of the touches, ``(S, n)``; -1 for padding.
+    """
+
+    rows: NDArray[np.int64]
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """Whether there is a touch, ``(S, n)``."""
+        return self.rows >= 0
+
+
+def numbered_sessions(objects: NDArray[np.int64], poses: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Running number of each touch among those of its object and pose, ``(n,)``.
+
+    >>> numbered_sessions(np.array([0, 0, 1, 0]), np.array([2, 2, 2, 1])).tolist()
+    [0, 1, 0, 0]
+    """
+    numbers = np.zeros(len(objects), np.int64)
+    seen: dict[tuple[int, int], int] = {}
+    for row, key in enumerate(zip(objects.tolist(), poses.tolist(), strict=True)):
+        numbers[row] = seen.get(key, 0)
+        seen[key] = int(numbers[row]) + 1
+    return numbers
+
+
+def sequences(data: LabelledTouches, sessions: NDArray[np.int64] | None, rng: np.random.Generator) -> Sequences:
+    """Random sequences of the touches of each object, as a search makes them.
+
+    The n-th touch in a pose comes from the n-th session of the object, with the sessions in random order.
+
+    Args:
+        data: touches of known objects.
+        sessions: of each touch, ``(n,)``; by default the touches of an object and pose are numbered.
+        rng: draws the orders.
+
+    >>> from belief import Touch
+    >>> touches = [Touch(p, np.zeros(2)) for p in (0, 1, 0, 1)]
+    >>> data = LabelledTouches.of(touches, [0, 0, 1, 1], ["mug"] * 2 + ["can"] * 2)
+    >>> sequences(data, None, np.random.default_rng(0)).rows.shape
+    (8, 2)
+    """
+    of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
+    found: list[NDArray[np.int64]] = []
+    for number in range(data.num_objects):
+        rows = np.flatnonzero(data.objects == number)
+        for _ in range(_ORDERS):
+            places = rng.permutation(np.unique(of_touch[rows]))
+            turn = {int(session): place for place, session in enumerate(places.tolist())}
+            turns = np.array([turn[int(session)] for session in of_touch[rows]])
+            key = np.empty(len(rows))
+            for pose in np.unique(data.poses[rows]).tolist():
+                here = np.flatnonzero(data.poses[rows] == pose)
+                here = here[np.argsort(turns[here], kind="stable")]
+                key[here] = np.sort(rng.random(len(here)))
+            found.append(rows[np.argsort(key)][:_LONGEST])
+    keep = max(1, _MOST_VALUES // (_LONGEST * data.num_shapes))
+    if len(found) > keep:
+        found = [found[i] for i in np.sort(rng.choice(len(found), keep, replace=False))]
+    padded = np.full((len(found), max(map(len, found))), -1)
+    for place, row in enumerate(found):
+        padded[place, : len(row)] = row
+    return Sequences(padded)
+
+
+def sequence_losses(
+    logits: Floats, poses: NDArray[np.int64], shapes: NDArray[np.int64], found: Sequences, kernel: Floats
+) -> Floats:
+    """Negative log posterior of the true shape after each touch of every sequence, ``(S, n)``; NaN for padding.
+
+    Args:
+        logits: log likelihood ratios of all touches, ``(n, K)``.
+        poses: of all touches, ``(n,)``.
+        shapes: true shape of each, ``(n,)``.
+        found: the sequences.
+        kernel: correlations between poses, ``(P, P)``.
+
+    >>> logits, truth, rows = np.array([[1.0, 0.0]] * 2), np.zeros(2, int), Sequences(np.array([[0, 1]]))
+    >>> sequence_losses(logits, np.array([0, 1]), truth, rows, np.eye(2)).round(3).tolist()
+    [[0.313, 0.127]]
+    """
+    rows, inside = found.rows, found.inside
+    correlation = kernel[poses[rows][:, :, None], poses[rows][:, None, :]] * inside[:, :, None] * inside[:, None, :]
+    steps = np.arange(rows.shape[1])
+    correlation[:, steps, steps] = 1.0
+    totals = correlation.cumsum(axis=2)  # (S, touch, number of touches so far)
+    values, truth = logits[rows], shapes[rows[:, 0]]
+    losses = np.full(rows.shape, np.nan)
+    for step in steps.tolist():
+        weights = inside[:, : step + 1] / totals[:, : step + 1, step]
+        log_posterior = log_softmax((weights[:, None] @ values[:, : step + 1])[:, 0], axis=1)
+        losses[:, step] = -log_posterior[np.arange(len(rows)), truth]
+    return np.where(inside, losses, np.nan)
+
+
+def likeness(data: LabelledTouches, sessions: NDArray[np.int64] | None = None) -> Floats:
+    """How alike the errors of two poses are, ``(P, P)``, in [0, 1].
+
+    An error is the posterior minus the true shape. The likeness is the cosine of the errors of two touches of one
+    object in one session, and 1 on the diagonal.
+
+    >>> from belief import Touch
+    >>> rows = [[2.0, 0.0], [2.0, 0.0], [0.0, 9.0], [9.0, 0.0]]
+    >>> data = LabelledTouches.of([Touch(p % 2, np.array(r)) for p, r in enumerate(rows)], [1] * 4, [0, 0, 1, 1])
+    >>> likeness(data).round(2).tolist()
+    [[1.0, 0.66], [0.66, 1.0]]
+    """
+    errors = softmax(data.logits, axis=1)
+    errors[np.arange(len(errors)), data.shapes] -= 1.0
+    of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
+    _, group = np.unique(np.stack([data.objects, of_touch]), axis=1, return_inverse=True)
+    size = data.num_poses
+    table = np.zeros((int(group.max()) + 1, size, data.num_shapes))
+    table[group.ravel(), data.poses] = errors
+    norms = (table**2).sum(axis=2)
+    both = np.einsum("gpk,gqk->pq", table, table)
+    is_there = (norms > 0.0).astype(np.float64)
+    scale = np.sqrt((norms.T @ is_there) * (is_there.T @ norms))
+    found = np.clip(both / np.maximum(scale, np.finfo(float).tiny), 0.0, 1.0)
+    np.fill_diagonal(found, 1.0)
+    return np.asarray((found + found.T) / 2)
+
+
+def fit_kernel(data: LabelledTouches, law: str, sessions: NDArray[np.int64] | None = None) -> Floats:
+    """The kernel ``(P, P)`` of a law that minimises the mean negative log posterior of sequences.
+
+    Args:
+        data: touches with log likelihood ratios as logits.
+        law: ``none``, ``repeats`` (one ρ for touches in one pose), ``flat`` (and one for all other pairs) or ``kernel``
+            (and pairs by their likeness).
+        sessions: of each touch, ``(n,)``.
+
+    >>> from belief import Touch
+    >>> data = LabelledTouches.of([Touch(0, np.zeros(2))] * 4, [0, 0, 1, 1], [0, 0, 1, 1])
+    >>> fit_kernel(data, "none").tolist()
+    [[0.0]]
+    """
+    size = data.num_poses
+    if law == "none":
+        return np.zeros((size, size))
+    found = sequences(data, sessions, np.random.default_rng(0))
+    poses = np.where(found.inside, data.poses[found.rows], -1)
+    has_repeats = any((np.bincount(row[row >= 0], minlength=size) > 1).any() for row in poses)
+    alike = likeness(data, sessions)
+
+    def kernel(parameters: Floats) -> Floats:
+        between = np.zeros((size, size))
+        if law != "repeats":
+            between += parameters[1] + (parameters[2] * alike if law == "kernel" else 0.0)
+        between = np.clip(between, 0.0, 1.0)
+        np.fill_diagonal(between, parameters[0] if has_repeats else max(ASSUMED_CORRELATION, between.max()))
+        return between
+
+    def loss(parameters: Floats) -> float:
+        losses = sequence_losses(data.logits, data.poses, data.shapes, found, kernel(parameters))
+        return float(np.nanmean(losses))
+
+    count = {"repeats": 1, "flat": 2, "kernel": 3}[law]
+    starts = [np.full(count, 0.3), np.full(count, 0.02)]
+    results = [
+        minimize(loss, start, bounds=[(0.0, 0.999)] * count, method="L-BFGS-B", options={"maxiter": 25})
+        for start in starts[: 2 if count > 1 else 1]
+    ]
+    return kernel(min(results, key=lambda result: result.fun).x)

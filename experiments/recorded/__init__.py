@@ -1,0 +1,1 @@
+"""``recorded``: searches among recorded objects."""

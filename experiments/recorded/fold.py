@@ -1,0 +1,100 @@
+"""One split of recorded touches, ready for searches: the reader's test touches, and observation models of every law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from activetouch.recorded.reader import Reading, read
+from activetouch.recorded.splits import Split
+from activetouch.recorded.touches import TaskTouches
+from activetouch.recorded.world import RecordedBank
+from belief import Touch
+from belief.observation_model.action_kernel import ActionKernelModel, Law
+from belief.observation_model.calibration_data import LabelledTouches
+from belief.problem import Floats
+from experiments.recorded.order import best_order
+
+LAWS: tuple[Law, ...] = get_args(Law)
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """A split after reading, calibration and the fit of correlations.
+
+    Attributes:
+        touches: of the task.
+        split: the rows.
+        reading: the reader and what it read.
+        bank: the test touches.
+        models: observation models by law, fitted to the calibration touches.
+        order: the actions in the best fixed order on the calibration touches.
+    """
+
+    touches: TaskTouches
+    split: Split
+    reading: Reading
+    bank: RecordedBank
+    models: Mapping[Law, ActionKernelModel]
+    order: tuple[int, ...]
+
+    @property
+    def test_data(self) -> LabelledTouches:
+        """The test touches with their labels."""
+        return labelled(self.touches, self.split.test, self.reading.test_ratios)
+
+
+def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence[Law] = LAWS) -> Fold:
+    """Read a split, and fit what its searches need.
+
+    Args:
+        touches: of the task.
+        split: the rows.
+        threshold: probability at which searches stop, for the ranking of fixed orders.
+        laws: of the observation models; ``kernel`` among them.
+    """
+    reading = read(touches, split)
+    test = split.test
+    bank = RecordedBank(
+        touches.label_names,
+        touches.source.action_names,
+        reading.test_ratios,
+        touches.labels[test],
+        touches.objects[test],
+        touches.actions[test],
+        touches.sessions_of(test),
+    )
+    rows = reading.calibration_rows
+    listed = [Touch(int(a), z) for a, z in zip(touches.actions[rows], reading.calibration_ratios, strict=True)]
+    models = {
+        law: ActionKernelModel.fit(
+            listed,
+            touches.labels[rows],
+            touches.objects[rows],
+            sessions=touches.sessions_of(rows),
+            shape_labels=touches.label_names,
+            num_poses=touches.source.num_actions,
+            repeats=bank.repeats,
+            law=law,
+        )
+        for law in laws
+    }
+    data = labelled(touches, rows, reading.calibration_ratios)
+    order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
+    return Fold(touches, split, reading, bank, models, order)
+
+
+def labelled(touches: TaskTouches, rows: np.ndarray, ratios: Floats) -> LabelledTouches:
+    """Touches as a reader sees them, with their labels.
+
+    Args:
+        touches: of the task.
+        rows: of the task, ``(n,)``.
+        ratios: log likelihood ratios of these rows, ``(n, K)``.
+    """
+    listed = [Touch(int(a), z) for a, z in zip(touches.actions[rows], ratios, strict=True)]
+    size = touches.source.num_actions
+    return LabelledTouches.of(listed, touches.labels[rows], touches.objects[rows], touches.label_names, size)

@@ -1,0 +1,178 @@
+"""``activetouch recorded``: searches among recorded objects, and what they say about a belief on real touches."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from activetouch.extras import require_extra
+from activetouch.recorded import RecordedTouches, TaskTouches, check_recorded, read_recorded
+from activetouch.recorded.formats import Format
+from activetouch.recorded.npz_format import read_npz, write_npz
+from activetouch.recorded.splits import by_object, by_session
+from belief.files import require_writable
+from experiments.command_line.arguments import Count, CountOrNone, NotEmpty, Seed, Share, Within, check_arguments
+from experiments.command_line.console import plain_console
+from experiments.recorded.finding import FIXED, find_all
+from experiments.recorded.fold import Fold, prepare
+from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
+from experiments.recorded.leaks import controls
+from experiments.recorded.report import write_report
+from experiments.recorded.results import Measured, Part
+
+DECIDERS = (
+    "point_based",
+    "value_of_information",
+    "information_gain(max_touches={max_touches})",
+    FIXED,
+    "random_poses(max_touches={max_touches})",
+    "random_confirm",
+)
+_CACHED = ("sdh2",)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Play searches on recorded touches of real objects, with several deciders; report.
+
+    The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
+    fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
+    ``recorded``.
+    docs/real_touch.md describes the formats; ``csv`` and ``npz`` are for touches of your own.
+
+    For example:
+
+        activetouch recorded --data my_touches --format csv
+        activetouch recorded --data cy101 --format cy101 --task categories
+        activetouch recorded --data sdh2 --format sdh2 --task shapes --objects 3
+    """
+
+    data: Path
+    """Folder of the recordings; for npz also the file."""
+    format: Format
+    """Format of the recordings."""
+    task: Literal["objects", "categories", "shapes"] = "objects"
+    """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
+    threshold: Share = 0.9
+    """Probability of a label at which an object is named."""
+    objects: Annotated[int, Within(2, 12)] = 4
+    """Number of objects of a search, all with different labels."""
+    scenes: CountOrNone = 10
+    """Scenes per split, each with a search for each object; 0 for no searches."""
+    deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
+    """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches."""
+    folds: Annotated[int, Within(2, 100)] = 5
+    """Folds of objects for categories and shapes."""
+    random_splits: Count = 3
+    """Random splits for the leak control."""
+    rounds: Count = 5
+    """Identifications of each object by each decider, each with another order of its recordings."""
+    max_touches: Annotated[int, Within(1, 100)] = 12
+    """Most touches of an object."""
+    seed: Seed = 0
+    """Seed of splits, orders, scenes and intervals."""
+    out: Path | None = None
+    """Folder for the results; runs/recorded-FORMAT-TASK by default."""
+
+    def run(self) -> None:
+        """Read, split, search, print and write."""
+        check_arguments(self)
+        require_extra("recorded")
+        out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
+        require_writable(out)
+        touches, notes = self._touches(out)
+        remarks = check_recorded(touches, self.task)
+        chosen = touches.for_task(self.task)
+        console = plain_console()
+        console.print(
+            f"{len(chosen.rows)} touches, {len(chosen.label_names)} {self.task}, actions: "
+            f"{', '.join(touches.action_names)}"
+        )
+        for note in (*notes, *remarks):
+            console.print(f"- {note}")
+        measured = measure(chosen, self)
+        tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
+        for table in tables:
+            console.print(table.rich())
+        print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
+
+    def _touches(self, out: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
+        """The touches; those of formats that take long to decode from a file in the run folder, if it is up to date."""
+        if self.format not in _CACHED:
+            return read_recorded(self.data, self.format)
+        files = sorted(path for path in self.data.rglob("*") if path.is_file())
+        state = [
+            (str(path.relative_to(self.data)), (found := path.stat()).st_size, found.st_mtime_ns) for path in files
+        ]
+        kept = out / f"touches-{hashlib.sha256(json.dumps(state).encode()).hexdigest()[:16]}.npz"
+        if kept.is_file():
+            return read_npz(kept)
+        touches, notes = read_recorded(self.data, self.format)
+        write_npz(kept, touches)
+        return touches, notes
+
+    def _facts(self, chosen: TaskTouches, notes: tuple[str, ...]) -> dict[str, Any]:
+        source = chosen.source
+        return {
+            "format": self.format,
+            "task": self.task,
+            "provenance": source.provenance,
+            "licence": source.licence,
+            "touches": len(chosen.rows),
+            "labels": len(chosen.label_names),
+            "things": len(set(chosen.objects.tolist())),
+            "actions": list(source.action_names),
+            "threshold": self.threshold,
+            "objects": self.objects,
+            "scenes": self.scenes,
+            "folds": self.folds,
+            "rounds": self.rounds,
+            "max_touches": self.max_touches,
+            "seed": self.seed,
+            "notes": list(notes),
+        }
+
+
+def measure(chosen: TaskTouches, command: Recorded) -> Measured:
+    """Everything that the command reports.
+
+    Args:
+        chosen: touches of a task.
+        command: its settings.
+    """
+    if chosen.task == "objects":
+        main, splits = "in order of recording", [by_session(chosen)]
+    else:
+        main, splits = "unseen objects", by_object(chosen, min(command.folds, len(set(chosen.objects.tolist()))))
+    folds = [prepare(chosen, split, command.threshold) for split in splits]
+    others = []
+    if chosen.task == "objects":
+        drawn = [by_session(chosen, np.random.default_rng([command.seed, n])) for n in range(command.random_splits)]
+        known = [prepare(chosen, split, command.threshold, ("kernel",)) for split in drawn]
+        others.append(_part("random sessions", known, command, False))
+    part = _part(main, folds, command)
+    return Measured(part, others, controls(chosen, folds, main, command.seed, command.random_splits))
+
+
+def _part(name: str, folds: list[Fold], command: Recorded, is_main: bool = True) -> Part:
+    named, after, losses, fewest, found, oracle = [], [], [], [], [], []
+    for number, fold in enumerate(folds):
+        seed = [command.seed, number]
+        limits = command.threshold, command.max_touches, command.rounds
+        named += identify_all(fold, seed, *limits, tuple(fold.models))
+        beliefs, by_law = after_touches(fold, command.seed)
+        after += beliefs
+        losses.append(by_law)
+        fewest.append(fewest_touches(fold, command.threshold))
+        if is_main and command.scenes:
+            searches, known = find_all(
+                fold, command.deciders, seed, command.objects, command.scenes, command.max_touches
+            )
+            found += searches
+            oracle += known
+    return Part(name, folds, named, after, losses, fewest, found, oracle)

@@ -1,0 +1,102 @@
+"""The files of ``recorded``: a page, tables, numbers, searches and figures."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from belief.files import write_text
+from experiments.recorded.figures import pictures
+from experiments.recorded.identifying import FIXED, GAIN, RANDOM
+from experiments.recorded.results import Measured, Part, saving
+from experiments.reporting.page import Section, write_page
+from experiments.reporting.tables import Table, interval
+
+
+def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> list[Table]:
+    """Write all files into a folder; return the tables.
+
+    Args:
+        out: folder.
+        measured: the results.
+        facts: about the set and the settings.
+    """
+    tables, main = measured.tables(facts["threshold"]), measured.main
+    drawn = pictures(main, facts["threshold"])
+    verdict = verdict_of(measured, facts)
+    chosen = Counter(name for fold in main.folds for name in fold.reading.reader.chosen)
+    about = [
+        f"{facts['touches']} touches of {facts['things']} objects, {facts['labels']} {facts['task']}; actions: "
+        f"{', '.join(facts['actions'])}. Source: {facts['provenance']}; licence: {facts['licence']}.",
+        "Classifiers by cross-validation, times chosen: "
+        + "; ".join(f"{name} ({count})" for name, count in chosen.most_common())
+        + f". Best fixed order: {', '.join(main.folds[0].bank.action_names[a] for a in main.folds[0].order)}.",
+        *facts["notes"],
+    ]
+    sections = [
+        Section("Result", verdict, tables[:1], drawn[:2]),
+        Section("Correlation of touches", (), tables[1:3], drawn[2:]),
+        *([Section("Searches", (), tables[3:4])] if len(tables) == 5 else []),
+        Section("Leak controls", (), tables[-1:]),
+        Section("The set", about),
+    ]
+    title = f"Recorded touches: {facts['format']}, {facts['task']}"
+    write_page(out / "report.html", title, sections)
+    for picture in drawn:
+        picture.write(out)
+    texts = [f"# {title}", *verdict, *about, *(table.markdown() for table in tables)]
+    write_text(out / "recorded.md", "\n\n".join(texts) + "\n")
+    for table in tables:
+        table.write_csv(out / f"{table.name}.csv")
+    kernels = [fold.models["kernel"].kernel.tolist() for fold in main.folds]
+    result = {
+        **facts,
+        "verdict": verdict,
+        "kernels": kernels,
+        "tables": {t.name: [list(r) for r in t.rows] for t in tables},
+    }
+    write_text(out / "results.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+    episodes = [{"decider": one.decider, "scene": one.scene, **one.episode.to_dict()} for one in main.found]
+    write_text(out / "episodes.jsonl", "".join(json.dumps(episode) + "\n" for episode in episodes))
+    return tables
+
+
+def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
+    """Sentences that say what was found."""
+    named = measured.main.named
+    random, fixed = (interval(*saving(named, GAIN, other), spec=".1%") for other in (RANDOM, FIXED))
+    num_actions = len(facts["actions"])
+    sentences = [
+        f"Information gain needs {random} fewer touches than a random order and {fixed} fewer than the best fixed "
+        f"order until it names one of {facts['labels']} {facts['task']} with probability {facts['threshold']:g}."
+    ]
+    if num_actions == 1:
+        sentences = [f"There is one action, so that deciders have nothing to choose among {facts['labels']} labels."]
+    for law, words in (("none", "If touches count as independent"), ("kernel", "With fitted correlations")):
+        certain = [one.result for one in named if one.law == law and one.result.is_certain]
+        if certain:
+            stated, right = np.mean([one.stated for one in certain]), np.mean([one.is_right for one in certain])
+            sentences.append(
+                f"{words}, the stops that reach it state {stated:.3f} and are right in {right:.3f} of {len(certain)}."
+            )
+    number, wrong = misread(measured.main)
+    if wrong:
+        names = ", ".join(f"{name} ({share:.2f} right)" for name, share in wrong)
+        sentences.append(f"After {number} touches, these are read wrongly more often than rightly: {names}.")
+    return sentences
+
+
+def misread(part: Part) -> tuple[int, list[tuple[str, float]]]:
+    """The largest number of touches that was judged, and the objects that are then mostly misread, with accuracy."""
+    number = max(one.number for one in part.after)
+    chosen = [one for one in part.after if one.law == "kernel" and one.number == number]
+    right = np.concatenate([one.probs.argmax(axis=1) == one.labels for one in chosen])
+    things = np.concatenate([one.things for one in chosen])
+    names = part.folds[0].touches.source.object_names
+    shares = {names[thing]: float(right[things == thing].mean()) for thing in np.unique(things).tolist()}
+    return number, [(name, share) for name, share in shares.items() if share < 0.5]

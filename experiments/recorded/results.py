@@ -1,0 +1,241 @@
+"""What ``recorded`` measured, and its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from belief.metrics import calibration_at_stop, expected_calibration_error, negative_log_likelihood
+from belief.observation_model.action_kernel import Law
+from belief.problem import Floats
+from belief.statistics import cluster_bootstrap
+from experiments.recorded.finding import ORACLE, Found
+from experiments.recorded.fold import LAWS, Fold
+from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, RANDOM, AfterTouches, Named
+from experiments.recorded.leaks import Control
+from experiments.reporting.tables import Table, Value, interval
+
+LAW_NAMES: Mapping[Law, str] = {
+    "none": "none",
+    "repeats": "one ρ per action",
+    "flat": "one ρ for all pairs",
+    "kernel": "kernel by likeness",
+}
+"""The laws of correlation in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The results on one way to split.
+
+    Attributes:
+        name: of the split.
+        folds: the splits.
+        named: identifications.
+        after: beliefs after numbers of touches.
+        losses: for each fold, by law: mean loss of each sequence, and its object.
+        fewest: for each fold, lower bounds on touches.
+        found: searches.
+        oracle: for each search the scene, and whether the oracle is right.
+    """
+
+    name: str
+    folds: Sequence[Fold]
+    named: Sequence[Named]
+    after: Sequence[AfterTouches]
+    losses: Sequence[Mapping[Law, tuple[Floats, np.ndarray]]]
+    fewest: Sequence[Floats]
+    found: Sequence[Found]
+    oracle: Sequence[tuple[int, bool]]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """All results.
+
+    Attributes:
+        main: on the main split.
+        others: on other splits, as controls.
+        controls: of leaks.
+    """
+
+    main: Part
+    others: Sequence[Part]
+    controls: Sequence[Control]
+
+    def tables(self, threshold: float) -> list[Table]:
+        """All tables, in the order of the report."""
+        parts = [self.main, *self.others]
+        tables = [identification_table(parts, threshold), law_table(self.main, threshold), after_table(self.main)]
+        if self.main.found:
+            tables.append(search_table(self.main))
+        return [*tables, control_table(self.controls)]
+
+
+def touches_of(named: Sequence[Named], decider: str, law: Law) -> tuple[Floats, np.ndarray]:
+    """Mean number of touches of each object, and the objects."""
+    chosen = [one for one in named if one.decider == decider and one.law == law]
+    things = np.array([one.thing for one in chosen])
+    numbers = np.array([len(one.result.poses) for one in chosen], np.float64)
+    known = np.unique(things)
+    return np.array([numbers[things == thing].mean() for thing in known]), known
+
+
+def saving(named: Sequence[Named], decider: str, reference: str, law: Law = "kernel") -> tuple[float, float, float]:
+    """Fraction of the reference's touches that a decider saves, with an interval over objects."""
+    mine, _ = touches_of(named, decider, law)
+    others, _ = touches_of(named, reference, law)
+    drawn = np.random.default_rng(0).integers(len(mine), size=(4000, len(mine)))
+    low, high = np.quantile(1.0 - mine[drawn].mean(axis=1) / others[drawn].mean(axis=1), [0.025, 0.975])
+    return float(1.0 - mine.mean() / others.mean()), float(low), float(high)
+
+
+def identification_table(parts: Sequence[Part], threshold: float) -> Table:
+    """Touches until an object is named, by decider and split."""
+    rows: list[Sequence[Value]] = []
+    for part in parts:
+        for decider in (RANDOM, FIXED, GAIN):
+            chosen = [one for one in part.named if one.decider == decider and one.law == "kernel"]
+            things = [one.thing for one in chosen]
+            touches = cluster_bootstrap([len(one.result.poses) for one in chosen], things, np.random.default_rng(0))
+            right = cluster_bootstrap([float(one.result.is_right) for one in chosen], things, np.random.default_rng(0))
+            certain = float(np.mean([one.result.is_certain for one in chosen]))
+            less = "–" if decider == RANDOM else interval(*saving(part.named, decider, RANDOM), spec=".1%")
+            rows.append((part.name, decider, interval(*touches, spec=".2f"), less, interval(*right), certain))
+        fewest = np.concatenate(list(part.fewest)) if part.fewest else np.empty(0)
+        if fewest.size:
+            rows.append((part.name, "bound: outcomes known in advance", f"{fewest.mean():.2f}", "–", "–", None))
+        labels = len(part.folds[0].bank.label_names)
+        rows.append((part.name, "no touch: a guess", "0", "–", f"{1 / labels:.3f}", 0.0))
+    return Table(
+        f"Identification: touches until a label has probability {threshold:g}",
+        (
+            "split",
+            "decider",
+            "touches [95 %]",
+            "fewer than random [95 %]",
+            "right [95 %]",
+            ("share that reached it", ".3f"),
+        ),
+        rows,
+        "Intervals resample objects. The bound is the fewest touches after which some set of actions reaches the "
+        "probability, with the same belief and recordings.",
+        "identification",
+    )
+
+
+def law_table(part: Part, threshold: float) -> Table:
+    """Laws of correlation: loss of sequences, and calibration of the identifications that reached the threshold."""
+    rows = []
+    base = _losses(part, "none")
+    for law in LAWS:
+        values, owners = _losses(part, law)
+        cells = []
+        if values.size:
+            loss = cluster_bootstrap(values, owners, np.random.default_rng(0))
+            change = cluster_bootstrap(values - base[0], owners, np.random.default_rng(0))
+            cells = [interval(*loss), "–" if law == "none" else interval(*change, spec="+.3f")]
+        else:
+            cells = ["–", "–"]
+        for decider in (RANDOM, GAIN):
+            chosen = [one for one in part.named if (one.decider, one.law) == (decider, law) and one.result.is_certain]
+            if not chosen:
+                cells += ["–", "–"]
+                continue
+            right = [float(one.result.is_right) for one in chosen]
+            share = cluster_bootstrap(right, [one.thing for one in chosen], np.random.default_rng(0))
+            cells += [f"{np.mean([one.result.stated for one in chosen]):.3f}", interval(*share)]
+        rows.append((LAW_NAMES[law], *cells))
+    return Table(
+        f"Correlation of touches: loss of unseen sequences, and stops that state at least {threshold:g}",
+        ("correlated", "loss [nats]", "change", "random: stated", "right [95 %]", "gain: stated", "right [95 %]"),
+        rows,
+        "The loss is the negative log posterior of the true label, averaged over the second to last touch of random "
+        "sequences of test touches. Intervals resample objects.",
+        "correlation",
+    )
+
+
+def after_table(part: Part) -> Table:
+    """Accuracy and calibration after numbers of touches."""
+    rows = []
+    for law in LAWS:
+        for number in NUMBERS:
+            chosen = [one for one in part.after if (one.law, one.number) == (law, number)]
+            if not chosen:
+                continue
+            probs = np.concatenate([one.probs for one in chosen])
+            labels = np.concatenate([one.labels for one in chosen])
+            things = np.concatenate([one.things for one in chosen])
+            right = cluster_bootstrap((probs.argmax(axis=1) == labels).astype(float), things, np.random.default_rng(0))
+            error = expected_calibration_error(probs, labels)
+            loss = negative_log_likelihood(probs, labels)
+            stated = float(probs.max(axis=1).mean())
+            rows.append((LAW_NAMES[law], number, interval(*right), stated, error, loss, len(np.unique(things))))
+    columns = (
+        "correlated",
+        "touches",
+        "right [95 %]",
+        ("stated", ".3f"),
+        ("ECE", ".3f"),
+        ("loss [nats]", ".3f"),
+        "objects",
+    )
+    return Table(
+        "Beliefs after touches with actions in random order",
+        columns,
+        rows,
+        "ECE: expected calibration error of the most probable label. Objects with fewer recordings are left out.",
+        "after_touches",
+    )
+
+
+def search_table(part: Part) -> Table:
+    """Searches for a target among objects of known, different labels."""
+    rows = []
+    for name in dict.fromkeys(one.decider for one in part.found):
+        chosen = [one for one in part.found if one.decider == name]
+        scenes = [one.scene for one in chosen]
+        rng = np.random.default_rng(0)
+        success = cluster_bootstrap([float(one.episode.success) for one in chosen], scenes, rng)
+        touches = cluster_bootstrap([one.episode.num_touches for one in chosen], scenes, rng)
+        reward = cluster_bootstrap([one.reward for one in chosen], scenes, rng)
+        rows.append(
+            (name.split("(")[0], interval(*success), interval(*touches, spec=".2f"), interval(*reward), len(chosen))
+        )
+    right, places = np.array([right for _, right in part.oracle], np.float64), [place for place, _ in part.oracle]
+    known = cluster_bootstrap(right, places, np.random.default_rng(0))
+    rows.append((ORACLE, interval(*known), "–", "–", len(right)))
+    return Table(
+        "Searches: find the target among objects of known, different labels",
+        ("decider", "success [95 %]", "touches [95 %]", "return [95 %]", "searches"),
+        rows,
+        "Success is 1, failure -1, a touch costs 0.02. Intervals resample scenes. random_confirm touches nothing.",
+        "searches",
+    )
+
+
+def control_table(found: Sequence[Control]) -> Table:
+    """Leak controls."""
+    rows = [(one.split, one.features, interval(*one.accuracy), one.all_actions) for one in found]
+    return Table(
+        "Leak controls: accuracy by split and features",
+        ("split", "features", "one touch [95 %]", ("one of each action", ".3f")),
+        rows,
+        "",
+        "controls",
+    )
+
+
+def stops(part: Part, law: Law, decider: str) -> str:
+    """Calibration at stopping by number of touches, as text."""
+    chosen = [one.result for one in part.named if (one.decider, one.law) == (decider, law)]
+    columns = ([one.stated for one in chosen], [one.is_right for one in chosen], [len(one.poses) for one in chosen])
+    return str(calibration_at_stop(*columns))
+
+
+def _losses(part: Part, law: Law) -> tuple[Floats, np.ndarray]:
+    values = [fold[law][0] for fold in part.losses]
+    return np.concatenate(values), np.concatenate([fold[law][1] for fold in part.losses])

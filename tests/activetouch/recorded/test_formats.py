@@ -1,0 +1,198 @@
+"""Formats of recorded touches: what is read, what is refused and said, and that nothing in a file runs or explodes."""
+
+import bz2
+import gzip
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch.errors import BadRecording
+from activetouch.recorded import check_recorded, read_recorded
+from activetouch.recorded.bounded import read_bounded
+from activetouch.recorded.cy101 import BEHAVIOURS
+from activetouch.recorded.dsa import read_dsa
+from activetouch.recorded.npz_format import read_npz, write_npz
+
+BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
+
+
+def own_set(name):
+    """The folder of a set that this project may not contain; the test is skipped without it."""
+    folder = os.environ.get(f"ACTIVETOUCH_{name.upper()}")
+    return Path(folder) if folder else pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
+
+
+def test_bts3_has_its_objects_poses_and_licence():
+    touches, _ = read_recorded(BTS3, "bts3")
+    assert (touches.num_touches, len(touches.object_names), touches.num_actions) == (4682, 41, 3)
+    assert touches.features.shape[1] == 72  # whether it slipped is not among them
+    assert touches.licence == "MIT"
+    assert "MIT License" in (BTS3 / "LICENSE").read_text()
+    assert check_recorded(touches)[-1].startswith("there are no features from where nothing was touched")
+
+
+def test_cy101_is_read_where_it_is():
+    touches, notes = read_recorded(own_set("cy101"), "cy101")
+    assert (touches.num_touches, len(touches.object_names)) == (4365, 97)
+    assert any("hold_haptics.txt (smallstuffedanimal_otter_t3) is cut short: 63 values" in note for note in notes)
+    assert len(touches.for_task("categories").label_names) == 20
+
+
+def test_sdh2_is_read_where_it_is():
+    touches, _ = read_recorded(own_set("sdh2"), "sdh2")
+    assert touches.num_touches == 856
+    assert len(touches.for_task("shapes").rows) == 429
+
+
+def write_cy101(folder, change=None):
+    """Three objects in three trials with made-up numbers; ``change`` edits the lines of a file."""
+    rng = np.random.default_rng(0)
+    for behaviour in BEHAVIOURS:
+        for modality, width in (("haptics", 70), ("vibro", 100)):
+            names = [f"{thing}_t{trial}" for thing in ("ball_a", "can_b", "no_object") for trial in (1, 2, 3)]
+            lines = [",".join([name, *map(str, rng.normal(size=width))]) for name in names]
+            path = folder / f"{behaviour}_{modality}.txt"
+            path.write_text("\n".join(lines if change is None else change(path.name, lines)))
+
+
+def test_a_line_that_is_cut_short_is_said_and_its_object_left_out(tmp_path):
+    def change(name, lines):
+        return [lines[0][:300], *lines[1:]] if name == "hold_haptics.txt" else lines
+
+    write_cy101(tmp_path, change)
+    touches, notes = read_recorded(tmp_path, "cy101")
+    assert touches.object_names == ("can_b",)
+    assert "line 1 of hold_haptics.txt (ball_a_t1) is cut short" in notes[0]
+    assert "ball_a" in notes[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda name, lines: [*lines, lines[0]], "two lines for ball_a_t1"),
+        (lambda name, lines: ["ball," + lines[0], *lines[1:]], "must begin with OBJECT_tN"),
+        (lambda name, lines: [lines[0] + "x", *lines[1:]], "not a number"),
+    ],
+)
+def test_what_is_no_cy101_is_refused(tmp_path, change, words):
+    write_cy101(tmp_path, change)
+    with pytest.raises(BadRecording, match=words):
+        read_recorded(tmp_path, "cy101")
+
+
+def dsa(frames, head=""):
+    """A file of two pads of 1 × 2 and 2 × 1 cells."""
+    pads = "".join(f"<cells_x>{x}</cells_x><cells_y>{y}</cells_y>" for x, y in ((2, 1), (1, 2)))
+    data = "".join(f"<frame_data>{np.array(row, '>f4').tobytes().hex()}</frame_data>" for row in frames)
+    return bz2.compress(f"<?xml version='1.0'?>{head}<root>{pads}{data}</root>".encode())
+
+
+def test_runs_of_zeros_in_a_pressure_file_are_spread(tmp_path):
+    (tmp_path / "a.dsa").write_bytes(dsa([[5.0, -2.0, 7.0], [-4.0]]))
+    film = read_dsa(tmp_path / "a.dsa")
+    assert film.frames.tolist() == [[5.0, 0.0, 0.0, 7.0], [0.0] * 4]
+    assert [pad.shape for pad in film.pads(film.frames[0])] == [(1, 2), (2, 1)]
+
+
+ENTITIES = "<!DOCTYPE r [<!ENTITY a 'x'><!ENTITY b '&a;&a;&a;&a;'>]>"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (dsa([[-4.0]], ENTITIES), "document type or entities"),
+        (dsa([[-5.0]]), "the pads have 4 cells"),
+        (dsa([[np.nan]]), "not finite"),
+        (dsa([[-1e30]]), "the pads have 4 cells"),
+        (dsa([]), "no frame"),
+        (bz2.compress(b"<root><frame_data>00</frame_data></root>"), "pads with"),
+        (bz2.compress(b"<root>"), "is not XML"),
+        (dsa([[-4.0]])[:-9], "cannot be read"),
+        (b"<root/>", "cannot be read"),
+        (bz2.compress(bytes(17 * 2**20)), "more than"),
+    ],
+)
+def test_hostile_pressure_files_are_refused(tmp_path, content, words):
+    (tmp_path / "a.dsa").write_bytes(content)
+    with pytest.raises(BadRecording, match=words):
+        read_dsa(tmp_path / "a.dsa")
+
+
+def test_a_bomb_is_not_unpacked(tmp_path):
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(bytes(2**20)))
+    with pytest.raises(BadRecording, match="more than 1000 bytes"):
+        read_bounded(tmp_path / "a.csv.gz", most=1000)
+
+
+HEADER = "object,action,session,category,untouched:a,x,y\n"
+
+
+def write_csv(folder, text, name="touches.csv"):
+    (folder / name).write_text(text)
+
+
+def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
+    write_csv(tmp_path, HEADER + "mug,press,1,cup,0,1,2\nmug,rub,1,cup,0,3,4\n")
+    write_csv(tmp_path, HEADER + "can,press,2,tin,0.5,5,6\n", "more.csv")
+    touches, _ = read_recorded(tmp_path, "csv")
+    assert touches.object_names == ("can", "mug")
+    assert touches.action_names == ("press", "rub")
+    assert touches.tasks == ("objects", "categories")
+    assert touches.features.tolist() == [[5.0, 6.0], [1.0, 2.0], [3.0, 4.0]]
+    assert touches.controls["features where nothing was touched"].tolist() == [[0.5], [0.0], [0.0]]
+    assert touches.sessions.tolist() == [2, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "must name the columns"),
+        ("thing,x\nmug,1\n", "with 'object' among them"),
+        ("object,x,x\nmug,1,2\n", "each once"),
+        ("object,x\n", "no rows"),
+        ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
+        ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
+        ("object,x\nmug,nan\n", "not finite"),
+        ("object,x\n,1\n", "names no object"),
+        ("object\nmug\n", "no features"),
+        ("object,session,x\nmug,soon,1\n", "whole numbers"),
+        ("object,category,x\nmug,cup,1\nmug,tin,1\n", "two of category"),
+    ],
+)
+def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
+    write_csv(tmp_path, text)
+    with pytest.raises(BadRecording, match=words):
+        read_recorded(tmp_path, "csv")
+
+
+def test_an_npz_is_as_it_was_written(tmp_path):
+    touches, _ = read_recorded(BTS3, "bts3")
+    write_npz(tmp_path / "a.npz", touches)
+    again, _ = read_npz(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.features, touches.features)
+    assert again.licence == "MIT"
+    assert again.controls.keys() == touches.controls.keys()
+
+
+def test_an_npz_with_pickled_objects_runs_nothing(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "ran"),)
+
+    np.savez(tmp_path / "a.npz", features=np.ones((2, 1)), object=np.array([Evil(), Evil()], object))
+    with pytest.raises(BadRecording, match="of plain arrays"):
+        read_recorded(tmp_path / "a.npz", "npz")
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("format_name", ["cy101", "sdh2", "bts3", "npz", "csv"])
+def test_a_folder_that_is_not_there_is_said(tmp_path, format_name):
+    with pytest.raises(BadRecording, match="nowhere"):
+        read_recorded(tmp_path / "nowhere", format_name)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadRecording, match="empty"):
+        read_recorded(tmp_path / "empty", format_name)
+    with pytest.raises(BadRecording, match="known are cy101"):
+        read_recorded(tmp_path, "xlsx")

@@ -1,0 +1,148 @@
+"""Splits, the reader and the world of recorded touches, on touches that are drawn here."""
+
+import numpy as np
+import pytest
+
+from activetouch.errors import BadRecording
+from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded
+from activetouch.recorded.discriminants import LinearDiscriminants
+from activetouch.recorded.reader import read
+from activetouch.recorded.splits import by_object, by_session
+from belief.errors import InvalidArgument
+
+
+def drawn(rng, num_objects=6, sessions=5, actions=2, features=6):
+    """Objects of two categories that differ in the mean of their features."""
+    means = 2.0 * rng.normal(size=(num_objects, actions, features))
+    things, numbers, used = (a.ravel() for a in np.mgrid[:num_objects, :sessions, :actions])
+    rows = means[things, used] + rng.normal(size=(len(things), features))
+    rows[:, 0] += 8.0 * (things % 2)
+    names = tuple(f"thing_{i}" for i in range(num_objects))
+    categories = tuple("even" if i % 2 == 0 else "odd" for i in range(num_objects))
+    actions_named = tuple(f"action_{i}" for i in range(actions))
+    return RecordedTouches(rows, used, things, numbers, actions_named, names, {"categories": categories})
+
+
+def test_a_split_by_time_tests_on_the_last_sessions(rng):
+    touches = drawn(rng).for_task("objects")
+    split = by_session(touches)
+    assert set(touches.sessions[split.train]) == {0, 1, 2}
+    assert set(touches.sessions[split.calibration]) == {3}
+    assert set(touches.sessions[split.test]) == {4}
+    other = by_session(touches, np.random.default_rng(1))
+    assert len(set(touches.sessions[other.test])) > 1
+    assert len(np.unique(np.concatenate([other.train, other.calibration, other.test]))) == len(touches.rows)
+
+
+def test_a_split_by_object_shares_no_object_and_tests_each_once(rng):
+    touches = drawn(rng).for_task("categories")
+    tested = []
+    for split in by_object(touches, 3):
+        known, new = touches.objects[split.train], touches.objects[split.test]
+        assert not set(known) & set(new)
+        tested += sorted(set(new))
+        for fold in np.unique(split.inner):  # an object is in one inner fold
+            assert not set(known[split.inner == fold]) & set(known[split.inner != fold])
+    assert sorted(tested) == list(range(6))
+
+
+@pytest.mark.parametrize("task", ["objects", "categories"])
+def test_the_reader_reads_and_states_what_it_reads(task, rng):
+    touches = drawn(rng, sessions=15).for_task(task)
+    split = by_session(touches) if task == "objects" else by_object(touches, 3)[0]
+    reading = read(touches, split)
+    labels = touches.labels[split.test]
+    right = (reading.test_ratios.argmax(axis=1) == labels).mean()
+    assert right > 0.7
+    probs = np.exp(reading.test_ratios + reading.reader.log_prior)
+    np.testing.assert_allclose(probs.sum(axis=1), 1.0)
+    assert abs(probs.max(axis=1).mean() - right) < 0.15
+
+
+def test_shuffled_features_are_read_as_chance(rng):
+    source = drawn(rng, sessions=15)
+    shuffled = RecordedTouches(
+        rng.permutation(source.features),
+        source.actions,
+        source.objects,
+        source.sessions,
+        source.action_names,
+        source.object_names,
+    ).for_task("objects")
+    split = by_session(shuffled)
+    reading = read(shuffled, split)
+    assert (reading.test_ratios.argmax(axis=1) == shuffled.labels[split.test]).mean() < 0.4
+    assert np.abs(reading.test_ratios).max() < 3.0  # and it says so
+
+
+def test_discriminants_are_those_of_scikit_learn(rng):
+    from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
+
+    labels = np.arange(60) % 3
+    rows = rng.normal(size=(60, 4)) + labels[:, None]
+    mine = LinearDiscriminants(0.0).fit(rows, labels).decision_function(rows)
+    theirs = LinearDiscriminantAnalysis(solver="lsqr").fit(rows, labels).decision_function(rows)
+    np.testing.assert_allclose(mine - mine[:, :1], theirs - theirs[:, :1], atol=1e-5)
+
+
+def bank(sessions=3):
+    things, actions, numbers = (a.ravel() for a in np.mgrid[:2, :2, :sessions])
+    ratios = np.stack([100.0 * things + 10.0 * actions + numbers, np.zeros(len(things))], axis=1)
+    return RecordedBank(("mug", "can"), ("press", "rub"), ratios, things, things, actions, numbers)
+
+
+def test_a_world_stays_with_a_session_and_repeats_only_after_the_last(rng):
+    world = RecordedWorld(bank(), [1, 0], seed=[4])
+    first = [world.touch(action, rng).logits[0] for action in (0, 1)]
+    assert first[1] - first[0] == 10.0  # one session
+    seen = [first[0], *(world.touch(0, rng).logits[0] for _ in range(3))]
+    assert len(set(seen[:3])) == 3
+    assert seen[3] == seen[0]
+    world.advance()
+    assert world.touch(0, rng).logits[0] < 100.0
+    with pytest.raises(InvalidArgument, match="no object after the last"):
+        world.advance()
+    world.reset()
+    assert world.touch(0, rng).logits[0] == first[0]
+
+
+def test_the_same_seed_replays_the_same_recordings(rng):
+    made = [[RecordedWorld(bank(), [0], seed).touch(0, rng).logits[0] for _ in range(1)] for seed in ([1], [1])]
+    assert made[0] == made[1]
+    assert len({RecordedWorld(bank(), [0], [seed]).touch(0, rng).logits[0] for seed in range(20)}) == 3
+
+
+def test_a_bank_of_some_labels_has_their_logits():
+    some = bank().among(["can"])
+    assert some.ratios.shape == (6, 1)
+    assert set(some.labels) == {0}
+    with pytest.raises(BadRecording, match="no held-out touch with the action rub"):
+        RecordedBank(("mug",), ("press", "rub"), np.zeros((1, 1)), *np.zeros((4, 1), np.int64))
+    with pytest.raises(InvalidArgument, match="has no object 7"):
+        RecordedWorld(bank(), [7], [0])
+
+
+def test_a_set_that_cannot_be_split_is_refused(rng):
+    with pytest.raises(BadRecording, match="thing_0 has 2 sessions of the action action_0; objects need at least 3"):
+        check_recorded(drawn(rng, sessions=2))
+    with pytest.raises(BadRecording, match="at least 3 objects of each"):
+        check_recorded(drawn(rng, num_objects=4), "categories")
+    with pytest.raises(BadRecording, match="no labels for 'shapes'"):
+        check_recorded(drawn(rng), "shapes")
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"features": np.full((60, 6), np.nan)}, "features of touch 0 .*thing_0"),
+        ({"actions": np.full(60, 2)}, "actions must be in"),
+        ({"objects": np.zeros(3, np.int64)}, "objects must be"),
+        ({"controls": {"a": np.zeros((2, 1))}}, "the control 'a' has 2 rows"),
+        ({"labels": {"colours": ("red",) * 6}}, "labels must give"),
+    ],
+)
+def test_touches_that_do_not_fit_are_refused(changed, words, rng):
+    whole = drawn(rng)
+    fields = {name: getattr(whole, name) for name in ("features", "actions", "objects", "sessions", "action_names")}
+    with pytest.raises(BadRecording, match=words):
+        RecordedTouches(**{**fields, "object_names": whole.object_names, **changed})

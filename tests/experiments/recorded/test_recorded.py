@@ -1,0 +1,75 @@
+"""``recorded``: from files to a report, on bts3 and on a user's CSV."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.recorded.recorded import Recorded
+from planners.episode import Episode, Outcome
+
+BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    """A user's CSV, in which objects differ by action 'rub' more than by 'press', and its results."""
+    folder = tmp_path_factory.mktemp("own")
+    rng = np.random.default_rng(0)
+    lines = ["object,action,session," + ",".join(f"f{i}" for i in range(5))]
+    means = rng.normal(size=(6, 5))
+    for session in range(8):
+        for thing in range(6):
+            for action, scale in (("press", 0.4), ("rub", 1.5)):
+                row = scale * means[thing] + 0.5 * rng.normal(size=5)
+                lines.append(f"thing{thing},{action},{session}," + ",".join(map(str, row)))
+    (folder / "touches.csv").write_text("\n".join(lines))
+    deciders = ("information_gain(max_touches={max_touches})", "best fixed order", "random_confirm")
+    small = {"objects": 3, "scenes": 2, "rounds": 1, "random_splits": 1, "deciders": deciders}
+    Recorded(folder, "csv", out=folder / "run", **small).run()
+    return folder / "run"
+
+
+def test_a_csv_gives_a_comparison_of_deciders(own):
+    result = json.loads((own / "results.json").read_text())
+    rows = {(row[0], row[1]): row for row in result["tables"]["identification"]}
+    touches = {
+        decider: float(rows["in order of recording", decider][2].split()[0])
+        for decider in ("random order", "information gain", "bound: outcomes known in advance")
+        if ("in order of recording", decider) in rows
+    }
+    assert touches["information gain"] < touches["random order"]
+    names = [row[0] for row in result["tables"]["searches"]]
+    assert names == ["information_gain", "best fixed order", "random_confirm", "oracle: all recordings of all objects"]
+    success = {row[0]: float(row[1].split()[0]) for row in result["tables"]["searches"]}
+    assert success["information_gain"] > success["random_confirm"]
+    assert (own / "report.html").read_text().count("<svg") >= 3
+
+
+def test_the_searches_are_recorded_as_episodes(own):
+    lines = (own / "episodes.jsonl").read_text().splitlines()
+    assert len(lines) == 3 * 2 * 3
+    episode = Episode.from_dict(json.loads(lines[0]), ("a", "b", "c"))
+    assert episode.outcome in Outcome
+    assert sorted(episode.arrangement) == [0, 1, 2]
+
+
+def test_bts3_is_searched_in_both_splits(tmp_path):
+    small = {"scenes": 1, "rounds": 1, "random_splits": 1, "max_touches": 2, "deciders": ("random_confirm",)}
+    Recorded(BTS3, "bts3", out=tmp_path, **small).run()
+    result = json.loads((tmp_path / "results.json").read_text())
+    accuracy = {(row[0], row[1]): float(row[2].split()[0]) for row in result["tables"]["controls"]}
+    assert accuracy["random sessions", "all features"] > 0.4
+    assert 1 / 41 < accuracy["in order of recording", "all features"] < 0.3  # the order of recording matters
+    assert {row[0] for row in result["tables"]["identification"]} == {"in order of recording", "random sessions"}
+
+
+@pytest.mark.parametrize(("name", "task"), [("cy101", "categories"), ("sdh2", "shapes")])
+def test_sets_that_may_not_be_here_are_searched_where_they_are(name, task, tmp_path):
+    folder = os.environ.get(f"ACTIVETOUCH_{name.upper()}")
+    if not folder:
+        pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
+    Recorded(Path(folder), name, task, scenes=0, rounds=1, random_splits=1, folds=2, out=tmp_path).run()
+    assert (tmp_path / "report.html").is_file()

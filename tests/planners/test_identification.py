@@ -1,0 +1,48 @@
+"""Naming one object: when it stops, what it states, and the order of its touches."""
+
+import numpy as np
+import pytest
+
+from belief.errors import InvalidArgument
+from belief.synthetic import SyntheticWorld, random_model
+from planners.identification import GivenOrder, identify
+from planners.probing import RandomOrder, ShapeInformationGain
+
+POSES = ("a", "b", "c")
+
+
+@pytest.fixture
+def model():
+    return random_model(np.random.default_rng(0), sharpness=2.5)
+
+
+def test_it_stops_at_the_threshold_and_is_right_as_often_as_it_states(model):
+    results = []
+    for number in range(150):
+        world = SyntheticWorld(model, [number % 4])
+        results.append(identify(world, RandomOrder(), model, POSES, [5, number], 0.9, max_touches=30))
+    assert all(one.stated >= 0.9 for one in results if one.is_certain)
+    certain = [one for one in results if one.is_certain]
+    assert len(certain) > 120
+    right, stated = np.mean([one.is_right for one in certain]), np.mean([one.stated for one in certain])
+    assert abs(right - stated) < 0.06
+
+
+def test_a_given_order_is_kept_and_the_limit_too(model):
+    named = identify(SyntheticWorld(model, [1]), GivenOrder((2, 0, 1)), model, POSES, 3, 1.0, max_touches=5)
+    assert named.poses == (2, 0, 1, 2, 0)
+    assert not named.is_certain
+
+
+def test_information_gain_needs_fewer_touches_than_a_random_order(model):
+    numbers = {}
+    for selector in (RandomOrder(), ShapeInformationGain(model.outcome_table())):
+        runs = [identify(SyntheticWorld(model, [i % 4]), selector, model, POSES, [1, i], 0.95) for i in range(60)]
+        numbers[type(selector)] = np.mean([len(run.poses) for run in runs])
+    assert numbers[ShapeInformationGain] < numbers[RandomOrder]
+
+
+@pytest.mark.parametrize("threshold", [0.0, 1.1, np.nan])
+def test_a_threshold_out_of_range_is_refused(model, threshold):
+    with pytest.raises(InvalidArgument, match="threshold must be in"):
+        identify(SyntheticWorld(model, [1]), RandomOrder(), model, POSES, 0, threshold)
