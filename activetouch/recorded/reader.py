@@ -53,7 +53,11 @@ def kinds(num_labels: int) -> Mapping[str, Kind]:
     from sklearn.svm import SVC
 
     found = {
-        f"linear discriminants, shrinkage {s}": Kind(partial(LinearDiscriminants, s), True) for s in (0.1, 0.3, 0.6)
+        f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": Kind(
+            partial(LinearDiscriminants, s, is_heavy), True
+        )
+        for is_heavy in (False, True)
+        for s in (0.1, 0.3, 0.6)
     }
     if num_labels <= _MANY_LABELS:
         found |= {

@@ -15,6 +15,7 @@ from experiments.command_line.arguments import BadArgument, Within, arguments
 from experiments.paper.reproduce import Reproduce
 from experiments.press.fidelity import FidelityCommand
 from experiments.press.touch import Gallery, TouchCommand
+from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
 from experiments.search.merge import Merge
 from experiments.search.replay import Replay
@@ -25,6 +26,7 @@ _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
     Frontier: {"checkpoints": ("none.safetensors",)},
     Merge: {"folders": ("none",)},
+    Recorded: {"data": Path("none"), "format": "csv"},
 }
 
 
