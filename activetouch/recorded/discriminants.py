@@ -1,8 +1,8 @@
 """Discriminants with a shrunk pooled covariance.
 
-With normal distributions they equal scikit-learn's ``LinearDiscriminantAnalysis(solver="lsqr", shrinkage=s)`` for labels
-with equally many touches, but shrink one pooled covariance instead of one for each label, which is much faster with a
-hundred labels.
+With normal distributions they equal scikit-learn's ``LinearDiscriminantAnalysis(solver="lsqr", shrinkage=s)`` for
+labels with equally many touches, but shrink one pooled covariance instead of one for each label, which is much faster
+with a hundred labels.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class LinearDiscriminants:
 
     Attributes:
         shrinkage: weight of the diagonal part, the mean variance, in the covariance; in [0, 1].
-        is_heavy: whether labels have heavy tails, as Student's t distributions, instead of normal ones. Touches far from
-            all labels then tell little; normal distributions overstate what such touches tell.
+        is_heavy: whether labels have heavy tails, as Student's t distributions, instead of normal ones. Touches far
+            from all labels then tell little; normal distributions overstate what such touches tell.
 
     >>> rows = np.array([[0.0, 0.1], [0.1, 0.0], [1.0, 1.1], [1.1, 1.0]])
     >>> LinearDiscriminants(0.5).fit(rows, np.array([0, 0, 3, 3])).decision_function(rows).argmax(axis=1).tolist()
