@@ -17,6 +17,8 @@ from experiments.recorded.results import Measured, Part, saving
 from experiments.reporting.page import Section, write_page
 from experiments.reporting.tables import Table, interval
 
+_FEW = 6  # names in a sentence
+
 
 def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> list[Table]:
     """Write all files into a folder; return the tables.
@@ -86,7 +88,8 @@ def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
             )
     number, wrong = misread(measured.main)
     if wrong:
-        names = ", ".join(f"{name} ({share:.2f} right)" for name, share in wrong)
+        names = ", ".join(f"{name} ({share:.2f} right)" for name, share in wrong[:_FEW])
+        names += f" and {len(wrong) - _FEW} more" if len(wrong) > _FEW else ""
         sentences.append(f"After {number} touches, these are read wrongly more often than rightly: {names}.")
     return sentences
 
