@@ -186,11 +186,10 @@ def _checked(log_weights: ArrayLike, counts: Sequence[int] | None) -> tuple[Floa
         raise ValueError(f"{num_objects} objects cannot all differ in shape when there are {num_shapes} shapes")
     if num_objects > sum(bag):
         raise ValueError(f"{num_objects} objects cannot come from a bag of {sum(bag)}, counts {list(bag)}")
-    bad = np.isnan(weights) | (weights == np.inf)
-    if bad.any():
-        row = int(np.argwhere(bad)[0][0])
+    if not weights.max() < np.inf:  # NaN is not less than anything
+        row = int(np.argwhere(~(weights < np.inf))[0][0])
         raise ValueError(f"log_weights in row {row} hold NaN or +inf: {weights[row].tolist()}")
-    return np.where(np.array(bag) > 0, weights, -np.inf), bag
+    return (weights if min(bag) > 0 else np.where(np.array(bag) > 0, weights, -np.inf)), bag
 
 
 class _Relative(NamedTuple):

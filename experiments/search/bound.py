@@ -66,7 +66,7 @@ def best_expected_return(setting: Setting, target: int) -> float | None:
         return search_bound(search, np.random.default_rng(0), weights)
     best = np.inf
     for touches in range(1, _MOST_TOUCHES + (search.num_states <= _MOST_STATES)):
-        before, best = best, revealing_touch_bound(search, touches, weights)
+        before, best = best, revealing_touch_bound(search, touches, weights, names_rival=True)
         if before - best < _LITTLE:
             break
     return best

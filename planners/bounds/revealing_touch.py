@@ -4,21 +4,32 @@ Until then the bound looks ahead exactly: all poses, all outcomes. Afterwards it
 more touch that reveals the shape, which no touch exceeds. So it is an information relaxation, valid for any number of
 touches before, and falls with it; with none, it is :mod:`planners.bounds.one_touch`.
 
+A second relaxation is tighter where shapes are hard to tell apart: instead of the shape, one *rival* of the target is
+named, and the object is the target or this rival (:mod:`planners.bounds.rival`). A belief b is the mean of such pairs,
+each with p(target) as in b, and that with shape k has the share b_k / (1 - p(target)). The value is convex, so the mean
+of the bounds for pairs is a bound. The smaller of the two relaxations counts.
+
 A branch that can change the result by less than :data:`_PRECISION` is not followed. The bound is higher by as much.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from belief.problem import Floats
+from planners.bounds.rival import INTERVALS, pair_steps, pair_values
 from planners.pomdp.touch_costs import TouchCosts
 
 _PRECISION = 1e-6  # in units of a success, of each branch
 _AT_ONCE = 2_000_000  # numbers in the largest array
+
+Leaf: TypeAlias = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +41,7 @@ class RevealingTouchBound:
             as orientations, each ``(P, K, M)``. The bound is the mean over them.
         costs: of touches.
         touches: number of touches before the one that reveals the shape.
+        names_rival: whether to use the second relaxation too, which takes longer to prepare.
 
     With one pose that is right nine times in ten, the bound falls to the optimal value, 0.8537:
 
@@ -46,6 +58,7 @@ class RevealingTouchBound:
     tables: Sequence[Floats]
     costs: TouchCosts
     touches: int
+    names_rival: bool = False
 
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
         """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
@@ -53,24 +66,66 @@ class RevealingTouchBound:
         payoffs = np.stack([confirm, reject])[:, shapes]
         if len(shapes) == 1:
             return float(payoffs.max())
-        start, reach = belief[None, shapes], np.ones(1)
-        found = [self._bound(table[:, shapes], payoffs, start, reach, 0)[0] for table in self.tables]
+        start, reach, found = belief[None, shapes], np.ones(1), []
+        for number, table in enumerate(self.tables):
+            leaf = self._leaf(number, shapes, payoffs)
+            found.append(self._bound(table[:, shapes], payoffs, start, reach, 0, leaf)[0])
         return float(np.mean(found))
 
-    def _bound(self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int) -> Floats:
+    def _leaf(self, number: int, shapes: NDArray[np.int64], payoffs: Floats) -> Leaf:
+        """Bound at beliefs ``(B, K)`` after the last exact touch, ``(B,)``."""
+        costs = self.costs
+
+        def revealed(beliefs: Floats) -> Floats:
+            return costs.discount * (beliefs @ payoffs.max(axis=0)) - costs.cost
+
+        target = int(payoffs[0].argmax())
+        if not self.names_rival or payoffs[0, target] == payoffs[0].min():
+            return revealed
+        others = np.flatnonzero(np.arange(len(shapes)) != target)
+        values = np.stack(
+            [
+                pair_values(self._pair(number, int(shapes[target]), int(shapes[k])), payoffs[:, [target, k]], costs)
+                for k in others.tolist()
+            ]
+        )  # (K - 1, G)
+
+        def named(beliefs: Floats) -> Floats:
+            place = np.clip(beliefs[:, target], 0.0, 1.0) * INTERVALS
+            low = np.minimum(place.astype(np.int64), INTERVALS - 1)
+            shares = beliefs[:, others] / np.maximum(beliefs[:, others].sum(axis=1), np.finfo(float).tiny)[:, None]
+            up = place - low
+            at = (1.0 - up)[:, None] * values[:, low].T + up[:, None] * values[:, low + 1].T
+            return np.where(beliefs[:, target] < 1.0, (shares * at).sum(axis=1), np.inf)
+
+        return lambda beliefs: np.minimum(revealed(beliefs), named(beliefs))
+
+    def _pair(self, number: int, target: int, rival: int) -> Floats:
+        key = number, target, rival
+        if key not in self._pairs:
+            self._pairs[key] = pair_steps(self.tables[number][:, [target, rival]])
+        return self._pairs[key]
+
+    @cached_property
+    def _pairs(self) -> dict[tuple[int, int, int], Floats]:
+        return {}
+
+    def _bound(self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int, leaf: Leaf) -> Floats:
         """Bound at beliefs ``(B, K)`` after some touches, which are reached with probabilities ``(B,)``; ``(B,)``."""
         stop = (beliefs @ payoffs.T).max(axis=1)
-        bound = np.maximum(stop, self.costs.discount * (beliefs @ payoffs.max(axis=0)) - self.costs.cost)
+        bound = np.maximum(stop, leaf(beliefs))
         if before == self.touches:
             return np.asarray(bound)
         matters = np.flatnonzero(reach * (bound - stop) > _PRECISION)
         size = max(1, _AT_ONCE // table.size)
         for some in np.split(matters, range(size, len(matters), size)):
-            followed = self._touched(table, payoffs, beliefs[some], reach[some], before)
+            followed = self._touched(table, payoffs, beliefs[some], reach[some], before, leaf)
             bound[some] = np.minimum(bound[some], np.maximum(stop[some], followed))
         return np.asarray(bound)
 
-    def _touched(self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int) -> Floats:
+    def _touched(
+        self, table: Floats, payoffs: Floats, beliefs: Floats, reach: Floats, before: int, leaf: Leaf
+    ) -> Floats:
         """Bound on the value of touching in the best pose, ``(B,)``."""
         (num_poses, num_shapes, num_outcomes), number = table.shape, len(beliefs)
         if not number:
@@ -79,7 +134,8 @@ class RevealingTouchBound:
         chance = joint.sum(axis=1)
         joint /= np.maximum(chance, np.finfo(float).tiny)[:, None]
         weight = self.costs.weight(before)
-        after = self._bound(table, payoffs, joint, np.repeat(reach, num_poses * num_outcomes) * chance, before + 1)
+        reached = np.repeat(reach, num_poses * num_outcomes) * chance
+        after = self._bound(table, payoffs, joint, reached, before + 1, leaf)
         shown = (chance * after).reshape(number, num_poses, num_outcomes).sum(axis=2).max(axis=1)
-        nothing = self._bound(table, payoffs, beliefs, reach, before + 1) if weight < 1.0 else 0.0
+        nothing = self._bound(table, payoffs, beliefs, reach, before + 1, leaf) if weight < 1.0 else 0.0
         return np.asarray(self.costs.discount * (weight * shown + (1.0 - weight) * nothing) - self.costs.cost)

@@ -47,6 +47,7 @@ def revealing_touch_bound(
     touches: int,
     weights: Sequence[float] = (1.0,),
     tables: Sequence[Floats] | None = None,
+    names_rival: bool = False,
 ) -> float:
     """Upper bound on the value of a search: after some touches of an object one more reveals its shape.
 
@@ -60,6 +61,7 @@ def revealing_touch_bound(
         weights: as for :func:`search_bound`.
         tables: p(outcome | pose, shape) in equally likely circumstances of an object that are revealed at its first
             sight, each ``(P, K, M)``; the problem's table by default.
+        names_rival: whether to use also that one rival of the target is named, which is tighter and takes longer.
 
     Raises:
         ValueError: distinct shapes of which too many sets can have been rejected.
@@ -75,5 +77,5 @@ def revealing_touch_bound(
             f"rejected shapes, more than {_MOST_SETS}; ask for fewer shapes or objects"
         )
     costs = TouchCosts(problem.touch_cost, problem.discount, weights)
-    bound = RevealingTouchBound(tables if tables is not None else [problem.outcome_probs], costs, touches)
+    bound = RevealingTouchBound(tables if tables is not None else [problem.outcome_probs], costs, touches, names_rival)
     return clairvoyant_bound(problem, lambda _: bound)(0, frozenset())

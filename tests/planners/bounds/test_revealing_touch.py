@@ -22,7 +22,12 @@ def test_of_a_search_it_is_above_what_plans_return_and_falls_with_every_touch(co
     bounds = [revealing_touch_bound(problem, touches) for touches in range(5)]
     assert bounds == sorted(bounds, reverse=True)
     assert bounds[0] > bounds[3] + 1e-3
-    assert bounds[-1] >= solve(problem, rounds=(100, 100)).initial_value - 1e-9
+    achieved = solve(problem, rounds=(100, 100)).initial_value
+    assert bounds[-1] >= achieved - 1e-9
+    rivals = [revealing_touch_bound(problem, touches, names_rival=True) for touches in range(3)]
+    assert rivals == sorted(rivals, reverse=True)
+    assert all(tight < wide for tight, wide in zip(rivals, bounds, strict=False))
+    assert achieved - 1e-9 <= rivals[-1] <= achieved + 0.05
 
 
 def test_of_one_object_it_falls_to_the_optimal_value():
@@ -31,6 +36,14 @@ def test_of_one_object_it_falls_to_the_optimal_value():
     bound = RevealingTouchBound([probs], TouchCosts(0.1), 6)
     confirm = np.array([1.0, -1.0, -1.0])
     assert alone.lower_bound - 1e-9 <= bound(prior, confirm, -confirm) <= alone.lower_bound + 0.01
+
+
+def test_of_two_shapes_the_rival_is_known_and_no_touch_ahead_is_needed():
+    probs = table(2, num_shapes=2)
+    alone = solve(TouchProblem(probs, [0.4, 0.6], 0, 0.05))
+    confirm = np.array([1.0, -1.0])
+    bound = RevealingTouchBound([probs], TouchCosts(0.05), 0, names_rival=True)(np.array([0.4, 0.6]), confirm, -confirm)
+    assert alone.lower_bound - 1e-9 <= bound <= alone.lower_bound + 0.002
 
 
 def test_it_is_the_mean_over_circumstances_which_are_revealed():
