@@ -5,6 +5,7 @@
 * ``gel``: the default, 128 × 128 taxels.
 * ``hard``: eight objects with independent shapes out of twelve similar ones, very different sizes, half the pad.
 * ``many``: twelve objects of twelve shapes with the default pad.
+* ``keyed``: four of eight shapes that differ in one place each, touched from 26 directions: where to touch matters.
 
     >>> SCENES["coarse"].scene.renderer
     PressureRenderer(binning=8)
@@ -17,11 +18,13 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from activetouch.distributions import Uniform
+from activetouch.poses import POSE_SETS
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
+from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, ForcePatchRenderer, Gain, Noise, PressureRenderer
 from activetouch.scene import Scene, Variation
-from activetouch.shapes import EXTENDED_SHAPES
+from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES
 from belief import Composition
 
 
@@ -74,6 +77,16 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
             composition=Composition.INDEPENDENT,
         ),
         "many": NamedScene(Scene(shapes=EXTENDED_SHAPES), num_objects=12),
+        "keyed": NamedScene(
+            Scene(
+                shapes=KEYED_SHAPES,
+                poses=POSE_SETS["directions26"],
+                pad=Pad(num_taxels=32),
+                press_model=Quasistatic(),
+                renderer=PressureRenderer(binning=2),
+            ),
+            input_size=16,
+        ),
     }
 )
 """The named scenes."""

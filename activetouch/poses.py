@@ -1,14 +1,16 @@
 """The exploration poses: rotations that turn different sides of the object to the pad.
 
 A pose is applied after the object's unknown orientation. The six poses of the ``mix`` set are views along faces, edges
-and a corner of a cube in the object's frame. Quaternions are ``wxyz``; the pad faces +x.
+and a corner of a cube in the object's frame; the set ``directions26`` has all of its faces, edges and corners. In a
+scene, a pose may also aim beside the approach axis (:func:`aimed`). Quaternions are ``wxyz``; the pad faces +x.
 
-To add a pose, add one entry to :data:`POSES`.
+To add a pose, add one entry to :data:`POSES`; to add a set of poses, one to :data:`POSE_SETS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
 from types import MappingProxyType
 from typing import Any
 
@@ -83,3 +85,47 @@ POSES: Mapping[str, Quaternion] = MappingProxyType(
     }
 )
 """The six ``mix`` poses by name; their order is the pose index and the paper's POSE_0 … POSE_5."""
+
+
+def facing(direction: Sequence[float]) -> Quaternion:
+    """The smallest rotation that turns a side of the object to the pad, which the object meets with its side -x.
+
+    >>> to_matrix(facing((0.0, 1.0, 0.0))).dot([0.0, 1.0, 0.0]).round(3).tolist()
+    [-1.0, 0.0, 0.0]
+    """
+    x, y, z = np.asarray(direction, float) / np.linalg.norm(direction)
+    if x > 1.0 - 1e-12:
+        return turn("z", np.pi)
+    quaternion = np.array([1.0 - x, 0.0, -z, y])  # half way between -x and the direction
+    return quaternion / np.linalg.norm(quaternion)
+
+
+def _directions26() -> Mapping[str, Quaternion]:
+    """Faces, then corners, then edges of a cube."""
+    found = {}
+    for num_axes in (1, 3, 2):
+        for signs in (s for s in product((-1, 0, 1), repeat=3) if np.count_nonzero(s) == num_axes):
+            name = "".join("-+"[sign > 0] + axis for sign, axis in zip(signs, "xyz", strict=True) if sign)
+            found[name] = facing(signs)
+    return MappingProxyType(found)
+
+
+POSE_SETS: Mapping[str, Mapping[str, Quaternion]] = MappingProxyType({"mix": POSES, "directions26": _directions26()})
+"""Sets of poses by name. A pose of ``directions26`` is named for the side that meets the pad: ``-x``, ``+x-y+z``."""
+
+
+def aimed(
+    poses: Mapping[str, Quaternion], offsets: Sequence[tuple[float, float]]
+) -> tuple[dict[str, Quaternion], dict[str, tuple[float, float]]]:
+    """Every pose with every lateral offset: the ``poses`` and the ``aims`` of a scene.
+
+    Args:
+        poses: by label.
+        offsets: of the object's centre from the approach axis, along y and along z [m].
+
+    >>> poses, aims = aimed(POSES, [(0.0, 0.0), (0.005, 0.0)])
+    >>> len(poses), list(aims.items())[:2]
+    (12, [('front (+0,+0) mm', (0.0, 0.0)), ('front (+5,+0) mm', (0.005, 0.0))])
+    """
+    places = {f"{pose} ({y * 1e3:+.3g},{z * 1e3:+.3g}) mm": (pose, (y, z)) for pose in poses for y, z in offsets}
+    return {label: poses[pose] for label, (pose, _) in places.items()}, {name: aim for name, (_, aim) in places.items()}

@@ -27,7 +27,7 @@ from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
-from activetouch.poses import POSES, Quaternion
+from activetouch.poses import POSE_SETS, POSES, Quaternion
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -121,7 +121,8 @@ class Scene:
     Attributes:
         shapes: the shapes an object may have, by label; their order is the shape index. A path, or its text, stands
             for the solid in that mesh file.
-        poses: the exploration poses, by label; their order is the pose index.
+        poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
+            :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
         press_model: how a press comes to its force (:mod:`activetouch.pressing.press`).
         renderer: from contact to ideal image, by the rule of :class:`activetouch.rendering.TactileRenderer`.
@@ -132,10 +133,13 @@ class Scene:
         finger: whether to model the finger that carries the pad.
         parking: whether to load all objects at once, and park those that are not pressed.
         robot: that stands behind the pad, by name or in detail; none by default.
+        aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
+            to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
+            makes poses and aims.
     """
 
     shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
-    poses: Mapping[str, Quaternion] = field(default_factory=lambda: POSES)
+    poses: Mapping[str, Quaternion] | str = field(default_factory=lambda: POSES)
     pad: Pad = field(default_factory=Pad)
     press_model: Press = field(default_factory=Dynamic)
     renderer: TactileRenderer = field(default_factory=PressureRenderer)
@@ -146,11 +150,17 @@ class Scene:
     finger: bool = False
     parking: bool = False
     robot: Robot | str | None = None
+    aims: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.shapes or not self.poses:
             raise ValueError("a scene needs at least one shape and one pose")
+        if isinstance(self.poses, str):
+            if self.poses not in POSE_SETS:
+                raise UnknownName("set of poses", self.poses, list(POSE_SETS))
+            object.__setattr__(self, "poses", POSE_SETS[self.poses])
         object.__setattr__(self, "poses", dict(self.poses))  # plain, so that a scene can be sent to another process
+        object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
         solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():
             if not all(hasattr(solid, member) for member in ("bounding_radius", "geom", "entry_distance")):
@@ -184,6 +194,16 @@ class Scene:
         return cast(Mapping[str, Shape], self.shapes)
 
     @property
+    def rotations(self) -> Mapping[str, Quaternion]:
+        """The poses by label, all of them rotations: a named set was looked up at construction."""
+        return cast(Mapping[str, Quaternion], self.poses)
+
+    @property
+    def aim_offsets(self) -> NDArray[np.float64]:
+        """Where each pose brings the object's centre, from the approach axis along y and z [m], ``(P, 2)``."""
+        return np.array([self.aims.get(label, (0.0, 0.0)) for label in self.rotations])
+
+    @property
     def shape_labels(self) -> tuple[str, ...]:
         """Names of the shapes, in index order."""
         return tuple(self.shapes)
@@ -191,7 +211,7 @@ class Scene:
     @property
     def pose_labels(self) -> tuple[str, ...]:
         """Names of the poses, in index order."""
-        return tuple(self.poses)
+        return tuple(self.rotations)
 
     @property
     def image_shape(self) -> tuple[int, ...]:
@@ -243,9 +263,11 @@ class Scene:
 
     def place(self, thing: WorldObject, pose: Name, rng: np.random.Generator) -> Placement:
         """Put an object in front of the pad, in a pose, by its label or index."""
-        pose = index_of("pose", self.pose_labels, pose)
+        label = self.pose_labels[index_of("pose", self.pose_labels, pose)]
         offset = self.variation.sample_offset(rng)
-        shown = self.presentation.shown(thing.orientation, self.poses[self.pose_labels[pose]], rng)
+        if label in self.aims:
+            offset += self.aims[label]
+        shown = self.presentation.shown(thing.orientation, self.rotations[label], rng)
         shape = self.solids[self.shape_labels[thing.shape_index]]
         return Placement(shape, thing.scale, shown, offset, thing.friction, thing.stiffness)
 
@@ -291,3 +313,18 @@ class Scene:
         if attempts == 1:
             raise last
         raise UnstablePress(f"none of {attempts} presses for one touch settled; the last one: {last}") from last
+
+
+def _aims(given: Mapping[str, tuple[float, float]], poses: Mapping[str, Quaternion]) -> dict[str, tuple[float, float]]:
+    """The aims that differ from zero, in the order of the poses.
+
+    Raises:
+        UnknownName: an aim is of a pose that the scene does not have.
+        InvalidArgument: an aim is not two finite numbers.
+    """
+    for label, aim in given.items():
+        if label not in poses:
+            raise UnknownName("pose", label, list(poses))
+        if np.shape(aim) != (2,) or not np.isfinite(aim).all():
+            raise InvalidArgument(f"the aim of the pose {label!r} must be two finite numbers [m], got {aim!r}")
+    return {label: (float(given[label][0]), float(given[label][1])) for label in poses if any(given.get(label, ()))}

@@ -67,9 +67,10 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     """All fields of a scene as JSON types; equal scenes have equal fields on any machine.
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
-    source code, so that an edited renderer makes another scene.
+    source code, so that an edited renderer makes another scene. A scene without aims has no such field.
     """
-    return {field.name: _described(getattr(scene, field.name)) for field in fields(scene)}
+    names = [field.name for field in fields(scene) if field.name != "aims" or scene.aims]
+    return {name: _described(getattr(scene, name)) for name in names}
 
 
 def scene_differences(

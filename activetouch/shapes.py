@@ -20,20 +20,24 @@ from types import MappingProxyType
 
 from activetouch.errors import BadMesh
 from activetouch.solids.conical import Cone, Cylinder, Frustum
+from activetouch.solids.cut import Cut
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.round import Capsule, Dome, Ellipsoid, Sphere
 from activetouch.solids.solid import Geom, Shape
 from activetouch.solids.straight import Box, ConvexPolyhedron, Prism, Pyramid, Wedge
 from activetouch.solids.torus import Torus
+from activetouch.solids.union import Union
 
 __all__ = [
     "EXTENDED_SHAPES",
+    "KEYED_SHAPES",
     "SHAPES",
     "BadMesh",
     "Box",
     "Capsule",
     "Cone",
     "ConvexPolyhedron",
+    "Cut",
     "Cylinder",
     "Dome",
     "Ellipsoid",
@@ -45,6 +49,7 @@ __all__ = [
     "Shape",
     "Sphere",
     "Torus",
+    "Union",
     "Wedge",
 ]
 
@@ -75,3 +80,19 @@ EXTENDED_SHAPES: Mapping[str, Shape] = MappingProxyType(
 
 For example, the cuboid has faces of the cube, and the frustum is a truncated cone.
 """
+
+_CUBE, _SHAFT, _PLATE = Box((0.016, 0.016, 0.016)), Cylinder(0.016, 0.020), Box((0.016, 0.016, 0.006))
+
+KEYED_SHAPES: Mapping[str, Shape] = MappingProxyType(
+    {
+        "cube": _CUBE,
+        "cube_cut": Cut(_CUBE, ((1.0, 1.0, 1.0, 0.022),)),
+        "cube_cut_twice": Cut(_CUBE, ((1.0, 1.0, 1.0, 0.022), (-1.0, -1.0, -1.0, 0.022))),
+        "cube_chamfered": Cut(_CUBE, ((1.0, 1.0, 0.0, 0.017),)),
+        "shaft": _SHAFT,
+        "shaft_flat": Cut(_SHAFT, ((1.0, 0.0, 0.0, 0.013),)),
+        "plate": _PLATE,
+        "plate_boss": Union((_PLATE, Box((0.006, 0.006, 0.012)))),
+    }
+)
+"""Three families of shapes that differ in one place, as keys, connectors and shafts do."""

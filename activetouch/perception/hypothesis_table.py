@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from activetouch.distributions import Distribution
 from activetouch.hypotheses import sizes, stiffnesses
+from activetouch.orientations import Tumbled
 from activetouch.perception.reader import TactileReader
-from activetouch.poses import to_matrices, turned
+from activetouch.poses import multiply, to_matrices, turned
 from activetouch.randomisation import assumed
 from activetouch.scene import Scene
+from belief.frozen import frozen
+from belief.observation_model.views import Views
+
+_FEW_POSES = 12
+_MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
 
 
 class Bodies(NamedTuple):
@@ -47,15 +55,58 @@ class HypothesisTable:
 
     def __call__(self, num_hypotheses: int) -> NDArray[np.float32]:
         """Embedded hypotheses ``(P, K, N, D)``, N of each shape, the same orientations and sizes for all shapes."""
+        return np.stack([self._embed(num_hypotheses, pose) for pose in range(len(self.scene.poses))])
+
+    def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
+        """Embedded hypotheses in one pose, by its index, ``(K, N, D)``, read-only and kept for the next call.
+
+        In half precision where those of all poses would fill more than 128 MB.
+        """
+        key = num_hypotheses, pose
+        if key not in self._kept:
+            found = self._embed(num_hypotheses, pose)
+            is_large = len(self.scene.poses) * found.size > _MOST_IN_SINGLE
+            self._kept[key] = frozen(found.astype(np.float16) if is_large else found)
+        return self._kept[key]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], NDArray[np.floating]]:
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_kept"}
+
+    def _embed(self, num_hypotheses: int, pose: int) -> NDArray[np.float32]:
         bodies = self.hypotheses(num_hypotheses)
         num_shapes = len(self.scene.shapes)
         shapes = np.repeat(np.arange(num_shapes), num_hypotheses)
         numbers = (np.tile(bodies.sizes, num_shapes), np.tile(bodies.stiffnesses, num_shapes))
-        table = []
-        for pose in self.scene.poses.values():
-            rotations = np.tile(to_matrices(turned(pose, bodies.rests)), (num_shapes, 1, 1))
-            table.append(self.reader.embed(shapes, rotations, *numbers).reshape(num_shapes, num_hypotheses, -1))
-        return np.stack(table)
+        rotation = self.scene.rotations[self.scene.pose_labels[pose]]
+        rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
+        return self.reader.embed(shapes, rotations, *numbers).reshape(num_shapes, num_hypotheses, -1)
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Group of each pose: those that aim alike; none in scenes of few poses, and where objects do not lie anyhow.
+
+        See :class:`belief.observation_model.views.Views`.
+        """
+        if len(self.scene.poses) <= _FEW_POSES or not isinstance(self.scene.presentation, Tumbled):
+            return ()
+        aims = list(map(tuple, self.scene.aim_offsets.tolist()))
+        return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)
+
+    def views(self, num_hypotheses: int) -> Views:
+        """Which hypotheses look alike in different poses, by orientation."""
+        groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
+        rests = self.hypotheses(num_hypotheses).rests
+        nearest = cKDTree(np.concatenate([rests, -rests]))  # a rotation is two quaternions
+        first = np.unique(groups, return_index=True)[1][groups]
+        same = []
+        for pose, begin in enumerate(first):
+            back = rotations[begin] * (1.0, -1.0, -1.0, -1.0)
+            same.append(nearest.query(turned(multiply(back, rotations[pose]), rests))[1] % num_hypotheses)
+        return Views(groups, np.stack(same))
 
     def hypotheses(self, num_hypotheses: int) -> Bodies:
         """The hypotheses, the same for all shapes."""

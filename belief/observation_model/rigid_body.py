@@ -41,6 +41,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.repeat_discount import effective_touches, repeat_shares
 from belief.observation_model.rigid_body_fit import fitted, refitted
+from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import require_count
@@ -49,8 +50,10 @@ Floats32 = NDArray[np.float32]
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
+_SHARED_REFERENCES = 512  # touches kept of each group of poses
 _LARGEST = 1e30  # number in an embedding
 _LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
+_RECOMPUTED = ("table", "_shared")  # after pickling
 
 
 class Diagnostics(NamedTuple):
@@ -123,7 +126,7 @@ class RigidBodyEvidence:
         """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
         return frozen(_marginal(self.log_weights))
 
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture:
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
 
         The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
@@ -133,11 +136,16 @@ class RigidBodyEvidence:
             require_count("num_outcomes", num_outcomes)
             require_count("num_hypotheses", num_hypotheses)
             chosen, weights = _some_hypotheses(self.log_weights, num_hypotheses)
-            self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
+            views = self.model.views
+            if views is None:
+                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
+            else:
+                outcomes = self.model.shared_outcomes(num_outcomes)
+                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views)
         return self._mixtures[key]
 
     @cached_property
-    def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture]:
+    def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:
         return {}
 
     @cached_property
@@ -161,11 +169,13 @@ class RigidBodyModel(ArrayModel):
             None in a model that was just read from a file, which :meth:`with_hypotheses` completes.
         num_hypotheses: N, of each shape.
         temperature: by which log ratios are divided, fitted to sequences of touches.
-        references: embeddings of touches that stand for all, of each pose as many, ``(P, M, D)``; used to sample and
-            to tabulate only.
-        reference_logits: the shape logits of these, ``(P, M, K)``.
+        references: embeddings of touches that stand for all, of each pose or group of poses as many, ``(G, M, D)``;
+            used to sample and to tabulate only.
+        reference_logits: the shape logits of these, ``(G, M, K)``.
         correlation: ρ in [0, 1] of repeats in one pose.
         conflict: test that touches come from the world that the model was fitted to; None without.
+        groups: of the poses that share references (:class:`~belief.observation_model.views.Views`), one number for
+            each pose; empty if every pose has its own.
 
     Raises:
         ValueError: the arrays do not fit each other.
@@ -180,12 +190,15 @@ class RigidBodyModel(ArrayModel):
     reference_logits: Floats
     correlation: float = 0.0
     conflict: ConflictTest | None = None
+    groups: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        num_poses, number, _ = self.references.shape
+        num_groups, number, _ = self.references.shape
+        if self.groups and sorted(set(self.groups)) != list(range(num_groups)):
+            raise ValueError(f"there are references of {num_groups} groups of poses, the poses are of {self.groups}")
         if isinstance(self.hypotheses, np.ndarray):
             self._require_shape(self.hypotheses)
-        if self.reference_logits.shape != (num_poses, number, len(self.shape_labels)):
+        if self.reference_logits.shape != (num_groups, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
@@ -225,9 +238,10 @@ class RigidBodyModel(ArrayModel):
         if data.batch.features is None:
             raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
         found = np.asarray(data.batch.features[0], np.float64)
-        rows = data.rows_of_poses(_REFERENCES)
+        groups = tuple(int(group) for group in getattr(embed, "groups", ()))
+        rows = data.rows_of_poses(_REFERENCES) if not groups else _rows_of_groups(data, np.array(groups))
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
-        model = cls(data.shape_labels, embed(num_hypotheses), num_hypotheses, 1.0, *kept)
+        model = cls(data.shape_labels, embed, num_hypotheses, 1.0, *kept, groups=groups)
         model, conflict = fitted(model, data)
         return replace(model, conflict=conflict)
 
@@ -266,7 +280,17 @@ class RigidBodyModel(ArrayModel):
     @property
     def num_poses(self) -> int:
         """See :class:`ArrayModel`."""
-        return len(self.references)
+        return len(self.groups or self.references)
+
+    @cached_property
+    def views(self) -> Views | None:
+        """Which hypotheses look alike in different poses; None if every pose has references of its own."""
+        if not self.groups:
+            return None
+        found: Views = self.hypotheses.views(self.num_hypotheses)  # type: ignore[union-attr]
+        if found.groups.tolist() != list(self.groups):
+            raise ValueError(f"the hypotheses are for poses of the groups {found.groups.tolist()}, not {self.groups}")
+        return found
 
     def scores(self, pose: int, embeddings: Floats) -> Floats32:
         """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
@@ -278,7 +302,7 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the model has no hypotheses yet.
         """
-        table = self.table[pose]
+        table = self._in_pose(pose)
         found = _in_single(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T
         return found.reshape(len(embeddings), *table.shape[:2])
 
@@ -302,24 +326,60 @@ class RigidBodyModel(ArrayModel):
         kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
         table = self.table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)
         found = table @ _in_single(self.references[:, kept], self.temperature).swapaxes(1, 2)
-        found -= self._log_normalisers[:, None, kept]
-        found -= found.max(axis=2, keepdims=True)
-        np.exp(np.maximum(found, _LEAST_LOG, out=found), out=found)
-        found /= found.sum(axis=2, keepdims=True)
+        found = _softmax(found - self._log_normalisers[:, None, kept])
         found.flags.writeable = False
         return found.reshape(num_poses, *hypotheses.shape, -1)
 
+    def shared_outcomes(self, num_outcomes: int) -> Floats32:
+        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
+
+        Args:
+            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
+
+        Raises:
+            ValueError: the model has no hypotheses yet.
+        """
+        if num_outcomes not in self._shared:
+            number = self.references.shape[1]
+            kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
+            tables = []
+            for group, pose in enumerate(self._first_poses):
+                found = np.moveaxis(self.scores(pose, self.references[group, kept]), 0, 2)
+                found = found - self._log_normalisers[group, kept]
+                tables.append(_softmax(found))
+            self._shared[num_outcomes] = frozen(np.stack(tables))
+        return self._shared[num_outcomes]
+
+    @cached_property
+    def _shared(self) -> dict[int, Floats32]:
+        return {}
+
+    @property
+    def _first_poses(self) -> list[int]:
+        """A pose in which the references of each group were felt, ``(G,)``."""
+        groups = self.groups or range(len(self.references))
+        return [list(groups).index(group) for group in range(len(self.references))]
+
     @cached_property
     def _log_normalisers(self) -> Floats32:
-        """Log sum of the likelihood scores of every reference over all hypotheses, ``(P, M)``."""
+        """Log sum of the likelihood scores of every reference over all hypotheses, ``(G, M)``."""
         size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
         blocks = np.array_split(np.arange(self.references.shape[1]), -(-self.references.shape[1] // size))
         return np.stack(
             [
                 np.concatenate([_log_sum(self.scores(pose, some[block])) for block in blocks])
-                for pose, some in enumerate(self.references)
+                for pose, some in zip(self._first_poses, self.references, strict=True)
             ]
         )
+
+    def _in_pose(self, pose: int) -> Floats32:
+        """The embedded hypotheses of one pose, ``(K, N, D)``; where poses share references, embedded at first use."""
+        if not self.groups or isinstance(self.hypotheses, np.ndarray) or self.hypotheses is None:
+            return self.table[pose]
+        found = np.asarray(self.hypotheses.in_pose(self.num_hypotheses, pose), np.float32)  # type: ignore[attr-defined]
+        if pose == 0:
+            self._require_shape(np.broadcast_to(found, (self.num_poses, *found.shape)))
+        return found
 
     @cached_property
     def table(self) -> Floats32:
@@ -337,15 +397,17 @@ class RigidBodyModel(ArrayModel):
         return frozen(table)
 
     def _require_shape(self, table: Floats32) -> None:
-        num_poses, _, embedding = self.references.shape
-        wanted = (num_poses, len(self.shape_labels), self.num_hypotheses, embedding)
+        wanted = (self.num_poses, len(self.shape_labels), self.num_hypotheses, self.references.shape[-1])
         if table.shape != wanted:
             raise ValueError(f"hypotheses must be {wanted} (poses, shapes, N, D), got {table.shape}")
 
     def __getstate__(self) -> dict[str, Any]:
-        """What another process is sent: the table instead of what embeds it, so that it is embedded once."""
-        state = {name: value for name, value in vars(self).items() if name != "table"}
-        return state if self.hypotheses is None else {**state, "hypotheses": self.table}
+        """What another process is sent: the table instead of what embeds it, so that it is embedded once.
+
+        A model whose poses share references sends what embeds them: its table is large.
+        """
+        state = {name: value for name, value in vars(self).items() if name not in _RECOMPUTED}
+        return state if self.hypotheses is None or self.groups else {**state, "hypotheses": self.table}
 
     def start(self) -> RigidBodyEvidence:
         """See :class:`ArrayModel`."""
@@ -416,25 +478,23 @@ class RigidBodyModel(ArrayModel):
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
         bodies = rng.integers(self.num_hypotheses, size=len(poses))
-        drawn = np.empty(poses.shape, np.int64)
+        drawn, groups = np.empty(poses.shape, np.int64), np.array(self.groups or range(self.num_poses))[poses]
         for pose in np.unique(poses).tolist():
-            of_body = self._reference_log_ratios[pose][:, shape]  # (M, N)
+            group = self.groups[pose] if self.groups else pose
             rows, steps = np.nonzero(poses == pose)
-            noise = rng.gumbel(size=(len(rows), len(of_body)))
-            drawn[rows, steps] = (of_body[:, bodies[rows]].T + noise).argmax(axis=1)
-        return TouchBatch(poses, self.reference_logits[poses, drawn], self.references[poses, drawn])
+            hypotheses = self._in_pose(pose)[shape, bodies[rows]]
+            of_body = hypotheses @ _in_single(self.references[group], self.temperature).T
+            of_body = of_body - self._log_normalisers[group] + rng.gumbel(size=of_body.shape)
+            drawn[rows, steps] = of_body.argmax(axis=1)
+        return TouchBatch(poses, self.reference_logits[groups, drawn], self.references[groups, drawn])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
         log_posteriors = self.reference_logits - logsumexp(self.reference_logits, axis=2, keepdims=True)
         shares = np.exp(log_posteriors)
         shares /= shares.sum(axis=1, keepdims=True)
-        return OutcomeTable(smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1]))
-
-    @cached_property
-    def _reference_log_ratios(self) -> Floats:
-        """Of every reference in its pose, ``(P, M, K, N)``."""
-        return np.stack([self.log_ratios(pose, some) for pose, some in enumerate(self.references)])
+        found = smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1])
+        return OutcomeTable(found[list(self.groups)] if self.groups else found)
 
     def to_fields(self) -> dict[str, Any]:
         """See :class:`ArrayModel`; arrays in half precision, the hypotheses not at all: the reader embeds them."""
@@ -445,6 +505,7 @@ class RigidBodyModel(ArrayModel):
             "correlation": self.correlation,
             **{name: to_field(array, "float16") for name, array in arrays.items()},
             "conflict": None if self.conflict is None else self.conflict.to_fields(),
+            **({"groups": list(self.groups)} if self.groups else {}),
         }
 
     @classmethod
@@ -455,7 +516,8 @@ class RigidBodyModel(ArrayModel):
         conflict = None if test is None else ConflictTest.from_fields(test)
         number = int(fields["num_hypotheses"])
         temperature, correlation = float(fields["temperature"]), float(fields["correlation"])
-        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict)
+        groups = tuple(int(group) for group in fields.get("groups", ()))
+        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups)
 
 
 def _marginal(log_weights: Floats) -> Floats:
@@ -482,6 +544,14 @@ def _log_total(log_weights: Floats, largest: Floats) -> Floats32:
     """Log of the sum of exponentials over the last two axes, less ``largest``, in single precision."""
     relative = (log_weights - largest[..., None, None]).astype(np.float32)
     return np.asarray(np.log(np.exp(relative).sum(axis=(-2, -1))))
+
+
+def _softmax(scores: Floats32) -> Floats32:
+    """Probabilities over the last axis, in place where possible; small ones are limited, which keeps them fast."""
+    scores = scores - scores.max(axis=-1, keepdims=True)
+    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
+    scores /= scores.sum(axis=-1, keepdims=True)
+    return scores
 
 
 def _log_sum(scores: Floats32) -> Floats32:
@@ -523,6 +593,16 @@ def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
         found = "none" if batch.features is None else f"{batch.features.shape[-1]} numbers"
         raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
     return np.asarray(batch.features)
+
+
+def _rows_of_groups(data: LabelledTouches, groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows of touches in the poses of each group, evenly spaced in the data, ``(G, M)``; of all where it has none."""
+    rows = []
+    for group in range(int(groups.max()) + 1):
+        here = np.flatnonzero(groups[data.poses] == group)
+        here = here if here.size else np.arange(len(data.poses))
+        rows.append(here[np.linspace(0, len(here) - 1, _SHARED_REFERENCES).round().astype(int)])
+    return np.stack(rows)
 
 
 def _in_half(array: Floats) -> Floats:

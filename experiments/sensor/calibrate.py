@@ -143,7 +143,8 @@ def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Sce
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
         return others
-    embed = cache(HypothesisTable(reader, scene))
+    table = HypothesisTable(reader, scene)
+    embed = table if table.groups else cache(table)  # that of many poses remembers
     return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
 
 

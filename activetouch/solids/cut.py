@@ -1,0 +1,89 @@
+"""Convex solids with parts cut off by planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+from activetouch.solids.solid import Floats, Geom, Shape, ahead, clip, ring
+
+_NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What planes leave of a box, a cylinder or a polyhedron, such as a cube without a corner or a shaft with a flat.
+
+    Attributes:
+        solid: the convex solid before the cuts.
+        planes: an outward normal of any length, and the distance of the plane from the origin [m], of each cut:
+            ``(x, y, z, distance)``.
+
+    Raises:
+        ValueError: a plane is not four finite numbers with a normal, or cuts the origin off.
+
+    >>> from activetouch.solids.straight import Box
+    >>> cube = Cut(Box((1.0, 1.0, 1.0)), ((1.0, 1.0, 0.0, 1.0),))           # without one edge
+    >>> cube.entry_distance(np.array([[5.0], [0.0], [0.0]]), np.array([-1.0, 0.0, 0.0])).round(3).tolist()
+    [4.0]
+    >>> len(cube.geom.vertices)
+    10
+    """
+
+    solid: Shape
+    planes: tuple[tuple[float, float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        for plane in self.planes:
+            if len(plane) != 4 or not np.isfinite(plane).all() or not any(plane[:3]) or plane[3] <= 0.0:
+                raise ValueError(
+                    f"a plane is a normal (x, y, z) and a distance above zero, so that the origin stays inside; got "
+                    f"{plane}"
+                )
+
+    @property
+    def bounding_radius(self) -> float:
+        """That of the solid before the cuts. See :class:`Shape`."""
+        return self.solid.bounding_radius
+
+    @cached_property
+    def geom(self) -> Geom:
+        """The corners that remain; a cylinder has 64 sides. See :class:`Shape`."""
+        hull = ConvexHull(corners(self.solid.geom)).equations
+        normals, distances = self._halfspaces
+        cuts = np.column_stack([normals, -distances])
+        return Geom("mesh", vertices=HalfspaceIntersection(np.vstack([hull, cuts]), np.zeros(3)).intersections)
+
+    def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
+        """See :class:`Shape`."""
+        far = 2.0 * (np.linalg.norm(origins, axis=0).max(initial=0.0) + self.bounding_radius)
+        enter = self.solid.entry_distance(origins, direction)
+        leave = far - self.solid.entry_distance(origins + far * direction[:, None], -direction)
+        for normal, distance in zip(*self._halfspaces, strict=True):
+            clip(enter, leave, normal @ origins - distance, float(normal @ direction))
+        return ahead(np.where(enter <= leave, enter, np.inf))
+
+    @cached_property
+    def _halfspaces(self) -> tuple[Floats, Floats]:
+        """Unit normals ``(m, 3)`` and distances ``(m,)`` [m]."""
+        planes = np.array(self.planes, float).reshape(-1, 4)
+        return planes[:, :3] / np.linalg.norm(planes[:, :3], axis=1, keepdims=True), planes[:, 3]
+
+
+def corners(geom: Geom) -> Floats:
+    """Points whose convex hull stands for a geom.
+
+    Raises:
+        ValueError: it is neither a box, nor a cylinder, nor a mesh.
+    """
+    if geom.vertices is not None:
+        return geom.vertices
+    if geom.type == "box":
+        return np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T * geom.size
+    if geom.type == "cylinder":
+        radius, half_length = geom.size[:2]
+        return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
+    raise ValueError(f"only boxes, cylinders and polyhedra can be cut, got a {geom.type}")

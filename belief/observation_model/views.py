@@ -1,0 +1,126 @@
+"""What the poses of a scene have in common, and outcome tables of many poses that use it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from belief.frozen import FrozenArrays
+from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_table import OutcomeTable
+from belief.problem import Floats
+from belief.validation import SUM_TOLERANCE
+
+
+@dataclass(frozen=True, eq=False)
+class Views(FrozenArrays):
+    """Which hypotheses look alike in different poses.
+
+    An object that lies in any orientation shows in one pose what another object shows in another pose. Poses of one
+    group share this: their touches have the same distribution when nothing is known about the object.
+
+    Attributes:
+        groups: of each pose, numbered from 0 in the order of their first poses, ``(P,)``.
+        same: hypothesis that looks in the first pose of the group as hypothesis i looks in pose p, nearly, ``(P, N)``.
+
+    Raises:
+        ValueError: the arrays do not fit each other, or the groups are numbered otherwise.
+
+    >>> Views(np.array([0, 0, 1]), np.array([[0, 1], [1, 0], [0, 1]])).first.tolist()
+    [0, 2]
+    """
+
+    groups: NDArray[np.int64]
+    same: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        found, first = np.unique(self.groups, return_index=True)
+        if not len(found) or found.tolist() != list(range(len(found))) or (np.diff(first) <= 0).any():
+            raise ValueError(f"groups must be numbered from 0 in the order of their poses, got {self.groups.tolist()}")
+        if self.same.ndim != 2 or len(self.same) != len(self.groups) or not self.same.size:
+            raise ValueError(f"same must be ({len(self.groups)}, N), got {self.same.shape}")
+        if self.same.min() < 0 or self.same.max() >= self.same.shape[1]:
+            raise ValueError(f"same must be indices of {self.same.shape[1]} hypotheses, got {self.same.max()}")
+        self.freeze()
+
+    @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """The first pose of each group, ``(G,)``."""
+        return np.unique(self.groups, return_index=True)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class SharedMixture:
+    """An :class:`OutcomeMixture` of many poses, from one table of outcomes for all poses of a group.
+
+    Attributes:
+        weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
+        chosen: which hypotheses these are, ``(K, H)``.
+        outcomes: p(outcome | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
+        views: of the poses.
+
+    Raises:
+        ValueError: arrays that do not fit, or a row of weights that does not sum to one.
+
+    Two poses, the second of which swaps the two hypotheses:
+
+    >>> views = Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))
+    >>> mixture = SharedMixture(np.array([[1.0]]), np.array([[0]]), np.eye(2, dtype=np.float32)[None, None], views)
+    >>> mixture.table.probs[:, 0].tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
+
+    weights: Floats
+    chosen: NDArray[np.int64]
+    outcomes: NDArray[np.float32]
+    views: Views
+
+    def __post_init__(self) -> None:
+        num_shapes, number = self.outcomes.shape[1:3]
+        if self.weights.shape != self.chosen.shape or len(self.weights) != num_shapes:
+            raise ValueError(f"weights and chosen must be ({num_shapes}, H), got {self.weights.shape}")
+        if self.views.same.shape[1] != number or len(self.views.first) != len(self.outcomes):
+            raise ValueError(f"the views are of {self.views.same.shape[1]} hypotheses, the outcomes of {number}")
+        if not (self.weights.min() >= 0.0 and (np.abs(self.weights.sum(axis=1) - 1.0) <= SUM_TOLERANCE).all()):
+            raise ValueError("each row of weights must be probabilities that sum to one")
+
+    @cached_property
+    def table(self) -> OutcomeTable:
+        """p(outcome | pose, shape), averaged over the hypotheses."""
+        num_groups, num_shapes, number, num_outcomes = self.outcomes.shape
+        per_shape = [_merged(*row) for row in zip(self.chosen, self.weights, strict=True)]
+        lengths = [len(which) for which, _ in per_shape]
+        which, weights = (np.concatenate(column) for column in zip(*per_shape, strict=True))
+        starts = np.repeat(np.arange(num_shapes) * number, lengths)
+        found = np.empty((len(self.views.groups), num_shapes, num_outcomes))
+        for group in range(num_groups):
+            poses = np.flatnonzero(self.views.groups == group)
+            columns = self.views.same[np.ix_(poses, which)] + starts
+            ends = np.cumsum(np.tile(lengths, len(poses)))
+            rows = csr_array(
+                (np.tile(weights.astype(np.float32), len(poses)), columns.ravel(), np.concatenate([[0], ends])),
+                shape=(len(poses) * num_shapes, num_shapes * number),
+            )
+            found[poses] = (rows @ self.outcomes[group].reshape(-1, num_outcomes)).reshape(len(poses), num_shapes, -1)
+        return OutcomeTable(found)
+
+    def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
+        """See :meth:`OutcomeMixture.two_touches`."""
+        return self._whole.two_touches(pose, factors)
+
+    @cached_property
+    def _whole(self) -> OutcomeMixture:
+        """The same with the outcomes of every pose."""
+        same = self.views.same[:, self.chosen]  # (P, K, H)
+        shapes = np.arange(len(self.chosen))[None, :, None]
+        return OutcomeMixture(self.weights, self.outcomes[self.views.groups[:, None, None], shapes, same])
+
+
+def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """Each chosen hypothesis once, with the sum of its weights."""
+    which, place = np.unique(chosen, return_inverse=True)
+    return which, np.bincount(place, weights)
