@@ -9,11 +9,17 @@ from belief.problem import Floats
 from planners.decider import InformationState
 from planners.repeats import RepeatDiscount
 
-_OUTCOMES = 128
-_HYPOTHESES = 64
+OUTCOMES = 128
+HYPOTHESES = 64
 
 
-def next_touch(info: InformationState, table: OutcomeTable, repeats: RepeatDiscount) -> tuple[OutcomeTable, Floats]:
+def next_touch(
+    info: InformationState,
+    table: OutcomeTable,
+    repeats: RepeatDiscount,
+    outcomes: int = OUTCOMES,
+    hypotheses: int = HYPOTHESES,
+) -> tuple[OutcomeTable, Floats]:
     """The outcome table of the next touch, and the value of a touch in each pose as a fraction of that in the table.
 
     A mixture over hypotheses knows what a repeat tells, so its poses all have weight one.
@@ -22,6 +28,8 @@ def next_touch(info: InformationState, table: OutcomeTable, repeats: RepeatDisco
         info: the information state.
         table: p(outcome | pose, shape) of single touches, for models that take touches as independent given the shape.
         repeats: discounts the value of repeated poses, for the same models.
+        outcomes: of a mixture, at most.
+        hypotheses: about the object that a mixture works with, of each shape, at most.
 
     Returns:
         The table, and weights in [0, 1], ``(P,)``; a pose with weight zero is not used.
@@ -33,7 +41,7 @@ def next_touch(info: InformationState, table: OutcomeTable, repeats: RepeatDisco
     [1.0]
     """
     evidence = info.evidence
-    mixture = None if evidence is None else evidence.outcome_mixture(_OUTCOMES, _HYPOTHESES)
+    mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)
     if mixture is None:
         return table, repeats.weights(info.uses)
     return mixture.table, np.ones(info.problem.num_poses)

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from belief import Probe
 from belief.bayes import expected_information_gain, target_information_gain
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from belief.validation import require_count
 from planners.decider import Decision, InformationState, require_fit
-from planners.next_touch import next_touch
+from planners.next_touch import HYPOTHESES, OUTCOMES, next_touch
+from planners.pairs_of_touches import best_pairs
 from planners.repeats import LeastUsedFirst, RepeatDiscount
+
+_BLIND = 0.01  # gain of a touch [nats]
+_ALIKE = 1e-9  # difference of gains [nats]
+_OUTCOMES_OF_PAIRS = 64
 
 
 @dataclass(frozen=True)
@@ -22,6 +30,37 @@ class FixedOrder:
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         return Decision(Probe(len(info.history) % info.problem.num_poses), {"target_prob": info.target_prob})
+
+
+@dataclass(frozen=True)
+class GivenOrder:
+    """Poses in a given order, repeated: for example the best fixed order that was found on other objects.
+
+    Attributes:
+        order: labels of poses; those that are missing come last, as the problem has them.
+
+    Raises:
+        InvalidArgument: the order has no pose, or one twice.
+    """
+
+    order: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.order or len(set(self.order)) < len(self.order):
+            raise InvalidArgument(f"an order needs at least one pose, and each at most once, got {self.order}")
+
+    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
+        """See :class:`planners.decider.ProbeSelector`.
+
+        Raises:
+            UnknownName: the problem has no such pose.
+        """
+        labels = tuple(info.problem.pose_labels)
+        if unknown := [label for label in self.order if label not in labels]:
+            raise UnknownName("pose", unknown[0], list(labels))
+        order = [*self.order, *(label for label in labels if label not in self.order)]
+        label = order[len(info.history) % len(order)]
+        return Decision(Probe(labels.index(label)), {"target_prob": info.target_prob})
 
 
 @dataclass(frozen=True)
@@ -45,16 +84,44 @@ class TargetInformationGain:
     Attributes:
         table: p(outcome | pose, shape) of single touches.
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
+        outcomes: of a mixture, at most: more are more accurate and slower.
+        hypotheses: about the object that a mixture works with, of each shape, at most.
+        depth: 2 to choose by the gain of two touches where one is blind, that is, tells less than 0.01 nats.
+        given: "body", or "shape" for the table even where there is a mixture; poses that are alike to it are then
+            drawn at random. It is the baseline for what orientation and size are worth.
+
+    Raises:
+        InvalidArgument: a setting is out of its range.
     """
 
     table: OutcomeTable
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
+    outcomes: int = OUTCOMES
+    hypotheses: int = HYPOTHESES
+    depth: int = 1
+    given: Literal["body", "shape"] = "body"
+
+    def __post_init__(self) -> None:
+        for name in ("outcomes", "hypotheses"):
+            require_count(name, getattr(self, name))
+        if self.depth not in (1, 2):
+            raise InvalidArgument(f"depth must be 1 or 2, got {self.depth!r}")
+        if self.given not in ("body", "shape"):
+            raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""
         require_fit(self.table, info.problem)
-        table, weights = next_touch(info, self.table, self.repeats)
-        return _best(info, target_information_gain(info.belief.probs, table.probs, info.target), weights)
+        if self.given == "shape":
+            gains = target_information_gain(info.belief.probs, self.table.probs, info.target)
+            return _best(info, gains, self.repeats.weights(info.uses), rng)
+        table, weights = next_touch(info, self.table, self.repeats, self.outcomes, self.hypotheses)
+        gains = target_information_gain(info.belief.probs, table.probs, info.target)
+        if self.depth == 2 and gains.max() < _BLIND and info.evidence is not None:
+            mixture = info.evidence.outcome_mixture(_OUTCOMES_OF_PAIRS, self.hypotheses)
+            if mixture is not None:
+                gains = best_pairs(mixture, info.belief.probs, info.target, gains)
+        return _best(info, gains, weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +142,15 @@ class ShapeInformationGain:
         return _best(info, expected_information_gain(info.belief.probs, table.probs), weights)
 
 
-def _best(info: InformationState, gains: Floats, weights: Floats) -> Decision:
+def _best(
+    info: InformationState, gains: Floats, weights: Floats, tie_breaker: np.random.Generator | None = None
+) -> Decision:
+    """The best pose; of equally good ones the least used, then the lowest, or one at random."""
     uses = info.uses
     values = np.where(weights > 0.0, gains * weights, -np.inf)
-    best = np.flatnonzero(values == values.max())
+    best = np.flatnonzero(values >= values.max() - (0.0 if tie_breaker is None else _ALIKE))
+    if tie_breaker is not None:
+        best = tie_breaker.permutation(best)
     labels = info.problem.pose_labels
     scores = {f"gain_{label}": float(gain) for label, gain in zip(labels, gains * weights, strict=True)}
     return Decision(Probe(int(best[uses[best].argmin()])), {"target_prob": info.target_prob, **scores})

@@ -11,15 +11,17 @@ from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Any
+from typing import Any, Literal
 
 from belief.errors import ActiveTouchError, MissingPackage
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.references import BadReference, Reference, build, find
 from planners.decider import Decider, ProbeSelector, SequentialDecider, StoppingRule
+from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.point_based import ROUNDS, PointBased
+from planners.pose_order import read_order
 from planners.ppo import PPODecider
-from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
+from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.random_confirm import RandomConfirm
 from planners.repeats import repeat_discount
 from planners.sb3_policy import PREFIX, SB3Policy
@@ -112,6 +114,21 @@ def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 
     return StopOverride(PosteriorThresholds(confirm, reject, max_touches), ppo, fallback=ppo)
 
 
+def _information_gain(
+    table: OutcomeTable,
+    outcomes: int = OUTCOMES,
+    hypotheses: int = HYPOTHESES,
+    depth: int = 1,
+    given: Literal["body", "shape"] = "body",
+) -> ProbeSelector:
+    return TargetInformationGain(table, outcomes=outcomes, hypotheses=hypotheses, depth=depth, given=given)
+
+
+def _best_order(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
+    """Posterior thresholds, with the poses in the best fixed order that was found on other objects."""
+    return SequentialDecider(PosteriorThresholds(confirm, reject, max_touches), GivenOrder(read_order(policies)))
+
+
 DECIDERS: Mapping[str, Builder] = MappingProxyType(
     {
         "random_confirm": RandomConfirm,
@@ -127,8 +144,9 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the target.",
             PosteriorThresholds,
-            lambda table: TargetInformationGain(table),
+            _information_gain,
         ),
+        "best_order": _best_order,
         "shape_information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the shape.",
             PosteriorThresholds,

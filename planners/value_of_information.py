@@ -27,7 +27,7 @@ import numpy as np
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import Outcomes
 from belief.problem import Floats
 from belief.validation import require_count
 from planners.continuation_value import ContinuationValue
@@ -36,6 +36,7 @@ from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
 _TIE_IN_SINGLE = 1e-6  # the same, for values that were computed in single precision
+_CANDIDATES = 12  # first poses, the best by a single touch, after which a second touch is looked into
 _OUTCOMES = 64
 _HYPOTHESES = 64
 
@@ -112,13 +113,14 @@ class ValueOfInformation:
         mixture = None if evidence is None else evidence.outcome_mixture(_OUTCOMES, _HYPOTHESES)
         return self._by_table(info, payoffs) if mixture is None else self._by_mixture(mixture, info, payoffs)
 
-    def _by_mixture(self, mixture: OutcomeMixture, info: InformationState, payoffs: Floats) -> Floats:
+    def _by_mixture(self, mixture: Outcomes, info: InformationState, payoffs: Floats) -> Floats:
         """:meth:`probe_values` for outcomes that depend on the touches so far."""
         joint = info.belief.probs[:, None] * mixture.table.probs  # (P, K, M), p(shape, outcome)
         stop = np.einsum("jk,pkm->jpm", payoffs, joint).max(axis=0)
         if self.depth == 2:
             factors, chance = payoffs * info.belief.probs, joint.sum(axis=1)
-            for pose in range(len(stop)):
+            best = np.argsort(-stop.sum(axis=1), kind="stable")[:_CANDIDATES]
+            for pose in np.sort(best).tolist():
                 second = mixture.two_touches(pose, factors).max(axis=0).sum(axis=2)  # (M, P')
                 again = second.max(axis=1) - (info.problem.touch_cost + _TIE_IN_SINGLE) * chance[pose]
                 stop[pose] = np.maximum(stop[pose], again)

@@ -18,7 +18,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 
 from belief.frozen import frozen
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import Outcomes
 from belief.problem import Floats, Touch
 
 
@@ -43,7 +43,7 @@ class ObjectEvidence(Protocol):
     def update(self, touch: Touch) -> Self:
         """The evidence with one more touch."""
 
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | None:
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
         """The outcomes of the next touch, given these touches; None where they do not depend on them.
 
         Args:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,17 @@ from belief.problem import Floats
 from belief.validation import SUM_TOLERANCE
 
 _NEGLIGIBLE = 1e-10  # below the rounding of single precision; products of smaller numbers would be slow
+
+
+class Outcomes(Protocol):
+    """The outcomes of the next touches of an object, given the touches so far."""
+
+    @property
+    def table(self) -> OutcomeTable:
+        """p(outcome | pose, shape)."""
+
+    def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
+        """See :meth:`OutcomeMixture.two_touches`."""
 
 
 @dataclass(frozen=True, eq=False)
