@@ -36,6 +36,7 @@ class NamedScene:
         scene: determines the touches.
         num_objects: number of objects of a search.
         composition: prior of their shapes.
+        touches_per_object: touch limit of a search, per object.
         backbone: a key of :data:`activetouch.perception.backbones.BACKBONES`.
         input_size: edge of the classifier's images [pixels].
     """
@@ -43,6 +44,7 @@ class NamedScene:
     scene: Scene = field(default_factory=Scene)
     num_objects: int = 4
     composition: Composition = Composition.DISTINCT
+    touches_per_object: int = 12
     backbone: str = "cnn"
     input_size: int = 32
 
@@ -85,6 +87,7 @@ SCENES: Mapping[str, NamedScene] = MappingProxyType(
                 press_model=Quasistatic(),
                 renderer=PressureRenderer(binning=2),
             ),
+            touches_per_object=26,
             input_size=16,
         ),
     }

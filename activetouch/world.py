@@ -203,7 +203,7 @@ def _shift(
     card.require_labels(scene.shape_labels, scene.pose_labels)
     _require_model(model, scene)
     here = scene_fields(scene)
-    found = require_scene(f"the reader in {folder}", card.scene, here, anyway)
+    found = require_scene(f"the reader in {folder}", card.in_poses_of(here), here, anyway)
     card.require_images(scene.image_shape)
     return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted_to, here, anyway)))
 

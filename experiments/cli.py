@@ -51,6 +51,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "collect": Command("sensor.collect:Collect", "record touches of thousands of objects"),
         "train": Command("sensor.train:Train", "train a classifier on a collection"),
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
+        "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
         "adapt": Command("robustness.adapt:Adapt", "fit a sensor to another world by a few objects"),
         "learning-curve": Command("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
         "frontier": Command("sensor.frontier:Frontier", "accuracy against time and size, per network"),

@@ -123,13 +123,15 @@ class SceneChoice:
     """A named scene and changes to it."""
 
     scene: str = "gel"
-    """Scene: paper, coarse, gel, hard or many; or module:attribute of your own scene."""
+    """Scene: paper, coarse, gel, hard, many or keyed; or module:attribute of your own scene."""
     fidelity: FidelityName | None = None
     """Press model; that of the scene by default."""
     renderer: str | None = None
     """Renderer: force_patch, pressure or gelsight; or module:attribute of your own; that of the scene by default."""
     presentation: PresentationName | None = None
     """Distribution of object orientations; that of the scene by default."""
+    poses: str | None = None
+    """Set of poses: mix (six) or directions26; that of the scene by default."""
     meshes: tuple[Path, ...] = ()
     """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; the file name without its ending becomes the shape's name."""
     mesh_scale: Positive = 1.0
@@ -158,6 +160,8 @@ class SceneChoice:
             changes["renderer"] = renderer_named(self.renderer)
         if self.presentation is not None:
             changes["presentation"] = PRESENTATIONS[self.presentation]
+        if self.poses is not None:
+            changes |= {"poses": self.poses, "aims": {}}
         if self.robot is not None:
             changes["robot"] = self.robot
         if self.meshes:
@@ -177,7 +181,8 @@ class SceneChoice:
 
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""
-        return {**asdict(self), "meshes": [str(path) for path in self.meshes]}
+        plain = {**asdict(self), "meshes": [str(path) for path in self.meshes]}
+        return {name: value for name, value in plain.items() if name != "poses" or value is not None}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> SceneChoice:

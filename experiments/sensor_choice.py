@@ -69,7 +69,13 @@ def scene_words(choice: SceneChoice) -> list[str]:
 
 def sensor_commands(choice: SceneChoice) -> str:
     """The commands that make a sensor for a scene, one per line, and the flag that selects it."""
-    changes = [choice.fidelity, choice.renderer, choice.presentation, *(path.stem for path in choice.meshes)]
+    changes = [
+        choice.fidelity,
+        choice.renderer,
+        choice.presentation,
+        choice.poses,
+        *(path.stem for path in choice.meshes),
+    ]
     name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
     sensor, scene = Path(f"runs/sensor-{name}"), scene_words(choice)
@@ -281,7 +287,8 @@ def require_collection(
     flag = "" if anyway is None else "To use it all the same, add --anyway."
     if card.scene is None and not anyway:
         raise WrongScene(f"the reader does not say of which scene its touches were. {flag}")
-    wanted = {"the reader's scene": card.scene} if card.scene is not None else {}
+    reads = card.in_poses_of(manifest.scene)
+    wanted = {"the reader's scene": reads} if reads is not None else {}
     require_scene_of(folder, manifest, {**wanted, **_named_fields(scene)}, repeats, flag, bool(anyway))
     try:
         card.require_images(manifest.image_shape)

@@ -40,7 +40,9 @@ def greedy_order(
     ([1, 0], [0.105, 0.105])
     """
     rows, left = np.arange(len(shapes)), list(range(len(log_ratios)))
-    weights, order, losses = np.zeros(log_ratios.shape[1:], np.float32), [], []
+    order: list[int] = []
+    losses: list[float] = []
+    weights = np.zeros(log_ratios.shape[1:], np.float32)
     for _ in range(length):
         found = []
         for pose in left:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,12 @@ _BODY = {
     "frictions": np.float64,
     "stiffnesses": np.float64,
 }
-_WIDTHS = {"rests": (4,), "orientations": (4,), "offsets": (2,)}  # of a column's rows; one number in all others
+_WIDTHS = {
+    "rests": (4,),
+    "orientations": (4,),
+    "offsets": (2,),
+    "aims": (2,),
+}  # of a column's rows; else one number
 _NUMBERS = {
     "shapes": np.int64,
     "object_ids": np.int64,
@@ -88,7 +93,10 @@ class TouchSet:
         frictions: friction coefficient of the object, ``(N,)``.
         stiffnesses: of the object's skin together with the pad's layer, relative to the layer's alone, ``(N,)``.
 
-    The last six are NaN where they are not given: touches from elsewhere come without them.
+        aims: the offset that the pose asks for, along y and z [m], ``(N, 2)``; a file does not have it, because it
+            follows from pose and scene.
+
+    The last seven are NaN where they are not given: touches from elsewhere come without them.
     """
 
     images: NDArray[np.uint8]
@@ -103,9 +111,10 @@ class TouchSet:
     offsets: NDArray[np.float64] = field(default_factory=_unknown)
     frictions: NDArray[np.float64] = field(default_factory=_unknown)
     stiffnesses: NDArray[np.float64] = field(default_factory=_unknown)
+    aims: NDArray[np.float64] = field(default_factory=_unknown)
 
     def __post_init__(self) -> None:
-        for name in _BODY:
+        for name in (*_BODY, "aims"):
             if np.ndim(getattr(self, name)) == 0:
                 object.__setattr__(self, name, np.full((len(self.images), *_WIDTHS.get(name, ())), np.nan))
 
@@ -151,7 +160,7 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
             felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
             surface = (placed.scale, placed.offset, placed.friction, placed.stiffness)
             rows.append((*felt, thing.orientation, placed.orientation, *surface))
-    names = TouchSet.__dataclass_fields__
+    names = [name for name in TouchSet.__dataclass_fields__ if name != "aims"]
     arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
     arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
     with atomic_path(path) as temporary:
@@ -249,7 +258,13 @@ def read_split(folder: Path, split: str) -> TouchSet:
             )
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
-    return TouchSet(**columns)
+    return TouchSet(**columns, aims=aims_of(manifest.scene, manifest.pose_labels)[columns["poses"]])
+
+
+def aims_of(scene: Mapping[str, Any], pose_labels: Sequence[str]) -> NDArray[np.float64]:
+    """The aims of poses in the fields of a scene, ``(P, 2)`` [m]; zero where it says none."""
+    found = dict(scene.get("aims", {"entries": []})["entries"])
+    return np.array([found.get(label, (0.0, 0.0)) for label in pose_labels], np.float64)
 
 
 def _parse(data: bytes, path: Path, remedy: str) -> TouchSet:
@@ -258,7 +273,7 @@ def _parse(data: bytes, path: Path, remedy: str) -> TouchSet:
         raise CorruptFile(f"{path} is no shard: it does not begin like an npz file. {remedy}")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            contents = {name: io.BytesIO(archive.read(f"{name}.npy")) for name in TouchSet.__dataclass_fields__}
+            contents = {name: io.BytesIO(archive.read(f"{name}.npy")) for name in ("images", *_NUMBERS)}
             return TouchSet(**{n: np.lib.format.read_array(c, allow_pickle=False) for n, c in contents.items()})
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
         raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error

@@ -38,6 +38,8 @@ class ClassifierCard:
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         log_stiffness_mean, log_stiffness_std: they do so for the stiffness; the spread is 0 where all training touches
             had the same, and hypotheses then have none.
+        aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
+            and hypotheses then have none.
     """
 
     backbone: str
@@ -56,14 +58,36 @@ class ClassifierCard:
     log_size_std: float = 1.0
     log_stiffness_mean: float = 0.0
     log_stiffness_std: float = 0.0
+    aim_scale: float = 0.0
 
     @property
     def knows_stiffness(self) -> bool:
         """Whether a hypothesis is about the stiffness too."""
         return self.log_stiffness_std > 0.0
 
+    @property
+    def knows_aims(self) -> bool:
+        """Whether a hypothesis is about a touch with an intended offset."""
+        return self.aim_scale > 0.0
+
+    @property
+    def num_inputs(self) -> int:
+        """Numbers that describe a hypothesis: shape, rotation, size, and the stiffness and aim that it may have."""
+        return len(self.shape_labels) + 10 + self.knows_stiffness + 2 * self.knows_aims
+
+    @property
+    def knows_orientations(self) -> bool:
+        """Whether it embeds hypotheses about the orientation in front of the pad, so that any poses will do."""
+        return self.embedding > 0
+
+    def in_poses_of(self, scene: Mapping[str, Any]) -> Mapping[str, Any] | None:
+        """The fields of its scene, with the poses of another one if it knows orientations."""
+        if self.scene is None or not self.knows_orientations or "poses" not in scene:
+            return self.scene
+        return {**self.scene, "poses": scene["poses"]}
+
     def require_labels(self, shape_labels: tuple[str, ...], pose_labels: tuple[str, ...]) -> None:
-        """Check that the reader was trained for these shapes and poses.
+        """Check that the reader was trained for these shapes and poses; for any poses if it knows orientations.
 
         Raises:
             LabelMismatch: it was not; the message names both lists.
@@ -72,7 +96,7 @@ class ClassifierCard:
             ("shapes", self.shape_labels, shape_labels),
             ("poses", self.pose_labels, pose_labels),
         ):
-            if mine != wanted:
+            if mine != wanted and not (what == "poses" and self.knows_orientations):
                 raise LabelMismatch(
                     f"the reader knows the {what} {list(mine)}, the scene has {list(wanted)}; this scene needs a "
                     "reader of its own"
@@ -95,9 +119,10 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about stiffness where it is not known."""
-        stiffness = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
-        return {name: value for name, value in asdict(self).items() if name not in stiffness}
+        """Its fields, as a file has them: nothing about stiffness and aims where they are not known."""
+        absent = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
+        absent += () if self.knows_aims else ("aim_scale",)
+        return {name: value for name, value in asdict(self).items() if name not in absent}
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:

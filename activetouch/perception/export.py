@@ -87,8 +87,15 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
     rng = np.random.default_rng(0)
     sizes = rng.permutation(touches.sizes)[: len(rows)].astype(np.float32)
     stiffnesses = rng.permutation(touches.stiffnesses)[: len(rows)].astype(np.float32)
-    knows = classifier.card.knows_stiffness
-    return HypothesisEmbedding(classifier.card, layers, rotations, sizes, stiffnesses if knows else None)
+    card = classifier.card
+    return HypothesisEmbedding(
+        card,
+        layers,
+        rotations,
+        sizes,
+        stiffnesses if card.knows_stiffness else None,
+        touches.aims[rows].astype(np.float32) if card.knows_aims else None,
+    )
 
 
 def _in_half_precision(model: ModelProto) -> bytes:

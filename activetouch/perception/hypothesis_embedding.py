@@ -18,7 +18,7 @@ _CACHED = 1 << 15  # numbers of an array that stay in the cache
 _ERFC = tuple(np.float32(c) for c in (1.061405429, -1.453152027, 1.421413741, -0.284496736, 0.254829592))
 _IMAGES = 64  # whose logits are computed at a time
 _LAYER, _ROTATIONS, _SIZES = "hypothesis", "hypotheses.rotations", "hypotheses.sizes"
-_STIFFNESSES = "hypotheses.stiffnesses"
+_STIFFNESSES, _AIMS = "hypotheses.stiffnesses", "hypotheses.aims"
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,12 @@ class HypothesisEmbedding:
     Attributes:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, the standardised log size and, where the card knows stiffness,
-            its standardised logarithm.
+            entries of the rotation matrix row by row, the standardised log size and, where the card knows them, the
+            standardised log stiffness and the scaled aim.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
         stiffnesses: of the fixed hypotheses, ``(M,)``; all 1 if not given.
+        aims: of the fixed hypotheses, ``(M, 2)`` [m]; all 0 if not given.
 
     Raises:
         ValueError: the arrays do not fit each other or the card.
@@ -43,9 +44,10 @@ class HypothesisEmbedding:
     rotations: Floats32
     sizes: Floats32
     stiffnesses: Floats32 | None = None
+    aims: Floats32 | None = None
 
     def __post_init__(self) -> None:
-        width = len(self.card.shape_labels) + 10 + self.card.knows_stiffness
+        width = self.card.num_inputs
         for number, (weight, bias) in enumerate(self.layers):
             if weight.ndim != 2 or weight.shape != (len(bias), width):
                 raise ValueError(f"layer {number} of the hypotheses must read {width} numbers, got {weight.shape}")
@@ -57,6 +59,8 @@ class HypothesisEmbedding:
         stiffnesses = self.stiffnesses
         if stiffnesses is not None and not (stiffnesses.shape == self.sizes.shape and (stiffnesses > 0).all()):
             raise ValueError("the fixed hypotheses must have positive stiffnesses (M,)")
+        if self.aims is not None and self.aims.shape != (len(self.sizes), 2):
+            raise ValueError("the fixed hypotheses must have aims (M, 2)")
 
     def embed(
         self,
@@ -64,6 +68,7 @@ class HypothesisEmbedding:
         rotations: NDArray[Any],
         sizes: NDArray[Any],
         stiffnesses: NDArray[Any] | None = None,
+        aims: NDArray[Any] | None = None,
     ) -> Floats32:
         """Embeddings of hypotheses.
 
@@ -72,6 +77,8 @@ class HypothesisEmbedding:
             rotations: from the object's frame to the pad's, ``(H, 3, 3)``.
             sizes: relative to the nominal size, ``(H,)``.
             stiffnesses: relative to the pad's, ``(H,)``; all 1 if not given. They count only where the card knows them.
+            aims: intended offsets of the touch, along y and z [m], ``(H, 2)``; all 0 if not given. They count only
+                where the card knows them.
 
         Returns:
             ``(H, D)``.
@@ -81,17 +88,22 @@ class HypothesisEmbedding:
         """
         number, num_shapes = len(shapes), len(self.card.shape_labels)
         stiffnesses = np.ones(number) if stiffnesses is None else stiffnesses
+        aims = np.zeros((number, 2)) if aims is None else aims
         if rotations.shape != (number, 3, 3) or not np.shape(sizes) == np.shape(stiffnesses) == (number,):
             raise ValueError(
                 f"{number} shapes need rotations ({number}, 3, 3), sizes ({number},) and stiffnesses ({number},), got "
                 f"{rotations.shape}, {np.shape(sizes)} and {np.shape(stiffnesses)}"
             )
+        if np.shape(aims) != (number, 2):
+            raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
         if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
             raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
         card = self.card
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
         if card.knows_stiffness:
             numbers.append((np.log(stiffnesses) - card.log_stiffness_mean) / card.log_stiffness_std)
+        if card.knows_aims:
+            numbers += list(aims.T / card.aim_scale)
         standard = np.stack(numbers, axis=1)
         found = np.empty((number, self.card.embedding), np.float32)
         for first in range(0, number, _AT_ONCE):
@@ -113,6 +125,7 @@ class HypothesisEmbedding:
             np.tile(self.rotations, (num_shapes, 1, 1)),
             np.tile(self.sizes, num_shapes),
             None if self.stiffnesses is None else np.tile(self.stiffnesses, num_shapes),
+            None if self.aims is None else np.tile(self.aims, (num_shapes, 1)),
         )
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
@@ -129,6 +142,8 @@ class HypothesisEmbedding:
         found: dict[str, NDArray[Any]] = {_ROTATIONS: self.rotations, _SIZES: self.sizes}
         if self.stiffnesses is not None:
             found[_STIFFNESSES] = self.stiffnesses
+        if self.aims is not None:
+            found[_AIMS] = self.aims
         for number, (weight, bias) in enumerate(self.layers):
             found[f"{_LAYER}.{number}.weight"] = weight.astype(np.float16)
             found[f"{_LAYER}.{number}.bias"] = bias.astype(np.float16)
@@ -150,7 +165,7 @@ class HypothesisEmbedding:
             )
             for layer in range(number)
         )
-        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES))
+        return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES), tensors.get(_AIMS))
 
 
 def _logsumexp(scores: Floats32) -> Floats32:

@@ -25,12 +25,14 @@ class Hypotheses(NamedTuple):
         orientations: unit quaternions ``wxyz`` from the object's frame to the pad's, ``(H, 4)``.
         sizes: relative to the nominal size, ``(H,)``.
         stiffnesses: relative to the pad's, ``(H,)``.
+        aims: intended offset of the touch, along y and z [m], ``(H, 2)``.
     """
 
     shapes: Tensor
     orientations: Tensor
     sizes: Tensor
     stiffnesses: Tensor
+    aims: Tensor
 
     def select(self, rows: Tensor | slice) -> Hypotheses:
         """Some of them, by index."""
@@ -45,7 +47,7 @@ class HypothesisNetwork(nn.Sequential):
     """A multilayer perceptron with GELU between layers, to ``(H, D)``.
 
     Its inputs are the one-hot shape, the rotation matrix, the standardised log size and, where training touches
-    differed in it, the standardised log stiffness.
+    differed in them, the standardised log stiffness and the scaled aim.
 
     Args:
         card: says which shapes there are, the length D of an embedding, and how to standardise.
@@ -53,7 +55,7 @@ class HypothesisNetwork(nn.Sequential):
 
     def __init__(self, card: ClassifierCard) -> None:
         layers: list[nn.Module] = []
-        width = len(card.shape_labels) + 10 + card.knows_stiffness
+        width = card.num_inputs
         for _ in range(HIDDEN_LAYERS):
             layers += [nn.Linear(width, WIDTH), nn.GELU()]
             width = WIDTH
@@ -68,6 +70,8 @@ class HypothesisNetwork(nn.Sequential):
         columns = [kinds, rotation_matrices(hypotheses.orientations).flatten(1), log_sizes[:, None]]
         if card.knows_stiffness:
             columns.append(((hypotheses.stiffnesses.log() - card.log_stiffness_mean) / card.log_stiffness_std)[:, None])
+        if card.knows_aims:
+            columns.append(hypotheses.aims / card.aim_scale)
         return super().forward(torch.cat(columns, dim=1).float())
 
 

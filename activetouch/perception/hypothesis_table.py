@@ -83,7 +83,8 @@ class HypothesisTable:
         numbers = (np.tile(bodies.sizes, num_shapes), np.tile(bodies.stiffnesses, num_shapes))
         rotation = self.scene.rotations[self.scene.pose_labels[pose]]
         rotations = np.tile(to_matrices(turned(rotation, bodies.rests)), (num_shapes, 1, 1))
-        return self.reader.embed(shapes, rotations, *numbers).reshape(num_shapes, num_hypotheses, -1)
+        aims = np.tile(self.scene.aim_offsets[pose], (len(shapes), 1))
+        return self.reader.embed(shapes, rotations, *numbers, aims).reshape(num_shapes, num_hypotheses, -1)
 
     @property
     def groups(self) -> tuple[int, ...]:

@@ -78,11 +78,11 @@ class Contrast:
     """The negative log probability of a touch's own hypothesis among others, plus that of its shape.
 
     The first term is InfoNCE (van den Oord et al. 2018). The others are those of the batch's other touches and fresh
-    draws from the prior: each shape equally often; orientation, size and stiffness each those of a random training
-    touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image (Gutmann &
-    Hyvärinen 2010; Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood is the mean
-    over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the belief is
-    asked for.
+    draws from the prior: each shape equally often; orientation with aim, size and stiffness each those of a random
+    training touch. The minimiser over all functions is log p(o | k, R, s, c) / p(o) up to a constant of the image
+    (Gutmann & Hyvärinen 2010; Durkan et al. 2020). The second term is the cross-entropy of the shape, whose likelihood
+    is the mean over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the
+    belief is asked for.
 
     Args:
         train: what is learned from, with known orientations and sizes.
@@ -100,7 +100,8 @@ class Contrast:
         number = max(number, self._num_shapes)
         known, rows = self._known, torch.randint(len(self._known.shapes), (3, number), generator=chance)
         shapes = torch.arange(number) % self._num_shapes
-        return Hypotheses(shapes, known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
+        body = (known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
+        return Hypotheses(shapes, *body, known.aims[rows[0]])
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -164,7 +165,8 @@ def hypotheses_of(touches: TouchSet) -> Hypotheses:
     if not (np.isfinite(touches.orientations).all() and np.isfinite(touches.sizes).all()):
         raise ValueError("these touches do not say in which orientation and of which size the objects were")
     stiffnesses = np.where(np.isnan(touches.stiffnesses), 1.0, touches.stiffnesses)
-    columns = (touches.orientations, touches.sizes, stiffnesses)
+    aims = np.nan_to_num(touches.aims)
+    columns = (touches.orientations, touches.sizes, stiffnesses, aims)
     return Hypotheses(torch.from_numpy(touches.shapes), *(torch.from_numpy(column).float() for column in columns))
 
 
@@ -172,7 +174,9 @@ def turned(hypotheses: Hypotheses, angles: Tensor) -> Hypotheses:
     """Hypotheses after a turn of the object about the approach axis, x, by an angle each [rad]."""
     turn = torch.zeros(len(angles), 4)
     turn[:, 0], turn[:, 1] = torch.cos(angles / 2), torch.sin(angles / 2)
-    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations))
+    (y, z), cosines, sines = hypotheses.aims.unbind(1), torch.cos(angles), torch.sin(angles)
+    aims = torch.stack([cosines * y - sines * z, sines * y + cosines * z], dim=1)
+    return hypotheses._replace(orientations=compose(turn, hypotheses.orientations), aims=aims)
 
 
 def jittered(orientations: Tensor, spread: float, chance: torch.Generator) -> Tensor:

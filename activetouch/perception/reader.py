@@ -102,6 +102,7 @@ class TactileReader:
         rotations: NDArray[Any],
         sizes: NDArray[Any],
         stiffnesses: NDArray[Any] | None = None,
+        aims: NDArray[Any] | None = None,
     ) -> NDArray[np.float32]:
         """Embeddings of hypotheses. See :meth:`HypothesisEmbedding.embed`.
 
@@ -110,7 +111,7 @@ class TactileReader:
         """
         if self.hypotheses is None:
             raise InvalidArgument("this reader tells shapes only; one that knows orientations is trained with its own")
-        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses)
+        return self.hypotheses.embed(shapes, rotations, sizes, stiffnesses, aims)
 
     def save(self, path: Path) -> None:
         """Write the reader, atomically.

@@ -241,7 +241,8 @@ class RigidBodyModel(ArrayModel):
         groups = tuple(int(group) for group in getattr(embed, "groups", ()))
         rows = data.rows_of_poses(_REFERENCES) if not groups else _rows_of_groups(data, np.array(groups))
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
-        model = cls(data.shape_labels, embed, num_hypotheses, 1.0, *kept, groups=groups)
+        hypotheses = embed if groups else embed(num_hypotheses)
+        model = cls(data.shape_labels, hypotheses, num_hypotheses, 1.0, *kept, groups=groups)
         model, conflict = fitted(model, data)
         return replace(model, conflict=conflict)
 

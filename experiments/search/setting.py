@@ -34,8 +34,6 @@ from planners import Decider, Episode, make_decider, search_lockstep
 from planners.abstaining import Abstaining
 from planners.search import TouchRequest
 
-_TOUCHES_PER_OBJECT = 12  # touch limit of a search, per object
-
 
 @dataclass(frozen=True)
 class Setting:
@@ -125,7 +123,7 @@ class Setting:
             num_objects=num_objects,
             composition=named.composition if self.composition is None else Composition(self.composition),
             touch_cost=self.touch_cost,
-            touch_limit=_TOUCHES_PER_OBJECT * num_objects,
+            touch_limit=named.touches_per_object * num_objects,
             unsure_reward=None if self.abstain is None else self.unsure_reward,
         )
 

@@ -89,7 +89,7 @@ class Calibrate:
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         known = read_touches(reader, calibration, "reading calibration touches")
         tested = read_touches(reader, test, "reading test touches")
-        print("choosing the observation model by cross-validation …")
+        print("fitting the observation model …")
         touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
         labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
         candidates = candidate_models(chosen_from, reader, scene if scene is not None else scene_of(manifest))
@@ -216,11 +216,12 @@ def _show(evaluation: dict[str, Any], choice: ModelChoice) -> None:
     fused_low, fused_high = evaluation["fused_accuracy_interval"]
     e, labels = evaluation, choice.model.shape_labels
     losses = ", ".join(f"{name} {loss:.4f}" for name, loss in sorted(choice.losses.items(), key=lambda pair: pair[1]))
+    chosen = f" (cross-validated sequence NLL: {losses})" if losses else ""
     console.print(
         f"{e['num_touches']} test touches of {e['num_objects']} unseen objects\n"
         f"single touch: accuracy {e['accuracy']:.4f} [{low:.4f}, {high:.4f}]\n"
         f"from force and depth alone, without the image: {e['depth_and_force_accuracy']:.4f}\n"
-        f"observation model: {choice.name} (cross-validated sequence NLL: {losses})\n"
+        f"observation model: {choice.name}{chosen}\n"
         f"single touch, from raw to calibrated: NLL {e['nll_raw']:.4f} → {e['nll_calibrated']:.4f}, "
         f"ECE {e['ece_raw']:.4f} → {e['ece_calibrated']:.4f}\n"
         f"an object's first touch in every pose fused: accuracy {e['fused_accuracy']:.4f} "

@@ -222,6 +222,7 @@ def card_for(
         log_size_mean=round(float(log_sizes.mean()), 4) if embedding else 0.0,
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
         **(_stiffness_fields(train.stiffnesses) if embedding else {}),
+        aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
     )
 
 

@@ -257,7 +257,7 @@ CALLS = {
         np.arange(4),
         shape_labels=LABELS,
         num_poses=2,
-        candidates={"confusion": observation_model.ConfusionModel.fit},
+        candidates=dict.fromkeys(("confusion", "again"), observation_model.ConfusionModel.fit),
         num_folds=2,
     ).losses["confusion"],
     "random_model": lambda a: synthetic.random_model(rng(), 2, 1, float(a[0, 0])).probs,

@@ -39,7 +39,8 @@ def test_a_turned_image_is_the_image_of_the_turned_object(seed, rng):
     chance = torch.Generator().manual_seed(seed)
     shown, angles = augment(image, Symmetry.ROTATIONS, 0.0, chance)
     kinds, sizes = torch.zeros(1, dtype=torch.long), torch.ones(1)
-    orientation = turned(Hypotheses(kinds, orientation, sizes, torch.ones_like(sizes)), angles).orientations
+    body = Hypotheses(kinds, orientation, sizes, torch.ones_like(sizes), torch.zeros(len(sizes), 2))
+    orientation = turned(body, angles).orientations
     pressed = (255 * image_of(orientation[0])).round()
     assert np.abs(pressed - shown[0].numpy()).max() <= 2
     if float(angles[0]):
@@ -51,7 +52,7 @@ def test_small_rotations_turn_the_label_the_same_way(rng):
     image = torch.from_numpy((255 * image_of(orientation[0])).round().astype(np.uint8))[None]
     shown, angles = augment(image, Symmetry.ROTATIONS, 30.0, torch.Generator().manual_seed(1))
     one = torch.ones(1)
-    body = Hypotheses(torch.zeros(1, dtype=torch.long), orientation, one, one)
+    body = Hypotheses(torch.zeros(1, dtype=torch.long), orientation, one, one, torch.zeros(1, 2))
     there, back = (turned(body, sign * angles).orientations for sign in (1, -1))
     errors = [np.abs(255 * image_of(there_or_back[0]) - shown[0].numpy()).mean() for there_or_back in (there, back)]
     assert errors[0] < 0.3 * errors[1]

@@ -1,0 +1,59 @@
+"""Cut and joined solids: the same rays as the polyhedra and meshes that they are."""
+
+import numpy as np
+import pytest
+
+from activetouch.poses import random_orientation, to_matrix
+from activetouch.shapes import KEYED_SHAPES, Box, ConvexPolyhedron, Cut, Cylinder, Sphere, Union
+
+CUBE = Box((0.016, 0.016, 0.016))
+
+
+def rays(rng, n=300):
+    rotation = to_matrix(random_orientation(rng))
+    starts = np.stack([np.full(n, -0.08), *rng.uniform(-0.03, 0.03, size=(2, n))])
+    return rotation.T @ starts, rotation.T[:, 0]
+
+
+@pytest.mark.parametrize("name", ["cube_cut", "cube_cut_twice", "cube_chamfered"])
+def test_a_cut_cube_is_the_polyhedron_of_its_remaining_corners(name, rng):
+    cut = KEYED_SHAPES[name]
+    same = ConvexPolyhedron(tuple(map(tuple, cut.geom.vertices.tolist())))
+    for _ in range(20):
+        some = rays(rng)
+        np.testing.assert_allclose(cut.entry_distance(*some), same.entry_distance(*some), atol=1e-9)
+
+
+def test_a_flat_is_where_it_was_cut_and_nowhere_else(rng):
+    shaft, flat = KEYED_SHAPES["shaft"], KEYED_SHAPES["shaft_flat"]
+    above = np.array([[0.05], [0.0], [0.0]])
+    assert flat.entry_distance(above, np.array([-1.0, 0.0, 0.0])) == pytest.approx(0.05 - 0.013)
+    assert flat.entry_distance(-above, np.array([1.0, 0.0, 0.0])) == shaft.entry_distance(-above, np.array([1.0, 0, 0]))
+    for _ in range(10):
+        some = rays(rng)
+        assert (flat.entry_distance(*some) >= shaft.entry_distance(*some) - 1e-12).all()
+
+
+def test_a_union_is_met_at_its_nearest_part_and_hull_and_ball_contain_it(rng):
+    parts = (CUBE, Cylinder(0.005, 0.030))
+    union = Union(parts)
+    for _ in range(10):
+        some = rays(rng)
+        np.testing.assert_array_equal(
+            union.entry_distance(*some), np.minimum(*(part.entry_distance(*some) for part in parts))
+        )
+    for solid in (union, *KEYED_SHAPES.values()):
+        if (corners := solid.geom.vertices) is not None:
+            assert np.linalg.norm(corners, axis=1).max() <= solid.bounding_radius * (1 + 1e-9)
+
+
+def test_equal_solids_are_equal_and_bad_ones_are_refused():
+    assert Cut(CUBE, ((1.0, 0.0, 0.0, 0.01),)) == Cut(CUBE, ((1.0, 0.0, 0.0, 0.01),))
+    assert len({KEYED_SHAPES[name] for name in KEYED_SHAPES}) == 8
+    for plane in ((0.0, 0.0, 0.0, 0.01), (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, np.nan), (1.0, 0.0, 0.0)):
+        with pytest.raises(ValueError, match="plane"):
+            Cut(CUBE, (plane,))
+    with pytest.raises(ValueError, match="sphere"):
+        _ = Cut(Sphere(0.02), ((1.0, 0.0, 0.0, 0.01),)).geom
+    with pytest.raises(ValueError, match="at least one part"):
+        Union(())
