@@ -348,7 +348,7 @@ class RigidBodyModel(ArrayModel):
                 found = np.moveaxis(self.scores(pose, self.references[group, kept]), 0, 2)
                 found = found - self._log_normalisers[group, kept]
                 tables.append(_softmax(found))
-            self._shared[num_outcomes] = frozen(np.stack(tables))
+            self._shared[num_outcomes] = frozen(np.ascontiguousarray(np.stack(tables)))
         return self._shared[num_outcomes]
 
     @cached_property

@@ -2,9 +2,13 @@ import numpy as np
 import pytest
 
 from belief import Belief, Probe, SearchProblem, Touch
+from belief.bayes import target_information_gain
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import OutcomeTable
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from planners import InformationState
-from planners.probing import FixedOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
+from planners.pairs_of_touches import best_pairs
+from planners.probing import FixedOrder, GivenOrder, RandomOrder, ShapeInformationGain, TargetInformationGain
 from planners.repeats import CorrelatedRepeats
 
 PROBLEM = SearchProblem(("a", "b"), ("useless", "good", "better"), num_objects=2)
@@ -80,3 +84,36 @@ def test_of_equally_good_poses_the_least_used_comes_first(rng):
     table = OutcomeTable(np.full((3, 2, 2), 0.5))
     selector = TargetInformationGain(table, CorrelatedRepeats(0.5))
     assert selector.choose(info(0, 0, 1), rng).action == Probe(2)
+
+
+def test_a_given_order_is_followed_then_the_other_poses_then_again(rng):
+    selector = GivenOrder(("better", "useless"))
+    assert [selector.choose(info(*[0] * n), rng).action.pose for n in range(5)] == [2, 0, 1, 2, 0]
+    with pytest.raises(UnknownName, match="bitter"):
+        GivenOrder(("bitter",)).choose(info(), rng)
+    for order in ((), ("good", "good")):
+        with pytest.raises(InvalidArgument, match="order"):
+            GivenOrder(order)
+
+
+def test_given_the_shape_only_poses_that_are_alike_come_at_random_and_others_do_not(rng):
+    alike = TargetInformationGain(OutcomeTable(np.full((3, 2, 2), 0.5)), given="shape")
+    assert {alike.choose(info(), rng).action.pose for _ in range(40)} == {0, 1, 2}
+    assert {alike.choose(info(1, 2), rng).action.pose for _ in range(10)} == {0}
+    assert {TargetInformationGain(TABLE, given="shape").choose(info(), rng).action.pose for _ in range(10)} == {2}
+
+
+@pytest.mark.parametrize("setting", [{"depth": 3}, {"hypotheses": 0}, {"outcomes": -1}, {"given": "size"}])
+def test_settings_out_of_range_are_refused(setting):
+    with pytest.raises(InvalidArgument, match=next(iter(setting))):
+        TargetInformationGain(TABLE, **setting)
+
+
+def test_where_one_touch_is_blind_the_best_pair_is_found():
+    # Two bodies of each shape: pose 0 tells which, pose 1 shows the shape's bit turned around by the body.
+    body, bit = np.eye(2)[[[0, 1], [0, 1]]], np.eye(2)[[[0, 1], [1, 0]]]
+    mixture = OutcomeMixture(np.full((2, 2), 0.5), np.stack([body, bit, np.full((2, 2, 2), 0.5)]))
+    alone = target_information_gain([0.5, 0.5], mixture.table.probs, 0)
+    np.testing.assert_allclose(alone, 0.0, atol=1e-9)
+    pairs = best_pairs(mixture, np.array([0.5, 0.5]), 0, alone)
+    np.testing.assert_allclose(pairs, [np.log(2), np.log(2), 0.0], atol=1e-6)
