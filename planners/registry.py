@@ -124,6 +124,12 @@ def _information_gain(
     return TargetInformationGain(table, outcomes=outcomes, hypotheses=hypotheses, depth=depth, given=given)
 
 
+def _shape_information_gain(
+    table: OutcomeTable, outcomes: int = OUTCOMES, hypotheses: int = HYPOTHESES
+) -> ProbeSelector:
+    return ShapeInformationGain(table, outcomes=outcomes, hypotheses=hypotheses)
+
+
 def _best_order(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
     """Posterior thresholds, with the poses in the best fixed order that was found on other objects."""
     return SequentialDecider(PosteriorThresholds(confirm, reject, max_touches), GivenOrder(read_order(policies)))
@@ -150,7 +156,7 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         "shape_information_gain": _sequential(
             "Posterior thresholds, with the pose that tells most about the shape.",
             PosteriorThresholds,
-            lambda table: ShapeInformationGain(table),
+            _shape_information_gain,
         ),
         "repeat_aware": _sequential(
             "Information gain that discounts poses used before.",
