@@ -59,20 +59,26 @@ COLLECT.coarse := --plan.train 13500 --plan.test 0
 COLLECT.hard := --plan.train 1200 --plan.calibration 100 --plan.test 0
 COLLECT.many := $(COLLECT.hard)
 COLLECT.paper := --plan.train 3000 --plan.calibration 150 --plan.test 0
+COLLECT.keyed := --plan.train 450 --plan.calibration 40 --plan.test 0
 REPEATS.gel := --plan.repeats 2 --plan.calibration 150
 REPEATS.coarse := --plan.repeats 6
 REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
+REPEATS.keyed := --plan.calibration 60 --plan.test 40
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
 TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn
+TRAIN.keyed := --change.patience 12
+MODEL = $(if $(filter keyed,$(SCENE)),,ratio) "rigid body"
+ORDER.keyed := rank-poses --scene keyed --objects 96
 sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
-	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model ratio "rigid body" --out activetouch/models/$(SCENE)
+	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
+	$(if $(ORDER.$(SCENE)),$(BIN)/activetouch $(ORDER.$(SCENE)))
 
 # The sensor of a scene whose reader was trained in a wider world; the observation model is of the scene itself.
 WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0

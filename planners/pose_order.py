@@ -1,4 +1,4 @@
-"""The best fixed order of poses: how it is found, and its file beside a sensor's policies."""
+"""The best fixed order of poses: how it is found, and its file in a sensor's folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from belief.files import sealed_json, unsealed_json, write_text
 from belief.problem import Floats
 
 FILE = "order.json"
-"""Name of the file in a sensor's folder of policies."""
+"""Name of the file in a sensor's folder."""
 
 
 class NoOrder(ActiveTouchError, FileNotFoundError):
@@ -56,12 +56,12 @@ def greedy_order(
 
 
 def write_order(folder: Path, labels: list[str], losses: Floats) -> None:
-    """Write an order of poses into a sensor's folder of policies."""
+    """Write an order of poses into a sensor's folder."""
     write_text(folder / FILE, sealed_json({"order": labels, "nll": losses.round(5).tolist()}, 1) + "\n")
 
 
 def read_order(folder: Path | None) -> tuple[str, ...]:
-    """The order of poses in a sensor's folder of policies.
+    """The order of poses in a sensor's folder.
 
     Raises:
         NoOrder: there is none.

@@ -10,7 +10,6 @@ from activetouch.envs.base import State, TouchEnv, live_or_given
 from activetouch.envs.touch_source import Touches
 from activetouch.named_scenes import SCENES, NamedScene
 from belief import Composition, SearchProblem
-from belief.policy_state import TOUCH_LIMIT
 from belief.synthetic import sample_arrangement
 
 
@@ -80,7 +79,7 @@ class ObjectSearchEnv(TouchEnv):
             number,
             named.composition if composition is None else composition,
             touch_cost,
-            TOUCH_LIMIT * number if touch_limit is None else touch_limit,
+            named.touches_per_object * number if touch_limit is None else touch_limit,
             unsure_reward,
         )
         self._is_unsure = False

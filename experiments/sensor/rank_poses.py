@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.data.dataset import read_split
-from activetouch.world import POLICIES
 from belief.files import require_writable
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.command_line.arguments import BadArgument, Count, check_arguments
@@ -20,7 +19,7 @@ from planners.pose_order import greedy_order, write_order
 
 @dataclass(frozen=True)
 class RankPoses:
-    """Find the best fixed order of poses for the decider ``best_order``, and put it beside the sensor's policies.
+    """Find the best fixed order of poses for the decider ``best_order``, and put it into the sensor's folder.
 
     The order is greedy: each pose is the one with which the touches so far leave the lowest negative log likelihood of
     the shape, over the objects of the calibration split.
@@ -54,7 +53,7 @@ class RankPoses:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=True)
         require_collection(data, manifest, sensor.reader.card, None, repeats=True)
-        folder = sensor_folder(self.sensor, self.scene) / POLICIES
+        folder = sensor_folder(self.sensor, self.scene)
         require_writable(folder)
         touches = read_split(data, "calibration")
         number, model = len(sensor.scene.poses), sensor.model

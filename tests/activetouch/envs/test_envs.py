@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -18,11 +19,14 @@ from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
 from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage, WrappedTwice
-from belief import Confirm, Probe, Reject, Unsure
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.poses import aimed
+from belief import Confirm, Probe, Reject, SceneBelief, Unsure
 from belief.errors import UnknownName
+from belief.observation_model.rigid_body import RigidBodyModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import SyntheticWorld
-from planners import Decision, Outcome, make_decider, search
+from planners import Decision, InformationState, Outcome, make_decider, search
 
 pytestmark = pytest.mark.torch
 WRAPPERS = {
@@ -312,3 +316,30 @@ def test_what_cannot_be_is_refused_by_name(sampled):
     env.reset(seed=0)
     with pytest.raises(BadAction, match="5"):
         env.step(5)
+
+
+def test_a_search_with_26_places_and_one_with_104_are_environments():
+    keyed = TactileSensor.shipped("keyed")
+    poses, aims = aimed(keyed.scene.rotations, [(0.0, 0.0), (0.006, 0.0), (0.0, 0.006), (-0.006, 0.0)])
+    many = replace(keyed.scene, poses=poses, aims=aims)
+    for scene in (keyed.scene, many):
+        table = HypothesisTable(keyed.reader, scene)
+        model = keyed.model.with_hypotheses(table, 16)
+        assert isinstance(model, RigidBodyModel)
+        several = replace(
+            model,
+            groups=table.groups,
+            references=np.repeat(model.references, max(table.groups) + 1, axis=0),
+            reference_logits=np.repeat(model.reference_logits, max(table.groups) + 1, axis=0),
+        )
+        touches = LiveTouches(TactileSensor(scene, keyed.reader, several))
+        env = gymnasium.make("activetouch/ObjectSearch-v0", scene="keyed", target="cube_cut", touches=touches)
+        assert env.action_space.n == len(scene.poses) + 2
+        check_env(env.unwrapped, skip_render_check=True)
+        check_env_for_sb3(env.unwrapped)
+        decider = make_decider("shape_information_gain", several.outcome_table(), several)
+        state = SceneBelief(env.unwrapped.problem, several)
+        action = decider.decide(
+            InformationState.of(env.unwrapped.problem, 1, state, 0), np.random.default_rng(0)
+        ).action
+        assert 0 <= action.pose < len(scene.poses)

@@ -80,7 +80,7 @@ def test_a_table_that_does_not_fit_the_references_is_refused(turned, rng):
     with pytest.raises(ValueError, match="groups"):
         _ = other.views
     for groups, same in (([1], [[0]]), ([0], [[1]]), ([0, 0], [[0]]), ([0], [])):
-        with pytest.raises(ValueError, match="groups|same"):
+        with pytest.raises(ValueError, match=r"groups|same"):
             Views(np.array(groups), np.array(same, int))
     views, outcomes = Views(np.array([0]), np.array([[0]])), np.ones((1, 1, 1, 1), np.float32)
     for weights in ([[0.5]], [[1.0], [1.0]], [[np.nan]]):

@@ -18,7 +18,7 @@ from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
-from experiments.tradeoff.configuration import JOINT, NUM_HYPOTHESES, SHIPPED, Configuration, Network, sweep
+from experiments.tradeoff.configuration import JOINT, NUM_HYPOTHESES, SHARES, SHIPPED, Configuration, Network, sweep
 from experiments.tradeoff.figures import _MARKERS as MARKERS
 from experiments.tradeoff.measure import SearchResult, TouchCost, measured
 from experiments.tradeoff.models import observation_model
@@ -218,7 +218,7 @@ def test_the_figures_of_the_documentation_are_those_of_its_table():
     numbers = json.loads((folder / "tradeoff.json").read_text())
     page = (folder.parent / "tradeoff.md").read_text()
     assert len(numbers["points"]) >= 40
-    assert {p["configuration"]["network"]["scene"] for p in numbers["points"]} == set(SCENES)
+    assert {p["configuration"]["network"]["scene"] for p in numbers["points"]} == set(SHARES)
     with (folder / "tradeoff.csv").open(newline="") as file:
         rows = list(csv.reader(file))[1:]
     assert len(rows) == len(numbers["points"])
