@@ -338,8 +338,6 @@ def test_a_search_with_26_places_and_one_with_104_are_environments():
         check_env(env.unwrapped, skip_render_check=True)
         check_env_for_sb3(env.unwrapped)
         decider = make_decider("shape_information_gain", several.outcome_table(), several)
-        state = SceneBelief(env.unwrapped.problem, several)
-        action = decider.decide(
-            InformationState.of(env.unwrapped.problem, 1, state, 0), np.random.default_rng(0)
-        ).action
-        assert 0 <= action.pose < len(scene.poses)
+        problem = env.unwrapped.problem
+        state = InformationState.of(problem, 1, SceneBelief(problem, several), 0)
+        assert 0 <= decider.decide(state, np.random.default_rng(0)).action.pose < len(scene.poses)
