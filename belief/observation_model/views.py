@@ -54,7 +54,7 @@ class Views(FrozenArrays):
 
 
 @dataclass(frozen=True, eq=False)
-class SharedMixture:
+class SharedMixture(FrozenArrays):
     """An :class:`OutcomeMixture` of many poses, from one table of outcomes for all poses of a group.
 
     Attributes:
@@ -87,6 +87,7 @@ class SharedMixture:
             raise ValueError(f"the views are of {self.views.same.shape[1]} hypotheses, the outcomes of {number}")
         if not (self.weights.min() >= 0.0 and (np.abs(self.weights.sum(axis=1) - 1.0) <= SUM_TOLERANCE).all()):
             raise ValueError("each row of weights must be probabilities that sum to one")
+        self.freeze()
 
     @cached_property
     def table(self) -> OutcomeTable:

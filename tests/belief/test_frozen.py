@@ -30,6 +30,7 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.tabular import TabularModel
+from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
@@ -56,6 +57,11 @@ HOLDERS = {
     "LabelledTouches": (lambda a, b: LabelledTouches.of([Touch(0, row) for row in a], b, None), [ROWS, TRUTH]),
     "OutcomeTable": (OutcomeTable, [TABLE]),
     "OutcomeMixture": (OutcomeMixture, [np.array([[0.5, 0.5], [1.0, 0.0]]), np.full((1, 2, 2, 3), 1 / 3)]),
+    "Views": (Views, [np.array([0, 0]), np.array([[0, 1], [1, 0]])]),
+    "SharedMixture": (
+        lambda a, b, c: SharedMixture(a, b, c, Views(np.array([0, 0]), np.array([[0, 1], [1, 0]]))),
+        [np.array([[0.5, 0.5]]), np.array([[0, 1]]), np.full((1, 1, 2, 4), 0.25, np.float32)],
+    ),
     "TabularModel": (lambda a: TabularModel(LABELS, OutcomeTable(a)), [TABLE]),
     "LogitEmbedding": (LogitEmbedding, [np.full(2, -9.0), np.full(2, 9.0)]),
     "FeatureEmbedding": (
