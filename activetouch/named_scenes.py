@@ -25,7 +25,7 @@ from activetouch.pressing.press import Quasistatic
 from activetouch.rendering import DeadTaxels, ForcePatchRenderer, Gain, Noise, PressureRenderer
 from activetouch.scene import Scene, Variation
 from activetouch.shapes import EXTENDED_SHAPES, KEYED_SHAPES
-from belief import Composition
+from belief import Composition, Counts
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class NamedScene:
 
     scene: Scene = field(default_factory=Scene)
     num_objects: int = 4
-    composition: Composition = Composition.DISTINCT
+    composition: Composition | Counts = Composition.DISTINCT
     touches_per_object: int = 12
     backbone: str = "cnn"
     input_size: int = 32

@@ -159,7 +159,7 @@ class Scene:
             if self.poses not in POSE_SETS:
                 raise UnknownName("set of poses", self.poses, list(POSE_SETS))
             object.__setattr__(self, "poses", POSE_SETS[self.poses])
-        object.__setattr__(self, "poses", dict(self.poses))  # plain, so that a scene can be sent to another process
+        object.__setattr__(self, "poses", dict(self.rotations))  # plain, so that a scene can be sent to another process
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
         solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():

@@ -21,7 +21,7 @@ from activetouch import SCENES
 from activetouch.distributions import Constant
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
-from activetouch.shapes import Box, Cut
+from activetouch.shapes import Box, Cut, Shape
 
 _SEEN = 0.02  # difference of a pixel that counts as seen, the standard deviation of the noise
 
@@ -33,23 +33,21 @@ def visible(rng: np.random.Generator) -> NDArray[np.bool_]:
     assert isinstance(cube, Box)
     assert isinstance(cut, Cut)
     distance = cut.planes[0][3]
-    corners = [Cut(cube, ((*signs, distance),)) for signs in product((-1.0, 1.0), repeat=3)]
+    corners = [Cut(cube, ((x, y, z, distance),)) for x, y, z in product((-1.0, 1.0), repeat=3)]
     rest, size = random_orientation(rng), scene.variation.size.sample(rng)
     found = np.zeros((len(scene.poses), len(corners)), bool)
     for number, pose in enumerate(scene.rotations.values()):
         shown = scene.presentation.shown(rest, pose, rng)
         offset, force = scene.variation.sample_offset(rng), Constant(2.25).sample(rng)
 
-        def image(shape: Box | Cut, where: tuple = (shown, offset, force)) -> NDArray[np.floating]:
-            placed = Placement(shape, size, where[0], where[1])
-            return scene.image(scene.press_model.press(scene.setup, placed, where[2]))
-
-        whole = image(cube)
-        found[number] = [np.abs(image(corner) - whole).max() > _SEEN for corner in corners]
+        solids: list[Shape] = [cube, *corners]
+        placed = [Placement(shape, size, shown, offset) for shape in solids]
+        whole, *others = (scene.image(scene.press_model.press(scene.setup, one, force)) for one in placed)
+        found[number] = [np.abs(other - whole).max() > _SEEN for other in others]
     return found
 
 
-def touches_needed(shows: NDArray[np.bool_]) -> tuple[float, int]:
+def touches_needed(shows: NDArray[np.bool_]) -> tuple[float, float]:
     """Mean number of touches to find a corner that is cut, and number to know that none is, with the best policies."""
     sets = {sum(1 << int(corner) for corner in np.flatnonzero(row)) for row in shows}
 

@@ -120,7 +120,7 @@ class ClassifierCard:
 
     def fields(self) -> dict[str, Any]:
         """Its fields, as a file has them: nothing about stiffness and aims where they are not known."""
-        absent = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
+        absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
         absent += () if self.knows_aims else ("aim_scale",)
         return {name: value for name, value in asdict(self).items() if name not in absent}
 

@@ -124,4 +124,4 @@ class SharedMixture(FrozenArrays):
 def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
     """Each chosen hypothesis once, with the sum of its weights."""
     which, place = np.unique(chosen, return_inverse=True)
-    return which, np.bincount(place, weights)
+    return which, np.bincount(place, weights).astype(np.float64)

@@ -41,6 +41,11 @@ DECIDERS = {
         _TARGET,
         "As `random_poses`; if the first pose is a poor one, every object is first touched there.",
     ),
+    "best_order": Said(
+        f"Posterior thresholds with the poses in the order that was best on calibration objects (`rank-poses`). {_THRESHOLDS}",
+        _TARGET,
+        "Scenes in which the next touch depends on what was felt. It is there to measure what choosing poses is worth.",
+    ),
     "information_gain": Said(
         f"The next pose is the one that is expected to tell most about one question: is this object the target? {_THRESHOLDS} With a sensor of one "
         "body, the gain is that after the touches so far.",
@@ -50,7 +55,7 @@ DECIDERS = {
     "shape_information_gain": Said(
         f"As `information_gain`, but for the whole shape: it also pays to tell cube from cylinder when the target is a cone. {_THRESHOLDS}",
         _GAINS,
-        "Searches for one target: part of what it learns does not matter for the answer.",
+        "Searches with few touches for one target: part of what it learns does not matter for the answer. With many touches it is the better one.",
     ),
     "repeat_aware": Said(
         "As `information_gain`; a pose that was used before competes with its discounted gain instead of being left out.",
