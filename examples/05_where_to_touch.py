@@ -13,7 +13,7 @@ from activetouch.poses import to_matrix, turned
 from belief import SceneBelief, SearchProblem
 from planners import InformationState, make_decider
 
-SHAPE, SEED, SURE = "cube_cut", 3, 0.99
+SHAPE, SEED, SURE = "cube_cut", 1, 0.98
 sensor = TactileSensor.shipped("keyed")
 labels, places, model = sensor.scene.shape_labels, sensor.scene.pose_labels, sensor.model
 problem = SearchProblem(labels, places, num_objects=1, composition="independent")
@@ -40,14 +40,14 @@ for row, (title, name) in enumerate(names.items()):
         first, second = (f"{labels[k]} {probs[k]:.3f}" for k in np.argsort(-probs)[:2])
         print(f"{len(sides):3d}  {places[place]:<7} {first}, {second}")
 
-    globe = drawn.add_subplot(2, 2, 2 * row + 1, projection="mollweide", title=f"{len(sides)} places {title}")
+    globe = drawn.add_subplot(2, 2, 2 * row + 1, projection="mollweide")
     for points, marker, colour in ((corners, "s", "0.75"), (corners[-1:], "s", "tab:red")):
         globe.plot(
             np.arctan2(points[:, 1], points[:, 0]), np.arctan2(points[:, 2], np.sqrt(2)), marker, c=colour, ms=13
         )
     for number, (x, y, z) in enumerate(sides, 1):
         globe.text(np.arctan2(y, x), np.arcsin(z), str(number), ha="center", va="center", weight="bold")
-    globe.set(xticks=[], yticks=[])
+    globe.set(xticks=[], yticks=[], title=f"{len(sides)} places {title}")
     curve = drawn.add_subplot(2, 2, 2 * row + 2, xlabel="touches", ylabel=f"probability of {SHAPE}", ylim=(0, 1.05))
     curve.plot(certainty, "o-")
     curve.set_xlim(0, 20)
