@@ -323,6 +323,8 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the model has no hypotheses yet.
         """
+        if (views := self.views) is not None:
+            return views.of_all_poses(self.shared_outcomes(num_outcomes), hypotheses)
         num_poses, number, width = self.references.shape
         kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
         table = self.table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)

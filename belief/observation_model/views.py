@@ -52,6 +52,16 @@ class Views(FrozenArrays):
         """The first pose of each group, ``(G,)``."""
         return np.unique(self.groups, return_index=True)[1]
 
+    def of_all_poses(self, outcomes: NDArray[np.float32], chosen: NDArray[np.int64]) -> NDArray[np.float32]:
+        """p(outcome | pose, hypothesis) of some hypotheses, ``(P, K, H, M)``.
+
+        Args:
+            outcomes: in the first pose of each group, ``(G, K, N, M)``.
+            chosen: index of H hypotheses of each shape, ``(K, H)``.
+        """
+        shapes = np.arange(len(chosen))[None, :, None]
+        return outcomes[self.groups[:, None, None], shapes, self.same[:, chosen]]
+
 
 @dataclass(frozen=True, eq=False)
 class SharedMixture(FrozenArrays):
@@ -116,9 +126,7 @@ class SharedMixture(FrozenArrays):
     @cached_property
     def _whole(self) -> OutcomeMixture:
         """The same with the outcomes of every pose."""
-        same = self.views.same[:, self.chosen]  # (P, K, H)
-        shapes = np.arange(len(self.chosen))[None, :, None]
-        return OutcomeMixture(self.weights, self.outcomes[self.views.groups[:, None, None], shapes, same])
+        return OutcomeMixture(self.weights, self.views.of_all_poses(self.outcomes, self.chosen))
 
 
 def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:

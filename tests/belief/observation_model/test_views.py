@@ -48,6 +48,12 @@ def touched(model, rng, number):
     return evidence
 
 
+def test_outcomes_of_chosen_hypotheses_are_those_of_every_pose_by_itself(turned, rng):
+    chosen = rng.integers(N, size=(K, 5))
+    shared, alone = (model.outcome_probs(chosen, 20) for model in models(turned, rng))
+    np.testing.assert_allclose(shared, alone, atol=1e-5)
+
+
 @pytest.mark.parametrize("number", [0, 1, 4, 30])
 def test_shared_outcomes_are_those_of_every_pose_by_itself(turned, rng, number):
     ours, theirs = (touched(model, np.random.default_rng(number), number) for model in models(turned, rng))
