@@ -52,5 +52,5 @@ for row, (title, name) in enumerate(names.items()):
     curve.plot(certainty, "o-")
     curve.set_xlim(0, 20)
 
-if len(sys.argv) > 1:
-    drawn.savefig(sys.argv[1], dpi=110)
+if sys.argv[-1].endswith(".png"):
+    drawn.savefig(sys.argv[-1], dpi=110)
