@@ -3,6 +3,7 @@
 Run: git worktree add ../before ece93d3
      python benchmarks/versions.py ../before                    the parts of a touch
      python benchmarks/versions.py ../before --commands         whole commands; some minutes
+     python benchmarks/versions.py ../before --images           how far forces and images of the same presses agree
 
 Each version has a process of its own. The two take turns in short rounds, so that other load and changes of the
 processor's speed affect both; a ratio is taken within each round, and the table shows the median and the quartiles over
@@ -13,6 +14,7 @@ included.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import resource
 import subprocess
@@ -27,7 +29,7 @@ from typing import Any
 import numpy as np
 
 HERE = Path(__file__).resolve().parent.parent
-PER_ROUND = 48
+PER_ROUND, NUM_PRESSES = 48, 300
 _PLAN = "--plan.train 250 --plan.calibration 1 --plan.test 1"
 COMMANDS = {
     "compare --scene many, 2 of 12 targets": "compare --scene many --episodes 25 --targets cone torus --out {out}",
@@ -79,6 +81,31 @@ def serve() -> None:
         for index in range(PER_ROUND):
             function(index)
         print(1e3 * (time.process_time() - started) / PER_ROUND, flush=True)
+
+
+def press_all() -> None:
+    """Print force and image digest of the same presses in every scene."""
+    from activetouch import SCENES
+
+    for name, named in SCENES.items():
+        for index in range(NUM_PRESSES):
+            rng = np.random.default_rng([7, index])
+            thing = named.scene.sample_object(index % len(named.scene.shapes), rng)
+            pressed = named.scene.press(thing, index % 6, rng)
+            print(name, pressed.contact.force, hashlib.sha256(pressed.image.tobytes()).hexdigest())
+
+
+def compare_images(before: Path) -> None:
+    found: list[list[list[str]]] = []
+    for folder in (before, HERE):
+        command = [sys.executable, __file__, "--press-all"]
+        output = subprocess.run(command, check=True, capture_output=True, text=True, env=environment(folder)).stdout
+        found.append([line.split() for line in output.splitlines()])
+    for scene in dict.fromkeys(name for name, *_ in found[1]):
+        pairs = [(one, other) for one, other in zip(*found, strict=True) if other[0] == scene]
+        same = sum(one[2] == other[2] for one, other in pairs)
+        worst = max(abs(float(other[1]) / float(one[1]) - 1.0) for one, other in pairs if float(one[1]) > 0.0)
+        print(f"{scene}: {same} of {len(pairs)} images identical, force differs by at most {worst:.2g} (relative)")
 
 
 class Version:
@@ -166,13 +193,21 @@ def main() -> None:
     parser.add_argument("before", nargs="?", type=Path, help="folder of the earlier version")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--commands", nargs="*", help="time whole commands; words of their names select some")
+    parser.add_argument("--images", action="store_true", help="compare forces and images instead of times")
+    parser.add_argument("--press-all", action="store_true", help=argparse.SUPPRESS)
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.serve:
         serve()
         return
+    if arguments.press_all:
+        press_all()
+        return
     if arguments.before is None or not (arguments.before / "activetouch").is_dir():
         parser.error("give the folder of an earlier version, such as a git worktree of its commit")
+    if arguments.images:
+        compare_images(arguments.before)
+        return
     print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
     if arguments.commands is None:
         compare_parts(arguments.before, arguments.rounds)
