@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent
 _SPEC = spec_from_file_location("gallery_of_docs", ROOT / "docs" / "generate" / "gallery.py")
 gallery = module_from_spec(_SPEC)
 _SPEC.loader.exec_module(gallery)
-NEEDS = {"digits_through_crops": "sklearn", "train_ppo": "stable_baselines3"}
+NEEDS = {"digits_through_crops": "sklearn", "a_real_sensor": "sklearn", "train_ppo": "stable_baselines3"}
 
 
 @pytest.fixture(scope="module")

@@ -31,6 +31,7 @@ ORDER = (
     "train_ppo",
     "a_pomdp_file",
     "digits_through_crops",
+    "a_real_sensor",
 )
 """The scripts, in the order of the page; a script that is missing here comes last."""
 _COLOURS = 200
