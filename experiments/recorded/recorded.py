@@ -34,6 +34,7 @@ DECIDERS = (
     "random_confirm",
 )
 _CACHED = ("sdh2",)
+_WIDTH = 136  # of the tables [characters]
 
 
 @dataclass(frozen=True)
@@ -97,8 +98,9 @@ class Recorded:
             console.print(f"- {note}")
         measured = measure(chosen, self)
         tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
+        wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in tables:
-            console.print(table.rich())
+            wide.print(table.rich())
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
 
     def _touches(self, out: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
