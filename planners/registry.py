@@ -184,6 +184,9 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
 TRAINED: Mapping[str, str] = MappingProxyType({"ppo": "paper", "ppo_posterior": "posterior", "ppo_confident": "paper"})
 """Deciders that follow trained policies, with the state of these (a key of :data:`belief.policy_state.ENCODINGS`)."""
 
+NEED_FILES: frozenset[str] = frozenset({*TRAINED, "best_order"})
+"""Deciders that are made from files in a sensor's folder."""
+
 _GIVEN = ("table", "model", "policies")
 
 

@@ -21,7 +21,7 @@ from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
 from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS
-from planners.registry import TRAINED
+from planners.registry import NEED_FILES
 
 SHIPPED = "shipped"
 """Name of the observation model that is shipped with a scene's sensor of independent touches."""
@@ -194,7 +194,7 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
         if network.knows_orientation
         for number in NUM_HYPOTHESES
     ]
-    not_varied = {"random_confirm", *TRAINED, *_TREES}
+    not_varied = {"random_confirm", *NEED_FILES, *_TREES}
     fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
     return [
         [replace(base, decider=decider) for decider in _MAIN],

@@ -22,7 +22,7 @@ from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, 
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
-from planners.registry import TRAINED
+from planners.registry import NEED_FILES, TRAINED
 from planners.stopping import PosteriorThresholds
 from planners.threshold_rule import ThresholdRule
 
@@ -46,7 +46,7 @@ def _decider(name: str, model: ConfusionModel) -> Decider:
     return make_decider(name, model.outcome_table(), model, _UNTRAINED, simulations=20)
 
 
-_MODEL_BASED = tuple(name for name in DECIDERS if name not in TRAINED)
+_MODEL_BASED = tuple(name for name in DECIDERS if name not in NEED_FILES)
 
 
 def _search(decider: Decider, problem: SearchProblem, model: ConfusionModel, number: int, target: int = 0) -> Episode:

@@ -22,11 +22,11 @@ from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, sample_arrangement
 from planners import DECIDERS, InformationState, Outcome, search_lockstep
 from planners import make_decider as make_any_decider
-from planners.registry import TRAINED
+from planners.registry import NEED_FILES
 
 # Confirming at random and the paper's rule on single frames use no belief, and are held to the laws of those that do
 # nowhere.
-UNTRAINED = [name for name in DECIDERS if name not in TRAINED]
+UNTRAINED = [name for name in DECIDERS if name not in NEED_FILES]
 BELIEVERS = [name for name in UNTRAINED if name not in ("random_confirm", "threshold")]
 every_decider = pytest.mark.parametrize("name", UNTRAINED)
 every_believer = pytest.mark.parametrize("name", BELIEVERS)

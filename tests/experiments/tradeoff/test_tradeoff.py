@@ -25,7 +25,7 @@ from experiments.tradeoff.models import observation_model
 from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
 from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
-from planners.registry import TRAINED
+from planners.registry import NEED_FILES
 
 COARSE = Network("coarse", "", "cnn 16 px", "ab" * 32)
 GEL = Network("gel", "", "cnn 64 px", "cd" * 32)
@@ -57,7 +57,7 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     found = sweep([COARSE, GEL, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
-    wanted = {name for name in DECIDERS if name != "random_confirm" and name not in TRAINED}
+    wanted = {name for name in DECIDERS if name != "random_confirm" and name not in NEED_FILES}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
