@@ -131,7 +131,7 @@ def _shape_information_gain(
 
 
 def _best_order(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
-    """Posterior thresholds, with the poses in the best fixed order that was found on other objects."""
+    """Posterior thresholds, with the poses in the order that was best on other objects."""
     order = read_order(None if policies is None else policies.parent)
     return SequentialDecider(PosteriorThresholds(confirm, reject, max_touches), GivenOrder(order))
 

@@ -26,10 +26,9 @@ class ModelChoice:
     """The chosen observation model, and the losses of all candidates.
 
     Attributes:
-        name: of the chosen candidate.
+        name: of the chosen candidate, a key of ``losses``.
         model: fitted to all touches.
-        losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least. Empty if there
-            was one candidate only.
+        losses: cross-validated sequence NLL of every candidate [nats]; the chosen one has the least.
     """
 
     name: str
@@ -161,8 +160,8 @@ def choose_observation_model(
 ) -> ModelChoice:
     """The candidate with the least :func:`cross_validated_nll`, fitted to all touches.
 
-    A single candidate is fitted without cross-validation, and has no loss. Candidates are functions that fit a model,
-    by name. Other arguments and errors are those of :func:`cross_validated_nll` and of the candidates.
+    Candidates are functions that fit a model, by name. Other arguments and errors are those of
+    :func:`cross_validated_nll` and of the candidates.
 
     Example:
         >>> from belief.synthetic import random_model
@@ -180,9 +179,6 @@ def choose_observation_model(
         raise ValueError("there are no candidates to choose from")
     options = {"shape_labels": tuple(shape_labels), "num_poses": num_poses}
     fits = {name: partial(fit, **options) for name, fit in candidates.items()}
-    if len(fits) == 1:
-        (name,) = fits
-        return ModelChoice(name, fits[name](touches, shapes, object_ids), {})
     losses = {name: cross_validated_nll(fit, touches, shapes, object_ids, num_folds) for name, fit in fits.items()}
     name = min(losses, key=losses.__getitem__)
     return ModelChoice(name, fits[name](touches, shapes, object_ids), losses)

@@ -15,6 +15,7 @@ _NEEDED = {
     "export": {"target": "cone", "out": Path("none")},
     "frontier": {"checkpoints": (Path("none.safetensors"),)},
     "merge": {"folders": (Path("none"),)},
+    "recorded": {"data": Path("none"), "format": "csv"},
 }
 """Arguments without a default."""
 

@@ -22,7 +22,6 @@ from experiments.recorded.finding import FIXED, find_all
 from experiments.recorded.fold import Fold, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
 from experiments.recorded.leaks import controls
-from experiments.recorded.report import write_report
 from experiments.recorded.results import Measured, Part
 
 DECIDERS = (
@@ -97,6 +96,8 @@ class Recorded:
         for note in (*notes, *remarks):
             console.print(f"- {note}")
         measured = measure(chosen, self)
+        from experiments.recorded.report import write_report  # loads matplotlib
+
         tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
         wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in tables:

@@ -93,7 +93,11 @@ class Calibrate:
         touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
         labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
         candidates = candidate_models(chosen_from, reader, scene if scene is not None else scene_of(manifest))
-        choice = choose_observation_model(*touches, **labels, candidates=candidates)
+        if len(candidates) == 1:  # nothing to choose from
+            ((name, fit),) = candidates.items()
+            choice = ModelChoice(name, fit(*touches, **labels), {})
+        else:
+            choice = choose_observation_model(*touches, **labels, candidates=candidates)
         require_readable(choice.model)
         others = {name: loss for name, loss in choice.losses.items() if name not in JOINT_MODELS}
         leaner = min(others, key=others.__getitem__) if choice.name in JOINT_MODELS and others else None

@@ -9,7 +9,7 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
-from planners.registry import TRAINED, WrongType, summary_of
+from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.stopping import PosteriorThresholds, SequentialTest
 from planners.threshold_rule import ThresholdRule
@@ -175,7 +175,7 @@ def test_a_decider_made_from_something_else_is_an_error_that_names_it(arguments,
 
 
 PLANNERS = [
-    name for name in DECIDERS if name not in (*TRAINED, "random_confirm", "threshold", "random_poses", "fixed_poses")
+    name for name in DECIDERS if name not in (*NEED_FILES, "random_confirm", "threshold", "random_poses", "fixed_poses")
 ]
 
 

@@ -251,7 +251,7 @@ def test_an_absurd_size_is_refused_with_the_scale_that_may_mend_it(factor, advic
     [
         ("empty.stl", b"", "no triangles"),
         ("empty.obj", b"", "no triangles"),
-        ("noise.stl", bytes(range(256)) * 4, "cannot be read as STL"),
+        ("noise.stl", bytes(range(256)) * 4, "(cannot be read as STL|no triangles)"),
         ("noise.ply", b"ply\nformat nonsense\n", "cannot be read as PLY"),
         ("words.obj", b"v one two three\nf 1 2 3\n", "cannot be read as OBJ"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "no triangles"),

@@ -304,7 +304,7 @@ def test_the_floor_is_the_best_guess_without_a_touch(tmp_path, monkeypatch):
     few = Compare(deciders=("random_confirm",), setting=setting, episodes=25, out=tmp_path / "few", jobs=1).play()
     assert few.oracle[0] >= 0.9 * few.oracle[1] == 90.0
     monkeypatch.setattr(
-        shards, "solved_by_full_information", lambda setting, target, seed, numbers: [True] * len(numbers)
+        shards, "solved_by_full_information", lambda setting, target, seed, numbers, memo: [True] * len(numbers)
     )
     comparison = Compare(
         deciders=("random_confirm",), setting=setting, episodes=250, out=tmp_path / "many", jobs=1
