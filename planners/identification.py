@@ -12,23 +12,8 @@ from belief.errors import InvalidArgument
 from belief.naming import seed_words
 from belief.observation_model import ObservationModel
 from belief.seeding import deciding_rng, touch_rng
-from planners.decider import Decision, InformationState, ProbeSelector
+from planners.decider import InformationState, ProbeSelector
 from planners.search import World
-
-
-@dataclass(frozen=True)
-class GivenOrder:
-    """Poses in a given order, again and again.
-
-    Attributes:
-        order: pose indices.
-    """
-
-    order: tuple[int, ...]
-
-    def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """See :class:`planners.decider.ProbeSelector`."""
-        return Decision(Probe(self.order[len(info.history) % len(self.order)]), {"target_prob": info.target_prob})
 
 
 @dataclass(frozen=True)
@@ -79,8 +64,9 @@ def identify(
         InvalidArgument: the threshold is out of its range.
 
     >>> from belief.synthetic import SyntheticWorld, random_model
+    >>> from planners.probing import GivenOrder
     >>> model = random_model(np.random.default_rng(0), sharpness=4.0)
-    >>> found = identify(SyntheticWorld(model, [2]), GivenOrder((0, 1, 2)), model, ("a", "b", "c"), seed=1)
+    >>> found = identify(SyntheticWorld(model, [2]), GivenOrder(("a", "b", "c")), model, ("a", "b", "c"), seed=1)
     >>> found.is_right, found.is_certain, found.poses
     (True, True, (0,))
     """

@@ -1,5 +1,6 @@
 import os
 from collections import Counter
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,3 +30,13 @@ def model() -> ConfusionModel:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="module")
+def sensors_loaded_once():
+    """Shipped sensors are loaded once for a file of tests, however many scripts or blocks of code ask for them."""
+    from activetouch import TactileSensor
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TactileSensor, "shipped", cache(TactileSensor.shipped))
+        yield

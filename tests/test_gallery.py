@@ -1,26 +1,16 @@
 """The scripts of the gallery are short, run, and are shown on its page."""
 
 import sys
-from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
-
-from activetouch import TactileSensor
 
 ROOT = Path(__file__).parent.parent
 _SPEC = spec_from_file_location("gallery_of_docs", ROOT / "docs" / "generate" / "gallery.py")
 gallery = module_from_spec(_SPEC)
 _SPEC.loader.exec_module(gallery)
 NEEDS = {"digits_through_crops": "sklearn", "a_real_sensor": "sklearn", "train_ppo": "stable_baselines3"}
-
-
-@pytest.fixture(scope="module")
-def sensors_loaded_once():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TactileSensor, "shipped", cache(TactileSensor.shipped))
-        yield
 
 
 @pytest.mark.mujoco

@@ -4,12 +4,9 @@ import ast
 import builtins
 import re
 import runpy
-from functools import cache
 from pathlib import Path
 
 import pytest
-
-from activetouch import TactileSensor
 
 ROOT = Path(__file__).parent.parent
 LONG = {
@@ -52,14 +49,6 @@ PRINTS = {
 }
 
 NOT_OURS = {"dask_jobqueue"}
-
-
-@pytest.fixture(scope="module")
-def sensors_loaded_once():
-    """Blocks share sensors: each is loaded once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TactileSensor, "shipped", cache(TactileSensor.shipped))
-        yield
 
 
 @pytest.mark.mujoco

@@ -26,7 +26,7 @@ from belief.observation_model.kernel_fit import fit_kernel
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import require_choice, require_count
@@ -170,12 +170,7 @@ class ActionKernelModel(ArrayModel):
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape."""
-        cumulative = self._weights[:, :, shape].cumsum(axis=1)
-        drawn = np.empty(poses.shape, np.int64)
-        for pose in np.unique(poses).tolist():
-            here = poses == pose
-            drawn[here] = np.searchsorted(cumulative[pose], rng.random(here.sum()) * cumulative[pose, -1], "right")
-        return TouchBatch(poses, self.references[poses, np.minimum(drawn, self.references.shape[1] - 1)])
+        return TouchBatch(poses, self.references[poses, drawn(self._weights[:, :, shape], poses, rng)])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         log_posteriors = self.references - np.logaddexp.reduce(self.references, axis=-1, keepdims=True)

@@ -22,8 +22,14 @@ from belief.cross_validation import object_folds
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
 from belief.observation_model.outcome_table import OutcomeTable
-from belief.observation_model.quantisation import smoothed, tabulate
-from belief.observation_model.repeat_discount import ASSUMED_CORRELATION, effective_touches, fit_correlation, repeats
+from belief.observation_model.quantisation import drawn, smoothed, tabulate
+from belief.observation_model.repeat_discount import (
+    ASSUMED_CORRELATION,
+    effective_touches,
+    fit_correlation,
+    repeat_shares,
+    repeats,
+)
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, renormalised, require_choice
@@ -131,10 +137,8 @@ class RatioModel(ArrayModel):
         log_ratio = self._log_ratio(batch)
         if batch.num_touches == 1:
             return log_ratio[:, 0]
-        membership = batch.poses[..., None] == np.arange(self.num_poses)  # (S, n, P)
-        counts = membership.sum(axis=1)
-        weight = effective_touches(counts, self.correlation) / np.maximum(counts, 1)  # (S, P)
-        return _within_floats((np.take_along_axis(weight, batch.poses, axis=1)[:, None] @ log_ratio)[:, 0])
+        shares = repeat_shares(batch.poses, self.correlation)
+        return _within_floats((shares[:, None] @ log_ratio)[:, 0])
 
     def statistics_with(self, statistics: _Means | None, touch: Touch) -> _Means:
         """The mean log ratio in each pose, in the order of their first touches."""
@@ -172,12 +176,7 @@ class RatioModel(ArrayModel):
 
         Repeats are independent too: ``correlation`` is a discount on evidence, not a density that can be sampled.
         """
-        cumulative = self._weights[:, :, shape].cumsum(axis=1)  # (P, N)
-        drawn = np.empty(poses.shape, np.int64)
-        for pose in np.unique(poses).tolist():
-            here = poses == pose
-            drawn[here] = np.searchsorted(cumulative[pose], rng.random(here.sum()) * cumulative[pose, -1], "right")
-        return TouchBatch(poses, self.references[poses, np.minimum(drawn, self.references.shape[1] - 1)])
+        return TouchBatch(poses, self.references[poses, drawn(self._weights[:, :, shape], poses, rng)])
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; the references clustered by posterior, with each pose shrunk towards all poses."""

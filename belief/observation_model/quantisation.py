@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_softmax
 
 from belief.observation_model.outcome_table import OutcomeTable
@@ -40,6 +40,24 @@ def sampled_table(
     shares /= shares.sum(axis=1, keepdims=True)
     table = tabulate(log_posteriors, shares, num_outcomes, rng)
     return OutcomeTable(smoothed(table, num_samples))
+
+
+def drawn(weights: Floats, poses: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """One of the N touches that stand for all in a pose, drawn by their weights, for every entry of ``poses``.
+
+    Args:
+        weights: of the touches in each pose, ``(P, N)``, ≥ 0.
+        poses: indices, any shape.
+        rng: of the draws.
+
+    >>> drawn(np.array([[1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 1]]), np.random.default_rng(0)).tolist()
+    [[0, 1, 1]]
+    """
+    cumulative, found = weights.cumsum(axis=1), np.empty(poses.shape, np.int64)
+    for pose in np.unique(poses).tolist():
+        here = poses == pose
+        found[here] = np.searchsorted(cumulative[pose], rng.random(here.sum()) * cumulative[pose, -1], "right")
+    return np.minimum(found, weights.shape[1] - 1)
 
 
 def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.random.Generator) -> Floats:

@@ -13,7 +13,7 @@ from belief.observation_model.action_kernel import ActionKernelModel
 from experiments.recorded.fold import Fold
 from planners.decider import Decider, SequentialDecider
 from planners.episode import Episode
-from planners.identification import GivenOrder
+from planners.probing import GivenOrder
 from planners.registry import make_decider
 from planners.search import search
 from planners.stopping import PosteriorThresholds
@@ -84,7 +84,7 @@ def find_all(
     return found, oracle
 
 
-def _decider(name: str, model: ActionKernelModel, order: tuple[int, ...], max_touches: int) -> Decider:
+def _decider(name: str, model: ActionKernelModel, order: tuple[str, ...], max_touches: int) -> Decider:
     if name == FIXED:
         return SequentialDecider(PosteriorThresholds(max_touches=max_touches), GivenOrder(order))
     return make_decider(name.replace("{max_touches}", str(max_touches)), model.outcome_table(), model)

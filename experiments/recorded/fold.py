@@ -31,7 +31,7 @@ class Fold:
         reading: the reader and what it read.
         bank: the test touches.
         models: observation models by law, fitted to the calibration touches.
-        order: the actions in the best fixed order on the calibration touches.
+        order: names of the actions in the best fixed order on the calibration touches.
     """
 
     touches: TaskTouches
@@ -39,7 +39,7 @@ class Fold:
     reading: Reading
     bank: RecordedBank
     models: Mapping[Law, ActionKernelModel]
-    order: tuple[int, ...]
+    order: tuple[str, ...]
 
     @property
     def test_data(self) -> LabelledTouches:
@@ -84,7 +84,7 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
     }
     data = labelled(touches, rows, reading.calibration_ratios)
     order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
-    return Fold(touches, split, reading, bank, models, order)
+    return Fold(touches, split, reading, bank, models, tuple(bank.action_names[action] for action in order))
 
 
 def labelled(touches: TaskTouches, rows: np.ndarray, ratios: Floats) -> LabelledTouches:

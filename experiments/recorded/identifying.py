@@ -16,8 +16,8 @@ from belief.problem import Floats
 from experiments.recorded.fold import Fold
 from experiments.recorded.order import by_session, fused
 from planners.decider import ProbeSelector
-from planners.identification import GivenOrder, Identification, identify
-from planners.probing import RandomOrder, ShapeInformationGain
+from planners.identification import Identification, identify
+from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
 
 RANDOM, FIXED, GAIN = "random order", "best fixed order", "information gain"
 NUMBERS = (1, 2, 3, 6, 10)

@@ -37,7 +37,7 @@ def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> lis
         f"{', '.join(facts['actions'])}. Source: {facts['provenance']}; licence: {facts['licence']}.",
         "Classifiers by cross-validation, times chosen: "
         + "; ".join(f"{name} ({count})" for name, count in chosen.most_common())
-        + f". Best fixed order: {', '.join(main.folds[0].bank.action_names[a] for a in main.folds[0].order)}.",
+        + f". Best fixed order: {', '.join(main.folds[0].order)}.",
         *facts["notes"],
     ]
     sections = [
