@@ -46,7 +46,7 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
         found.append(_conflict_table(numbers))
     if "searches" in numbers["conditions"][AS_TRAINED]["models"][models[0]]:
         found.append(_searches_table(numbers))
-        if "unsure" in numbers["conditions"][AS_TRAINED]["models"][models[0]]["searches"]:
+        if "abstaining" in numbers["conditions"][AS_TRAINED]["models"][models[0]]["searches"]:
             found.append(_abstention_table(numbers))
     if numbers["unseen"]:
         pairs = [(score, unit) for score in ("energy", "mahalanobis") for unit in ("touch", "object")]
@@ -174,30 +174,39 @@ def _searches_table(numbers: Mapping[str, Any]) -> Table:
 
 
 def _abstention_table(numbers: Mapping[str, Any]) -> Table:
-    """Searches with a wrong confirmation and searches that ended with "I do not know", by condition and model."""
-    models = list(numbers["conditions"][AS_TRAINED]["models"])
-    columns: list[Sequence[str]] = ["condition"]
-    columns += [(f"{model}: {what}", "") for model in models for what in ("wrong", "unsure", "alarms")]
+    """Wrong confirmations without and with the answer "I do not know", by condition, for the sensor's own model."""
+    columns = (
+        "condition",
+        "always answers: wrong",
+        "may be unsure: wrong",
+        "unsure",
+        "right among confirmed",
+        "alarms",
+    )
     rows: list[tuple[Value, ...]] = []
     for condition, row in numbers["conditions"].items():
-        played = [row["models"][model].get("searches") for model in models]
-        cells: list[Value] = []
-        for one in played:
-            cells += [None] * 3 if one is None else [interval(*one["wrong"]), interval(*one["unsure"]), _alarms(one)]
-        rows.append((condition, *cells))
+        searches = next(iter(row["models"].values())).get("searches")
+        if searches is None:
+            rows.append((condition, *[None] * 5))
+            continue
+        found, sure = searches["abstaining"], searches["abstaining"]["sure"]
+        right = None if sure is None else f"{interval(sure['achieved'], *sure['interval'])} of {sure['number']}"
+        wrong = (interval(*some["wrong"]) for some in (searches, found))
+        rows.append((condition, *wrong, interval(*found["unsure"]), right, _alarms(found)))
     return Table(
         f"{numbers['scene']}: live searches that confirmed a wrong object, and that ended with “I do not know”",
         columns,
         rows,
-        f"Fractions of all searches; intervals resample the {SET_UPS} robots that share them. The conflict test of a "
-        "robot runs on from search to search. Alarms: how many robots had one, and in which search, the median.",
+        "Fractions of all searches. The same searches are made by a decider that always answers and by one that may be "
+        f"unsure; {SET_UPS} robots share those, and intervals resample the robots. The conflict test of a robot runs "
+        "on from search to search. Alarms: how many robots had one, and in which search, the median.",
     )
 
 
-def _alarms(searches: Mapping[str, Any]) -> str:
+def _alarms(found: Mapping[str, Any]) -> str:
     """How many robots had an alarm, and in which search."""
-    when = searches["searches_to_alarm"]
-    return f"{searches['alarms']}" + ("" if when is None else f", in search {when:g}")
+    when = found["searches_to_alarm"]
+    return f"{found['alarms']}" + ("" if when is None else f", in search {when:g}")
 
 
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
@@ -21,7 +21,7 @@ from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
 from experiments.search.episode_statistics import calibration_of_confirmations
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
-from planners.abstaining import Abstaining
+from planners.abstaining import ANSWER, Abstaining
 from planners.search import TouchRequest
 from planners.set_up import search_in_turn
 
@@ -67,21 +67,23 @@ def search_scores(
 
     Args:
         sensor: reads the touches; its observation model is not used.
-        models: observation models by name.
+        models: observation models by name, the sensor's own first.
         scenes: by condition.
         named: the scene of the sensor and its search.
         episodes: for every target, the same for all models.
         seed: of the episodes.
         jobs: number of processes.
-        abstain: false-alarm rate of the conflict test, with which the decider may answer "I do not know", also below a
-            stated confidence of :data:`CONFIDENCE`; not by default.
+        abstain: false-alarm rate of the conflict test, with which the first model's decider makes the same searches
+            again and may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
 
     Returns:
         By condition and model: ``success`` with its ``interval``, ``touches`` a search, ``stated`` confidence and
-        ``achieved`` accuracy at confirmation, ``wrong``: fraction of searches with a wrong confirmation, and with
-        ``abstain`` ``unsure``: fraction that ended with "I do not know", each with its interval; ``alarms``: how many
-        of :data:`SET_UPS` robots, whose test runs on from search to search, had an alarm; ``searches_to_alarm``: median
-        number of the search in which.
+        ``achieved`` accuracy at confirmation, and ``wrong``: fraction of searches with a wrong confirmation, with its
+        interval. With ``abstain`` the first model has ``abstaining``: ``wrong`` and ``unsure``, fraction that ended
+        with "I do not know", with their intervals; ``sure``: calibration of the confirmations that state
+        :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many of :data:`SET_UPS` robots,
+        whose test runs on from search to search, had an alarm; ``searches_to_alarm``: median number of the search in
+        which.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -89,17 +91,19 @@ def search_scores(
         num_objects=named.num_objects,
         composition=named.composition,
         touch_limit=12 * named.num_objects,
-        unsure_reward=None if abstain is None else 0.0,
     )
+    kinds = [(name, None) for name in models] + [(name, abstain) for name in list(models)[:1] if abstain is not None]
     tasks = [
-        partial(
-            _search_all, (condition, name), replace(sensor, scene=scene, model=model), problem, episodes, seed, abstain
-        )
+        partial(_search_all, (condition, name), replace(sensor, scene=scene, model=models[name]), problem, episodes,
+                seed, rate)
         for condition, scene in scenes.items()
         if not scene.press_model.is_slow
-        for name, model in models.items()
-    ]
-    return dict(run_tasks(tasks, jobs, "searching under every condition"))
+        for name, rate in kinds
+    ]  # fmt: skip
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for key, scores in run_tasks(tasks, jobs, "searching under every condition"):
+        found[key] = found.get(key, {}) | scores
+    return found
 
 
 def _search_all(
@@ -111,7 +115,6 @@ def _search_all(
     abstain: float | None,
 ) -> tuple[tuple[str, str], dict[str, Any]]:
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
-    decider = decider if abstain is None else Abstaining(decider, abstain, CONFIDENCE)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
     worlds, targets = [], [target for _, target, _ in seeds]
     for seed_of_episode in seeds:
@@ -121,38 +124,28 @@ def _search_all(
     def touches(pending: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
         return touch_many(sensor, pending)[0]
 
-    if abstain is None:
-        parts = [slice(first, first + _TOGETHER) for first in range(0, len(seeds), _TOGETHER)]
-        by_part = [
-            search_lockstep(worlds[part], decider, problem, targets[part], sensor.model, seeds[part], touches)
-            for part in parts
-        ]
-    else:
+    if abstain is not None:
         parts = [slice(first, None, SET_UPS) for first in range(min(SET_UPS, len(seeds)))]
-        by_part = search_in_turn(
+        by_robot = search_in_turn(
             [worlds[part] for part in parts],
-            decider,
-            problem,
+            Abstaining(decider, abstain, CONFIDENCE),
+            replace(problem, unsure_reward=0.0),
             [targets[part] for part in parts],
             sensor.model,
             [seeds[part] for part in parts],
             touches,
         )
-    played = [episode for some in by_part for episode in some]
+        return key, {"abstaining": _abstention(by_robot)}
+    played = [
+        episode
+        for part in (slice(first, first + _TOGETHER) for first in range(0, len(seeds), _TOGETHER))
+        for episode in search_lockstep(
+            worlds[part], decider, problem, targets[part], sensor.model, seeds[part], touches
+        )
+    ]
     won, confirmed = sum(episode.success for episode in played), calibration_of_confirmations(played)
     overall = None if confirmed is None else confirmed.overall
-    wrong = [episode.outcome is Outcome.CONFIRMED and not episode.success for episode in played]
-    unsure = [episode.outcome is Outcome.UNSURE for episode in played]
-    if abstain is None:  # searches are independent, otherwise those of a set-up are not
-        rate = partial(_rate, None)
-    else:
-        rate = partial(_rate, np.repeat(np.arange(len(by_part)), [len(some) for some in by_part]))
-    alarms = [num for some in by_part if (num := _searches_to_alarm(some)) is not None]
-    abstention = {
-        "unsure": rate(unsure),
-        "alarms": len(alarms),
-        "searches_to_alarm": float(np.median(alarms)) if alarms else None,
-    }
+    wrong = sum(_is_wrong(episode) for episode in played)
     return key, {
         "number": len(played),
         "success": won / len(played),
@@ -160,8 +153,35 @@ def _search_all(
         "touches": float(np.mean([episode.num_touches for episode in played])),
         "stated": None if overall is None else overall.mean_stated,
         "achieved": None if overall is None else overall.share_right,
-        "wrong": rate(wrong),
-        **(abstention if abstain is not None else {}),
+        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
+    }
+
+
+def _is_wrong(episode: Episode) -> bool:
+    return episode.outcome is Outcome.CONFIRMED and not episode.success
+
+
+def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
+    """How often robots were wrong and unsure, and when their conflict tests had an alarm."""
+    played = [episode for some in by_robot for episode in some]
+    robots = np.repeat(np.arange(len(by_robot)), [len(some) for some in by_robot])
+
+    def rate(events: Sequence[bool]) -> list[float]:
+        """With an interval that resamples robots, because the searches of one are not independent."""
+        return list(cluster_bootstrap(np.asarray(events), robots, np.random.default_rng(0)))
+
+    sure = [
+        (episode.steps[-1].decision.scores[ANSWER], episode.success, episode.num_touches)
+        for episode in played
+        if episode.outcome is Outcome.CONFIRMED
+    ]
+    alarms = [num for some in by_robot if (num := _searches_to_alarm(some)) is not None]
+    return {
+        "wrong": rate([_is_wrong(episode) for episode in played]),
+        "unsure": rate([episode.outcome is Outcome.UNSURE for episode in played]),
+        "sure": confidence_at_stops(*zip(*sure, strict=True)) if sure else None,
+        "alarms": len(alarms),
+        "searches_to_alarm": float(np.median(alarms)) if alarms else None,
     }
 
 
@@ -169,10 +189,3 @@ def _searches_to_alarm(episodes: Sequence[Episode]) -> int | None:
     """Number of the search, from 1, in which the conflict test first stopped a set-up; None if it did not."""
     stopped = (n for n, episode in enumerate(episodes, 1) if "is_conflict" in episode.steps[-1].decision.scores)
     return next(stopped, None)
-
-
-def _rate(set_ups: NDArray[np.int64] | None, events: Sequence[bool]) -> list[float]:
-    """A frequency with its interval, which resamples set-ups if there are any."""
-    if set_ups is None:
-        return [float(np.mean(events)), *clopper_pearson_interval(sum(events), len(events))]
-    return list(cluster_bootstrap(np.asarray(events), set_ups, np.random.default_rng(0)))
