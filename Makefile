@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check docs environment development sensor robust-sensor independent-sensor policies figures reproduce clean
+.PHONY: search test check docs environment development sensor places robust-sensor independent-sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse $(ARGS)
@@ -79,6 +79,28 @@ sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
 	$(if $(ORDER.$(SCENE)),$(BIN)/activetouch $(ORDER.$(SCENE)))
+
+# What it is worth to choose the place of a touch: the sensor of a scene calibrated for a set of poses, their best fixed
+# order, and searches with places chosen and not chosen; make places SCENE=coarse POSES=directions26
+POSES ?= directions26
+PLACES = $(SCENE)-$(POSES)
+OBJECTS.mix.coarse := --plan.calibration 160 --plan.test 60
+OBJECTS.mix.hard := --plan.calibration 100 --plan.test 30
+OBJECTS.directions26.coarse := --plan.calibration 40 --plan.test 20
+OBJECTS.directions26.hard := --plan.calibration 25 --plan.test 10
+SIZE.coarse := coarse
+SIZE := hard
+SEARCHES.coarse := 75
+SEARCHES := 34
+BY_PLACE := information_gain shape_information_gain random_poses best_order "information_gain(given='shape')"
+places: development
+	$(BIN)/activetouch collect --scene $(SCENE) --poses $(POSES) --plan.train 0 --plan.repeats 2 \
+		$(OBJECTS.$(POSES).$(or $(SIZE.$(SCENE)),$(SIZE))) --out data/$(PLACES)
+	$(BIN)/activetouch calibrate --scene $(SCENE) --reader activetouch/models/$(SCENE)/reader.safetensors \
+		--data data/$(PLACES) --observation-model "rigid body" --out runs/sensor-$(PLACES)
+	$(BIN)/activetouch rank-poses --scene $(SCENE) --poses $(POSES) --data data/$(PLACES) --sensor runs/sensor-$(PLACES)
+	$(BIN)/activetouch compare --scene $(SCENE) --poses $(POSES) --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
+		--episodes $(or $(SEARCHES.$(SCENE)),$(SEARCHES)) --seed 1 --bound --out runs/places-$(PLACES)
 
 # The sensor of a scene whose reader was trained in a wider world; the observation model is of the scene itself.
 WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.poses import facing
+from activetouch.poses import Quaternion, facing
 from belief import Probe, SceneBelief, SearchProblem
 from belief.observation_model.rigid_body import RigidBodyModel
 from planners import InformationState
@@ -21,17 +21,22 @@ from planners.probing import ShapeInformationGain
 OBJECTS, TOUCHES = 5, 8
 
 
-def with_places(sensor: TactileSensor, number: int) -> TactileSensor:
-    """The sensor in a scene with so many directions, evenly spread: a Fibonacci lattice."""
-    if number == len(sensor.scene.poses):
-        return sensor
+def spread(number: int) -> dict[str, Quaternion]:
+    """So many directions, evenly spread: a Fibonacci lattice."""
     z = 1.0 - 2.0 * (np.arange(number) + 0.5) / number
     angle, radius = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(number), np.sqrt(1.0 - z * z)
     directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
-    scene = replace(sensor.scene, poses={f"direction {n}": facing(tuple(d)) for n, d in enumerate(directions)})
-    assert isinstance(sensor.model, RigidBodyModel)
-    model = replace(sensor.model, groups=(0,) * number).with_hypotheses(HypothesisTable(sensor.reader, scene))
-    return TactileSensor(scene, sensor.reader, model)
+    return {f"direction {n}": facing(tuple(d)) for n, d in enumerate(directions)}
+
+
+def with_places(sensor: TactileSensor, scene: Scene) -> TactileSensor:
+    """The sensor of a scene in the same scene with other directions: as it is not calibrated for them, by its own."""
+    model, table, number = sensor.model, HypothesisTable(sensor.reader, scene), len(scene.poses)
+    assert isinstance(model, RigidBodyModel)
+    if table.groups:
+        return TactileSensor(scene, sensor.reader, replace(model, groups=table.groups).with_hypotheses(table))
+    own = {name: np.repeat(getattr(model, name)[:1], number, axis=0) for name in ("references", "reference_logits")}
+    return TactileSensor(scene, sensor.reader, replace(model, groups=(), **own).with_hypotheses(table))
 
 
 def milliseconds(sensor: TactileSensor, hypotheses: int, outcomes: int) -> list[float]:
@@ -59,7 +64,8 @@ def main() -> None:
     print("places  hypotheses  outcomes  median [ms]  90 % below [ms]")
     keyed = TactileSensor.shipped("keyed")
     for places in (26, 200):
-        sensor = with_places(keyed, places)
+        scene = keyed.scene if places == len(keyed.scene.poses) else replace(keyed.scene, poses=spread(places))
+        sensor = with_places(keyed, scene)
         for hypotheses, outcomes in ((64, 128), (256, 512)):
             times = milliseconds(sensor, hypotheses, outcomes)
             median, high = np.quantile(times, [0.5, 0.9])

@@ -31,19 +31,32 @@ def effective_touches(num_touches: ArrayLike, correlation: float) -> Floats:
     return n / (1.0 + np.maximum(n - 1.0, 0.0) * correlation)
 
 
-def repeat_shares(poses: NDArray[np.int64], correlation: float) -> Floats:
+def repeat_shares(poses: NDArray[np.int64], correlation: float, drift: float = 0.0) -> Floats:
     """Weight of each touch of S sequences: effective number of the touches in its pose, divided by their number.
 
     Args:
         poses: of the touches, ``(S, n)``, ≥ 0.
         correlation: ρ of two touches in one pose.
+        drift: κ of two touches of one object in any poses; the effective number of all touches is then that of this
+            correlation, too.
 
     >>> repeat_shares(np.array([[0, 1, 0], [2, 1, 0]]), correlation=0.5).round(2).tolist()
     [[0.67, 1.0, 0.67], [1.0, 1.0, 1.0]]
     """
     keys = poses + (int(poses.max(initial=0)) + 1) * np.arange(len(poses))[:, None]
     counts = np.bincount(keys.ravel())[keys] if keys.size else keys
-    return np.asarray(effective_touches(counts, correlation) / np.maximum(counts, 1))
+    shares = np.asarray(effective_touches(counts, correlation) / np.maximum(counts, 1))
+    return shares * drift_share(shares.sum(axis=1, keepdims=True), drift) if drift else shares
+
+
+def drift_share(num_touches: ArrayLike, drift: float) -> Floats:
+    """Weight of each of n touches in different poses where the reader errs alike about one object: 1 / (1 + (n - 1) κ).
+
+    >>> drift_share([1, 6, 26], drift=0.04).round(2)
+    array([1.  , 0.83, 0.5 ])
+    """
+    n = np.asarray(num_touches, np.float64)
+    return np.asarray(1.0 / (1.0 + np.maximum(n - 1.0, 0.0) * drift))
 
 
 class Repeats(NamedTuple):

@@ -5,7 +5,8 @@ r"""The joint observation model: all touches of an object are of one rigid body 
 The log likelihood ratio of a touch is f(o) · g(k, R, s): the touch brings its embedding f, the model holds the embedded
 hypotheses g of each pose. A learned ratio of this form needs no density over images (Hermans, Begy & Louppe 2020).
 Touches in different poses are independent given the body. Repeats in one pose are not quite, because the reader's error
-about a body in a pose comes again; n of them count as n / (1 + (n - 1) ρ) touches of their mean.
+about a body in a pose comes again; n of them count as n / (1 + (n - 1) ρ) touches of their mean. Where an object is
+touched in very many poses, the reader's error about the object adds up, too; n touches count as n / (1 + (n - 1) κ).
 
 Two shapes, one pose, two hypotheses of each shape; then a touch that fits the first hypothesis of the mug:
 
@@ -39,7 +40,7 @@ from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
-from belief.observation_model.repeat_discount import effective_touches, repeat_shares
+from belief.observation_model.repeat_discount import drift_share, effective_touches, repeat_shares
 from belief.observation_model.rigid_body_fit import fitted, refitted
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
@@ -84,7 +85,7 @@ class RigidBodyEvidence:
         log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
         num_touches: how many touches it holds.
         in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
-            ``(K, N)`` up to a constant; empty where the model does not discount repeats.
+            ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
         conflict: test that they come from the world that the model was fitted to; None if the model has none.
     """
 
@@ -100,18 +101,19 @@ class RigidBodyEvidence:
         Raises:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
-        batch, correlation = self.model.alone(touch), self.model.correlation
+        batch, correlation, drift = self.model.alone(touch), self.model.correlation, self.model.drift
         pose, embedding = int(batch.poses[0, 0]), _embeddings(batch, self.model)[0]
         scores = self.model.scores(pose, embedding)[0]
         log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
         if conflict is not None:
             conflict = conflict.update(embedding[0], float(_misfit(self.log_weights, scores, log_weights)))
-        if correlation:
+        if correlation or drift:
             number, before = in_pose.get(pose, (0, 0.0))
             total = before + scores.astype(np.float64)
             in_pose = {**in_pose, pose: (number + 1, frozen(total - total.max()))}
-            if number:
+            if number or drift:
                 shares = effective_touches([n for n, _ in in_pose.values()], correlation)
+                shares = shares * drift_share(shares.sum(), drift)
                 log_weights = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
         log_weights -= log_weights.max()
         return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, in_pose, conflict)
@@ -176,6 +178,7 @@ class RigidBodyModel(ArrayModel):
         conflict: test that touches come from the world that the model was fitted to; None without.
         groups: of the poses that share references (:class:`~belief.observation_model.views.Views`), one number for
             each pose; empty if every pose has its own.
+        drift: κ in [0, 1], correlation of the reader's errors about one object in different poses.
 
     Raises:
         ValueError: the arrays do not fit each other.
@@ -191,6 +194,7 @@ class RigidBodyModel(ArrayModel):
     correlation: float = 0.0
     conflict: ConflictTest | None = None
     groups: tuple[int, ...] = ()
+    drift: float = 0.0
 
     def __post_init__(self) -> None:
         num_groups, number, _ = self.references.shape
@@ -204,6 +208,8 @@ class RigidBodyModel(ArrayModel):
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
         if not 0.0 <= self.correlation <= 1.0:
             raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
+        if not 0.0 <= self.drift <= 1.0:
+            raise ValueError(f"drift must be in [0, 1], got {self.drift}")
         if self.num_hypotheses < 1:
             raise ValueError(f"there must be at least one hypothesis of each shape, got {self.num_hypotheses}")
         self.freeze()
@@ -246,13 +252,14 @@ class RigidBodyModel(ArrayModel):
         model, conflict = fitted(model, data)
         return replace(model, conflict=conflict)
 
-    def at(self, temperature: float, correlation: float | None = None) -> RigidBodyModel:
-        """The model at another temperature, and at another correlation of repeats if one is given.
+    def at(self, temperature: float, correlation: float | None = None, drift: float | None = None) -> RigidBodyModel:
+        """The model at another temperature, and at another correlation of repeats or drift if one is given.
 
         It has no conflict test, which holds at one temperature only.
         """
         correlation = self.correlation if correlation is None else correlation
-        return replace(self, temperature=temperature, correlation=correlation, conflict=None)
+        drift = self.drift if drift is None else drift
+        return replace(self, temperature=temperature, correlation=correlation, drift=drift, conflict=None)
 
     def refitted(self, touches: TouchBatch, shapes: ArrayLike) -> RigidBodyModel:
         """The model with the temperature and the conflict test of touches of another world.
@@ -426,7 +433,7 @@ class RigidBodyModel(ArrayModel):
 
     def log_weights(self, batch: TouchBatch) -> Floats:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
-        embeddings, shares = _embeddings(batch, self), repeat_shares(batch.poses, self.correlation)
+        embeddings, shares = _embeddings(batch, self), repeat_shares(batch.poses, self.correlation, self.drift)
         weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
@@ -463,7 +470,7 @@ class RigidBodyModel(ArrayModel):
                 here = batch.poses[:, step] == pose
                 scores[here] = self.scores(pose, embeddings[here, step])
             seen.append(scores)
-            shares = repeat_shares(batch.poses[:, : step + 1], self.correlation)
+            shares = repeat_shares(batch.poses[:, : step + 1], self.correlation, self.drift)
             if (shares == 1.0).all():
                 after = before + scores
             else:
@@ -509,6 +516,7 @@ class RigidBodyModel(ArrayModel):
             **{name: to_field(array, "float16") for name, array in arrays.items()},
             "conflict": None if self.conflict is None else self.conflict.to_fields(),
             **({"groups": list(self.groups)} if self.groups else {}),
+            **({"drift": self.drift} if self.drift else {}),
         }
 
     @classmethod
@@ -520,7 +528,8 @@ class RigidBodyModel(ArrayModel):
         number = int(fields["num_hypotheses"])
         temperature, correlation = float(fields["temperature"]), float(fields["correlation"])
         groups = tuple(int(group) for group in fields.get("groups", ()))
-        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups)
+        drift = float(fields.get("drift", 0.0))
+        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups, drift)
 
 
 def _marginal(log_weights: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Fits of the joint observation model: its temperature, the correlation of its repeats, and its conflict test."""
+"""Fits of the joint observation model: temperature, correlation of repeats, drift, and conflict test."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
@@ -15,6 +15,7 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
     Repeats,
+    drift_share,
     effective_touches,
     fit_correlation,
     repeats,
@@ -24,6 +25,7 @@ from belief.touch_batch import TouchBatch
 
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
 _FITTED_ON = 1200  # sequences, at most, for the temperature
+_MOST_OF_DRIFT, _STEPS_OF_DRIFT = 40, 8  # touches of a sequence for the drift, and how many of its steps count
 _REPEATED = 400  # groups of repeats, at most, for their correlation
 _MOST_NUMBERS = 1 << 26  # log weights that are held for a fit
 _TESTED_ON = 1200  # objects, at most, for the conflict test
@@ -48,8 +50,8 @@ class JointModel(Protocol):
     def temperature(self) -> float:
         """By which log ratios are divided."""
 
-    def at(self, temperature: float, correlation: float | None = None) -> Self:
-        """The model at another temperature, and at another correlation of repeats if one is given."""
+    def at(self, temperature: float, correlation: float | None = None, drift: float | None = None) -> Self:
+        """The model at another temperature, and at another correlation of repeats or drift if one is given."""
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
@@ -79,7 +81,11 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
     (2.5, 0.5)
     """
     model = model.at(_fitted_temperature(model, data))
-    model = model.at(model.temperature, _fitted_correlation(model, data))
+    drift = 0.0
+    if model.num_poses > MOST_TOUCHES:
+        temperature, drift = _fitted_drift(model, data)
+        model = model.at(temperature)
+    model = model.at(model.temperature, _fitted_correlation(model, data), drift)
     return model, _fitted_conflict_test(model, data)
 
 
@@ -114,9 +120,54 @@ def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     The touches of a sequence are in different poses, if the object was touched in all. Where objects are few, each
     begins several sequences, up to P.
     """
-    rng, length = np.random.default_rng(0), min(model.num_poses, MOST_TOUCHES)
-    most = max(1, min(_FITTED_ON, _MOST_NUMBERS // (length * len(model.shape_labels) * model.num_hypotheses)))
-    found = []
+    length = min(model.num_poses, MOST_TOUCHES)
+    return _best_temperature(model, *_in_different_poses(model, data, length, length), _ANYWHERE)
+
+
+def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, float]:
+    """Temperature and drift with the lowest mean NLL of the shape after few touches of an object and after many.
+
+    Errors that objects have of their own add up over touches in many poses. A temperature for few touches then makes
+    the belief after many too certain, and the other way round.
+    """
+    length = min(model.num_poses, _MOST_OF_DRIFT)
+    numbers = np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(int))
+    touches, truth = _in_different_poses(model, data, length, len(numbers))
+    sums = [
+        after.astype(np.float32)
+        for number, (_, _, after) in enumerate(model.at(1.0, 0.0, 0.0).steps(touches), 1)
+        if number in numbers
+    ]
+    expected, rows = np.log(model.temperature), np.arange(len(truth))
+
+    def loss(parameters: Floats) -> float:
+        log_temperature, drift = float(parameters[0]), float(parameters[1])
+        total = ((log_temperature - expected) / _ANYWHERE) ** 2 / (2 * len(truth))
+        for number, some in zip(numbers, sums, strict=True):
+            found = logsumexp(some * np.float32(np.exp(-log_temperature) * drift_share(number, drift)), axis=2)
+            total += float((logsumexp(found, axis=1) - found[rows, truth]).mean())
+        return float(total)
+
+    bounds = [(expected - 1.0, expected + 1.0), (0.0, 1.0)]
+    simplex = np.array([[expected, 0.0], [expected + 0.1, 0.0], [expected, 0.05]])
+    options: Any = {"xatol": 2e-3, "fatol": 1e-4, "initial_simplex": simplex}
+    best = minimize(loss, simplex[0], method="Nelder-Mead", bounds=bounds, options=options)
+    return float(np.exp(best.x[0])), float(best.x[1])
+
+
+def _in_different_poses(
+    model: JointModel, data: LabelledTouches, length: int, kept: int
+) -> tuple[TouchBatch, NDArray[np.int64]]:
+    """Sequences of touches in different poses, if the objects were touched in all, and the shapes of their objects.
+
+    Args:
+        model: says how many fit in memory.
+        data: all touches.
+        length: of a sequence.
+        kept: number of steps of a sequence that are held in memory.
+    """
+    rng, found = np.random.default_rng(0), []
+    most = max(1, min(_FITTED_ON, _MOST_NUMBERS // (kept * len(model.shape_labels) * model.num_hypotheses)))
     for _ in range(min(model.num_poses, -(-most // data.num_objects))):
         order = rng.permutation(len(data.objects))
         poses = (data.objects * data.num_poses + data.poses)[order]
@@ -126,8 +177,7 @@ def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
         by_object = order[np.argsort(data.objects[order], kind="stable")]
         found.append(_sequences(data, by_object, min(most, data.num_objects), length))
     rows = np.concatenate([some for some, _ in found])[:most]
-    shapes = np.concatenate([some for _, some in found])[:most]
-    return _best_temperature(model, _touches(data, rows), shapes, _ANYWHERE)
+    return _touches(data, rows), np.concatenate([some for _, some in found])[:most]
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:

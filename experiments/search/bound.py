@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from belief import Composition
+from belief import Composition, SearchProblem
+from belief.observation_model import ObservationModel
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.problem import Floats
 from experiments.search.setting import Setting, load_sensor
@@ -77,7 +78,7 @@ def discretised_search(setting: Setting, target: int) -> tuple[SearchTouchProble
     model = load_sensor(setting).model
     probs = model.outcome_table(max(_LEAST_OUTCOMES, model.default_outcomes)).probs
     weights = weights_in_turn(repeat_discount(model), setting.problem.num_poses, _MOST_USES)
-    return _search(setting, target, probs), weights.tolist()
+    return _search(setting.problem, target, probs), weights.tolist()
 
 
 def best_return_with_revealed_bodies(setting: Setting, target: int) -> RevealedBody | None:
@@ -90,7 +91,17 @@ def best_return_with_revealed_bodies(setting: Setting, target: int) -> RevealedB
     Returns:
         None if the sensor takes touches as independent, if touches are free, or for bags.
     """
-    problem, model = setting.problem, load_sensor(setting).model
+    return revealed_body(setting.problem, load_sensor(setting).model, target)
+
+
+def revealed_body(problem: SearchProblem, model: ObservationModel, target: int) -> RevealedBody | None:
+    """:func:`best_return_with_revealed_bodies`, for an observation model.
+
+    Args:
+        problem: the search.
+        model: whose hypotheses and reference touches there are.
+        target: index of the target.
+    """
     if (
         not (isinstance(model, RigidBodyModel) and isinstance(problem.composition, Composition))
         or not problem.touch_cost
@@ -102,11 +113,10 @@ def best_return_with_revealed_bodies(setting: Setting, target: int) -> RevealedB
         chosen = np.tile(bodies[group::_GROUPS], (problem.num_shapes, 1))
         tables = np.moveaxis(model.outcome_probs(chosen, _REFERENCES), 2, 0).astype(np.float64)  # (H, P, K, M)
         tables /= tables.sum(axis=3, keepdims=True)
-        found.append(revealing_touch_bound(_search(setting, target, tables[0]), _TOUCHES_OF_BODY, tables=list(tables)))
+        found.append(revealing_touch_bound(_search(problem, target, tables[0]), _TOUCHES_OF_BODY, tables=list(tables)))
     return RevealedBody(float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(_GROUPS)))
 
 
-def _search(setting: Setting, target: int, probs: Floats) -> SearchTouchProblem:
-    problem = setting.problem
+def _search(problem: SearchProblem, target: int, probs: Floats) -> SearchTouchProblem:
     assert isinstance(problem.composition, Composition), "checked by the callers"
     return SearchTouchProblem(probs, problem.num_objects, problem.composition, target, problem.touch_cost)

@@ -66,9 +66,9 @@ def test_the_likelihood_is_the_mean_over_bodies_of_the_product_over_touches(worl
     np.testing.assert_allclose(posterior(model.log_likelihood(touches)), expected / expected.sum(), rtol=1e-4)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.4, 1.0])
-def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng, correlation):
-    model = replace(world.model(rng), correlation=correlation)
+@pytest.mark.parametrize(("correlation", "drift"), [(0.0, 0.0), (0.4, 0.0), (1.0, 0.0), (0.0, 0.2), (0.4, 0.2)])
+def test_touch_by_touch_and_all_at_once_are_the_same_in_any_order(world, rng, correlation, drift):
+    model = replace(world.model(rng), correlation=correlation, drift=drift)
     touches = touches_of(world, 0, 3, [0, 1, 2, 0, 0], rng)
     evidence = model.start()
     for touch in touches:
@@ -107,6 +107,26 @@ def test_a_reader_that_errs_alike_in_a_pose_gets_a_correlation(world, rng):
     fitted = [RigidBodyModel.fit(*touches_of_objects(same), embed=world.embed, num_hypotheses=N) for same in (0, 1)]
     assert fitted[0].correlation < 0.1
     assert fitted[1].correlation > 0.8
+
+
+def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
+    """Two shapes that look the same in 14 poses; the reader's error is of the touch, or of the object."""
+    rng, hypotheses = np.random.default_rng(0), np.zeros((14, 2, 1, 2), np.float32)
+    hypotheses[:, 0, 0, 0] = hypotheses[:, 1, 0, 1] = 1.0
+    shapes = np.repeat(np.arange(400) % 2, 14)
+    found = []
+    for of_object in (0.0, 0.7):
+        errors = rng.normal(size=(5600, 2)) + of_object * np.repeat(rng.normal(size=(400, 2)), 14, axis=0)
+        touches = [
+            Touch(number % 14, np.zeros(2), feature) for number, feature in enumerate(np.eye(2)[shapes] + errors)
+        ]
+        found.append(
+            RigidBodyModel.fit(
+                touches, shapes, np.repeat(np.arange(400), 14), embed=lambda _: hypotheses, num_hypotheses=1
+            )
+        )
+    assert found[0].drift < 0.05 < 0.2 < found[1].drift
+    assert RigidBodyModel.from_fields(found[1].shape_labels, found[1].to_fields()).drift == found[1].drift
 
 
 def test_no_touches_say_nothing(world, rng):
