@@ -62,6 +62,8 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
         columns = ("unseen shape", *(f"{score}, {unit}" for score, unit in pairs), "taken for", "confidence")
         found.append(Table(f"{name}: AUROC of unseen against known shapes ({of})", columns, unseen))
         found.append(_strangers_table(numbers))
+    if numbers["among_strangers"]:
+        found.append(_among_strangers_table(numbers))
     if numbers["left_out"]:
         found.append(Table("left out", ("condition", ("because", "")), list(numbers["left_out"].items())))
     return found
@@ -156,6 +158,27 @@ def _strangers_table(numbers: Mapping[str, Any]) -> Table:
         else f"The test fires for {interval(*wrong)} of the known objects, at most {FALSE_ALARMS:g} stated."
     )
     return Table(f"{numbers['scene']}: AUROC of strangers after several touches of an object", columns, rows, note)
+
+
+def _among_strangers_table(numbers: Mapping[str, Any]) -> Table:
+    rows: list[tuple[Value, ...]] = [
+        (
+            belief,
+            interval(found["success"], *found["interval"]),
+            interval(*found["wrong"]),
+            *(found[key] for key in ("taken", "touches", "no_touch")),
+        )
+        for belief, found in numbers["among_strangers"].items()
+    ]
+    columns = ("belief", "success", "wrong", ("confirmed a stranger", ".3f"), ("touches", ".2f"), ("no touch", ".3f"))
+    number = next(iter(numbers["among_strangers"].values()))["number"]
+    return Table(
+        f"{numbers['scene']}: {number} live searches for a known shape among strangers",
+        columns,
+        rows,
+        "The bag holds one object of every known shape and as many of unknown ones, so the target may be absent; then "
+        "rejecting all objects is right. No touch: success of rejecting all objects, or of confirming the first.",
+    )
 
 
 def _searches_table(numbers: Mapping[str, Any]) -> Table:

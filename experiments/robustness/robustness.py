@@ -39,6 +39,7 @@ from experiments.robustness.shifted_touches import (
     applicable_conditions,
     measure_touches,
 )
+from experiments.robustness.stranger_searches import stranger_searches
 from experiments.scene_choice import SceneChoice
 from experiments.sensor_choice import open_sensor, sensor_folder
 
@@ -74,7 +75,7 @@ class Robustness:
     """Number of objects of every shape to press into the soft pad too, which takes seconds per press."""
     searches: CountOrNone = 0
     """Number of live searches for every target, by information gain with each observation model, under every
-    condition."""
+    condition, and among objects of unseen shapes."""
     abstain: Annotated[float, Within(0.0, 1.0, open_low=True, open_high=True)] | None = None
     """False-alarm rate of the conflict test, such as 0.02, with which searches may end with "I do not know"; also if
     the stated confidence is below that of stops. They never do by default."""
@@ -124,8 +125,11 @@ class Robustness:
             for (condition, model), found in searched.items():
                 scores[condition]["models"][model]["searches"] = found
         unseen: dict[str, Any] = {}
+        among_strangers: dict[str, Any] = {}
         if novel:
             unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))
+            if self.searches and sensor.model.start().log_bets is not None:
+                among_strangers = stranger_searches(sensor, self.choice.named, self.searches, self.seed, self.jobs)
         numbers = {
             "scene": name,
             "seed": self.seed,
@@ -134,6 +138,7 @@ class Robustness:
             "chance": 1.0 / len(scene.shapes),
             "conditions": scores,
             "unseen": unseen,
+            "among_strangers": among_strangers,
             "left_out": left_out,
             "shift": list(sensor.shift),
         }

@@ -130,7 +130,14 @@ def test_a_sensor_without_information_is_reported_at_chance(sensor):
     assert trained["accuracy"] > 0.35
     assert blank["difference"] == pytest.approx(0.25 - trained["accuracy"])
     assert blank["difference_interval"][0] <= blank["difference"] <= blank["difference_interval"][1]
-    report = {"scene": "coarse", "objects_per_shape": 10, "num_poses": 6, "unseen": {}, "left_out": {}}
+    report = {
+        "scene": "coarse",
+        "objects_per_shape": 10,
+        "num_poses": 6,
+        "unseen": {},
+        "among_strangers": {},
+        "left_out": {},
+    }
     text = "\n".join(table.markdown() for table in robustness_tables(report | {"conditions": numbers}))
     assert [line.split(" | ")[0] for line in text.splitlines() if "(chance)" in line] == ["| all taxels dead"]
 
@@ -184,7 +191,14 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
         assert found["number"] == 4
         assert found["touches"] > 0
         numbers[condition]["models"][model]["searches"] = found
-    report = {"scene": "coarse", "objects_per_shape": 4, "num_poses": 6, "unseen": {}, "left_out": {}}
+    report = {
+        "scene": "coarse",
+        "objects_per_shape": 4,
+        "num_poses": 6,
+        "unseen": {},
+        "among_strangers": {},
+        "left_out": {},
+    }
     stops, conflict, searches = robustness_tables(report | {"conditions": numbers})[1:]
     assert [len(table.columns) for table in (stops, conflict, searches)] == [9, 5, 9]
     assert "Largest gap of rigid body" in stops.note
