@@ -13,39 +13,38 @@ Two shapes, one pose, two hypotheses of each shape; then a touch that fits the f
 >>> hypotheses = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
 >>> references = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
 >>> model = RigidBodyModel(("mug", "cup"), hypotheses, 2, 1.0, references, reference_logits=np.zeros((1, 2, 2)))
->>> evidence: RigidBodyEvidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
+>>> evidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
 >>> (evidence.log_likelihood - evidence.log_likelihood.max()).round(1).tolist()
 [0.0, -3.6]
->>> diagnostics: Diagnostics = evidence.diagnostics
->>> diagnostics.most_likely.tolist()
+>>> evidence.diagnostics.most_likely.tolist()
 [0, 1]
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import logsumexp
 
 from belief.array_fields import from_field, to_field
-from belief.conflict import ConflictTest, ObjectConflict, log_conflict
+from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.log_weights import bounded_softmax, log_means, log_sums, misfit
 from belief.observation_model.model import ArrayModel, Embeds
-from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
-from belief.observation_model.repeat_discount import drift_share, effective_touches, repeat_shares
+from belief.observation_model.repeat_discount import repeat_shares
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted, refitted
-from belief.observation_model.views import SharedMixture, Views
+from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_count
 
 Floats32 = NDArray[np.float32]
 
@@ -53,112 +52,7 @@ _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at
 _REFERENCES = 256  # touches kept of each pose
 _SHARED_REFERENCES = 512  # touches kept of each group of poses
 _LARGEST = 1e30  # number in an embedding
-_LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
 _RECOMPUTED = ("table", "_shared")  # after pickling
-
-
-class Diagnostics(NamedTuple):
-    """How well the hypotheses cover what was felt.
-
-    Attributes:
-        effective_hypotheses: effective sample size of each shape's hypotheses, ``(K,)``, between 1 and N. Near 1, the
-            posterior is narrower than the hypotheses are dense.
-        most_likely: index of each shape's most likely hypothesis, ``(K,)``.
-        p_values: of the last touch, ``(2,)``: that its image is so novel, and that it fits the earlier touches so
-            badly; ones without a test.
-        log_conflict: log e-value of all touches of the object against "they come from the world that the model was
-            fitted to"; 0.0 without a test.
-    """
-
-    effective_hypotheses: Floats
-    most_likely: NDArray[np.int64]
-    p_values: Floats
-    log_conflict: float
-
-
-@dataclass(frozen=True, eq=False)
-class RigidBodyEvidence:
-    """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
-
-    Attributes:
-        model: whose hypotheses they are.
-        log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
-        num_touches: how many touches it holds.
-        in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
-            ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
-        conflict: test that they come from the world that the model was fitted to; None if the model has none.
-    """
-
-    model: RigidBodyModel
-    log_weights: Floats
-    num_touches: int = 0
-    in_pose: Mapping[int, tuple[int, Floats]] = field(default_factory=dict)
-    conflict: ObjectConflict | None = None
-
-    def update(self, touch: Touch) -> RigidBodyEvidence:
-        """The evidence with one more touch; costs K N D multiplications.
-
-        Raises:
-            ValueError: the touch does not fit the model, or brings no embedding.
-        """
-        batch, correlation, drift = self.model.alone(touch), self.model.correlation, self.model.drift
-        pose, embedding = int(batch.poses[0, 0]), _embeddings(batch, self.model)[0]
-        scores = self.model.scores(pose, embedding)[0]
-        log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
-        if conflict is not None:
-            conflict = conflict.update(embedding[0], float(_misfit(self.log_weights, scores, log_weights)))
-        if correlation or drift:
-            number, before = in_pose.get(pose, (0, 0.0))
-            total = before + scores.astype(np.float64)
-            in_pose = {**in_pose, pose: (number + 1, frozen(total - total.max()))}
-            if number or drift:
-                shares = effective_touches([n for n, _ in in_pose.values()], correlation)
-                shares = shares * drift_share(shares.sum(), drift)
-                log_weights = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
-        log_weights -= log_weights.max()
-        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, in_pose, conflict)
-
-    @property
-    def log_bets(self) -> Floats | None:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
-        return None if self.conflict is None else self.conflict.log_bets
-
-    @cached_property
-    def log_likelihood(self) -> Floats:
-        """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
-        return frozen(_marginal(self.log_weights))
-
-    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
-        """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
-
-        The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
-        """
-        key = num_outcomes, num_hypotheses
-        if key not in self._mixtures:
-            require_count("num_outcomes", num_outcomes)
-            require_count("num_hypotheses", num_hypotheses)
-            chosen, weights = _some_hypotheses(self.log_weights, num_hypotheses)
-            views = self.model.views
-            if views is None:
-                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
-            else:
-                outcomes = self.model.shared_outcomes(num_outcomes)
-                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views)
-        return self._mixtures[key]
-
-    @cached_property
-    def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:
-        return {}
-
-    @cached_property
-    def diagnostics(self) -> Diagnostics:
-        """How well the hypotheses cover what was felt."""
-        shares = np.exp(self.log_weights - self.log_weights.max(axis=1, keepdims=True))
-        effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
-        most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
-        if conflict is None:
-            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
-        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_conflict([conflict.log_bets]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +162,7 @@ class RigidBodyModel(ArrayModel):
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
         """
-        _embeddings(touches, self)
+        self.embeddings(touches)
         model, conflict = refitted(self, touches, shapes)
         return replace(model, conflict=conflict)
 
@@ -299,6 +193,18 @@ class RigidBodyModel(ArrayModel):
         if found.groups.tolist() != list(self.groups):
             raise ValueError(f"the hypotheses are for poses of the groups {found.groups.tolist()}, not {self.groups}")
         return found
+
+    def embeddings(self, batch: TouchBatch) -> Floats:
+        """Embeddings of a batch of touches, ``(S, n, D)``.
+
+        Raises:
+            ValueError: the touches bring none, or some of another size.
+        """
+        wanted = self.references.shape[-1]
+        if batch.features is None or batch.features.shape[-1] != wanted:
+            found = "none" if batch.features is None else f"{batch.features.shape[-1]} numbers"
+            raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
+        return np.asarray(batch.features)
 
     def scores(self, pose: int, embeddings: Floats) -> Floats32:
         """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
@@ -336,7 +242,7 @@ class RigidBodyModel(ArrayModel):
         kept = np.linspace(0, number - 1, min(num_outcomes, number)).round().astype(int)
         table = self.table[:, np.arange(len(hypotheses))[:, None], hypotheses].reshape(num_poses, -1, width)
         found = table @ _in_single(self.references[:, kept], self.temperature).swapaxes(1, 2)
-        found = _softmax(found - self._log_normalisers[:, None, kept])
+        found = bounded_softmax(found - self._log_normalisers[:, None, kept])
         found.flags.writeable = False
         return found.reshape(num_poses, *hypotheses.shape, -1)
 
@@ -356,7 +262,7 @@ class RigidBodyModel(ArrayModel):
             for group, pose in enumerate(self._first_poses):
                 found = np.moveaxis(self.scores(pose, self.references[group, kept]), 0, 2)
                 found = found - self._log_normalisers[group, kept]
-                tables.append(_softmax(found))
+                tables.append(bounded_softmax(found))
             self._shared[num_outcomes] = frozen(np.ascontiguousarray(np.stack(tables)))
         return self._shared[num_outcomes]
 
@@ -377,7 +283,7 @@ class RigidBodyModel(ArrayModel):
         blocks = np.array_split(np.arange(self.references.shape[1]), -(-self.references.shape[1] // size))
         return np.stack(
             [
-                np.concatenate([_log_sum(self.scores(pose, some[block])) for block in blocks])
+                np.concatenate([log_sums(self.scores(pose, some[block])) for block in blocks])
                 for pose, some in zip(self._first_poses, self.references, strict=True)
             ]
         )
@@ -433,7 +339,7 @@ class RigidBodyModel(ArrayModel):
 
     def log_weights(self, batch: TouchBatch) -> Floats:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
-        embeddings, shares = _embeddings(batch, self), repeat_shares(batch.poses, self.correlation, self.drift)
+        embeddings, shares = self.embeddings(batch), repeat_shares(batch.poses, self.correlation, self.drift)
         weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
@@ -452,7 +358,7 @@ class RigidBodyModel(ArrayModel):
         for first in range(0, len(batch), size):
             block = slice(first, first + size)
             for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
-                found[block, step] = _misfit(before, scores, before + scores)
+                found[block, step] = misfit(before, scores, before + scores)
         return found
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:
@@ -461,7 +367,7 @@ class RigidBodyModel(ArrayModel):
         Yields:
             Three arrays ``(S, K, N)``; log weights have largest 0.
         """
-        embeddings = _embeddings(batch, self)
+        embeddings = self.embeddings(batch)
         before = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
         seen: list[Floats32] = []
         for step in range(batch.num_touches):
@@ -483,7 +389,7 @@ class RigidBodyModel(ArrayModel):
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
         blocks = [batch.sequences(slice(first, first + size)) for first in range(0, len(batch), size)]
-        return np.concatenate([_marginal(self.log_weights(block)) for block in blocks])
+        return np.concatenate([log_means(self.log_weights(block)) for block in blocks])
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
@@ -532,79 +438,11 @@ class RigidBodyModel(ArrayModel):
         return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups, drift)
 
 
-def _marginal(log_weights: Floats) -> Floats:
-    """Log mean weight over the hypotheses of each shape, ``(..., K)``."""
-    largest = log_weights.max(axis=-1, keepdims=True)
-    return np.asarray(largest[..., 0] + np.log(np.exp(log_weights - largest).mean(axis=-1)))
-
-
-def _misfit(before: Floats, scores: Floats32, after: Floats) -> Floats:
-    """See :meth:`RigidBodyModel.misfits`; over the last two axes.
-
-    Args:
-        before: log weights of the hypotheses, largest 0, ``(..., K, N)``.
-        scores: of the touch.
-        after: the sum of the two.
-    """
-    most, top = scores.max(axis=(-2, -1)), after.max(axis=(-2, -1))
-    shares = np.exp(scores - most[..., None, None])
-    alone = np.log(np.square(shares).sum(axis=(-2, -1))) - np.log(shares.sum(axis=(-2, -1))) + most
-    return np.asarray(alone - _log_total(after, top) - top + _log_total(before, np.zeros_like(top)))
-
-
-def _log_total(log_weights: Floats, largest: Floats) -> Floats32:
-    """Log of the sum of exponentials over the last two axes, less ``largest``, in single precision."""
-    relative = (log_weights - largest[..., None, None]).astype(np.float32)
-    return np.asarray(np.log(np.exp(relative).sum(axis=(-2, -1))))
-
-
-def _softmax(scores: Floats32) -> Floats32:
-    """Probabilities over the last axis, in place where possible; small ones are limited, which keeps them fast."""
-    scores = scores - scores.max(axis=-1, keepdims=True)
-    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
-    scores /= scores.sum(axis=-1, keepdims=True)
-    return scores
-
-
-def _log_sum(scores: Floats32) -> Floats32:
-    """Log of the sum of exponentials over shapes and hypotheses, ``(n,)``; overwrites the scores."""
-    largest = scores.max(axis=(1, 2))
-    scores -= largest[:, None, None]
-    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
-    return np.asarray(largest + np.log(scores.sum(axis=(1, 2))))
-
-
-def _some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], Floats]:
-    """Indices and weights of at most ``number`` hypotheses of each shape, ``(K, H)`` each.
-
-    All with their weights if there are no more; otherwise by systematic resampling, in which a hypothesis of weight w
-    appears ``number`` times w times, rounded up or down.
-    """
-    shares = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
-    num_shapes, num_hypotheses = shares.shape
-    if num_hypotheses <= number:
-        chosen = np.tile(np.arange(num_hypotheses), (num_shapes, 1))
-        return chosen, shares / shares.sum(axis=1, keepdims=True)
-    cumulative = shares.cumsum(axis=1)
-    places = (np.arange(number) + 0.5) / number
-    chosen = np.stack([row.searchsorted(places * row[-1]) for row in cumulative])
-    return chosen, np.full(chosen.shape, 1.0 / number)
-
-
 def _in_single(embeddings: Floats, temperature: float) -> Floats32:
     """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
     with np.errstate(over="ignore"):
         scaled = np.asarray(embeddings, np.float64) / temperature
     return np.clip(scaled, -_LARGEST, _LARGEST).astype(np.float32)
-
-
-def _embeddings(batch: TouchBatch, model: RigidBodyModel) -> Floats:
-    """Embeddings of a batch of touches, ``(S, n, D)``."""
-    wanted = model.references.shape[-1]
-    if batch.features is None or batch.features.shape[-1] != wanted:
-        found = "none" if batch.features is None else f"{batch.features.shape[-1]} numbers"
-        raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
-    return np.asarray(batch.features)
 
 
 def _rows_of_groups(data: LabelledTouches, groups: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -17,7 +17,8 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import to_matrices
 from activetouch.solids.solid import Shape
 from activetouch.world import TactileSensor
-from belief.observation_model.rigid_body import RigidBodyEvidence, RigidBodyModel
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from activetouch.scene import WorldObject
 from belief import Probe, Reject, SearchProblem
-from belief.observation_model.rigid_body import RigidBodyEvidence
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.problem import Action
 from belief.seeding import touch_rng
 from experiments.search.setting import Setting, load_sensor, make_world

@@ -1,0 +1,97 @@
+"""Sums over the log weights of hypotheses, which are ``(..., K, N)``: N hypotheses of each of K shapes.
+
+Largest terms are subtracted first, so nothing overflows. Sums over many hypotheses are in single precision where that
+is twice as fast and an error of 1e-6 does not matter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.problem import Floats
+
+Floats32 = NDArray[np.float32]
+
+_LEAST_LOG = -60.0  # of an outcome's probability relative to the largest; smaller numbers would be slow
+
+
+def log_means(log_weights: Floats) -> Floats:
+    """Log mean weight over the hypotheses of each shape, ``(..., K)``.
+
+    >>> log_means(np.log([[0.2, 0.4], [1e-300, 3e-300]])).round(3).tolist()
+    [-1.204, -690.082]
+    """
+    largest = log_weights.max(axis=-1, keepdims=True)
+    return np.asarray(largest[..., 0] + np.log(np.exp(log_weights - largest).mean(axis=-1)))
+
+
+def misfit(before: Floats, scores: Floats32, after: Floats) -> Floats:
+    """How much worse the weights before a touch predict it than the touch itself does, ``(...)``.
+
+    That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | before) p(o | i), over all hypotheses i.
+
+    Args:
+        before: log weights of the hypotheses, largest 0, ``(..., K, N)``.
+        scores: of the touch.
+        after: the sum of the two.
+
+    >>> scores = np.array([[4.0, 0.0]], np.float32)
+    >>> [round(abs(float(misfit(logs, scores, logs + scores))), 1) for logs in np.array([[[0.0, -4.0]], [[-4.0, 0.0]]])]
+    [0.0, 3.3]
+    """
+    most, top = scores.max(axis=(-2, -1)), after.max(axis=(-2, -1))
+    shares = np.exp(scores - most[..., None, None])
+    alone = np.log(np.square(shares).sum(axis=(-2, -1))) - np.log(shares.sum(axis=(-2, -1))) + most
+    return np.asarray(alone - _log_total(after, top) - top + _log_total(before, np.zeros_like(top)))
+
+
+def bounded_softmax(scores: Floats32) -> Floats32:
+    """Probabilities over the last axis; small ones are limited, which keeps sums with them fast.
+
+    >>> bounded_softmax(np.array([0.0, 0.0, -1e30], np.float32)).round(3).tolist()
+    [0.5, 0.5, 0.0]
+    """
+    scores = scores - scores.max(axis=-1, keepdims=True)
+    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
+    scores /= scores.sum(axis=-1, keepdims=True)
+    return scores
+
+
+def log_sums(scores: Floats32) -> Floats32:
+    """Log of the sum of exponentials of scores ``(n, K, N)``, ``(n,)``; overwrites the scores.
+
+    >>> log_sums(np.full((1, 2, 4), 1e30, np.float32)).tolist() == [np.float32(1e30)]
+    True
+    """
+    largest = scores.max(axis=(1, 2))
+    scores -= largest[:, None, None]
+    np.exp(np.maximum(scores, _LEAST_LOG, out=scores), out=scores)
+    return np.asarray(largest + np.log(scores.sum(axis=(1, 2))))
+
+
+def some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64], Floats]:
+    """Indices and weights of at most ``number`` hypotheses of each shape, ``(K, H)`` each.
+
+    All with their weights if there are no more; otherwise by systematic resampling, in which a hypothesis of weight w
+    appears ``number`` times w times, rounded up or down.
+
+    >>> chosen, weights = some_hypotheses(np.log([[0.5, 0.25, 0.25]]), 2)
+    >>> chosen.tolist(), weights.tolist()
+    ([[0, 1]], [[0.5, 0.5]])
+    """
+    probs = np.exp(log_weights - log_weights.max(axis=1, keepdims=True))
+    num_shapes, num_hypotheses = probs.shape
+    if num_hypotheses <= number:
+        chosen = np.tile(np.arange(num_hypotheses), (num_shapes, 1))
+        return chosen, probs / probs.sum(axis=1, keepdims=True)
+    cumulative = probs.cumsum(axis=1)
+    places = (np.arange(number) + 0.5) / number
+    chosen = np.stack([row.searchsorted(places * row[-1]) for row in cumulative])
+    return chosen, np.full(chosen.shape, 1.0 / number)
+
+
+def _log_total(log_weights: Floats, largest: Floats) -> Floats32:
+    """Log of the sum of exponentials over the last two axes, less ``largest``, in single precision."""
+    relative = (log_weights - largest[..., None, None]).astype(np.float32)
+    return np.asarray(np.log(np.exp(relative).sum(axis=(-2, -1))))

@@ -1,0 +1,174 @@
+"""The evidence about one rigid body: a weight for every hypothesis of shape, orientation and size.
+
+Two touches that fit the second hypothesis of the mug, and none of the cup:
+
+>>> from belief.observation_model.rigid_body import RigidBodyModel
+>>> hypotheses = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
+>>> model = RigidBodyModel(("mug", "cup"), hypotheses, 2, 1.0, np.ones((1, 1, 2)), reference_logits=np.zeros((1, 1, 2)))
+>>> evidence: RigidBodyEvidence = model.start()
+>>> for _ in range(2):
+...     evidence = evidence.update(Touch(0, np.zeros(2), np.array([0.2, 1.0])))
+>>> evidence.log_likelihood.round(1).tolist(), evidence.diagnostics.effective_hypotheses.round(2).tolist()
+([-0.7, -7.9], [1.02, 1.02])
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.conflict import ObjectConflict, log_conflict
+from belief.frozen import frozen
+from belief.observation_model.log_weights import log_means, misfit, some_hypotheses
+from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.repeat_discount import drift_share, effective_touches
+from belief.observation_model.views import SharedMixture, Views
+from belief.problem import Floats, Touch
+from belief.touch_batch import TouchBatch
+from belief.validation import require_count
+
+Floats32 = NDArray[np.float32]
+
+
+class Hypotheses(Protocol):
+    """What the evidence needs of its model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
+
+    @property
+    def shape_labels(self) -> tuple[str, ...]:
+        """Names of the K shapes."""
+
+    @property
+    def correlation(self) -> float:
+        """ρ in [0, 1] of repeats in one pose."""
+
+    @property
+    def drift(self) -> float:
+        """κ in [0, 1], correlation of the reader's errors about one object in different poses."""
+
+    @property
+    def views(self) -> Views | None:
+        """Which hypotheses look alike in different poses; None if every pose has references of its own."""
+
+    def alone(self, touch: Touch) -> TouchBatch:
+        """A touch as a batch of one."""
+
+    def embeddings(self, batch: TouchBatch) -> Floats:
+        """Embeddings of a batch of touches, ``(S, n, D)``."""
+
+    def scores(self, pose: int, embeddings: Floats) -> Floats32:
+        """Log p(touch | shape, orientation, size), up to a constant of the touch, ``(n, K, N)``."""
+
+    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
+        """p(reference touch | pose, shape, hypothesis), ``(P, K, H, M)``."""
+
+    def shared_outcomes(self, num_outcomes: int) -> Floats32:
+        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``."""
+
+
+class Diagnostics(NamedTuple):
+    """How well the hypotheses cover what was felt.
+
+    Attributes:
+        effective_hypotheses: effective sample size of each shape's hypotheses, ``(K,)``, between 1 and N. Near 1, the
+            posterior is narrower than the hypotheses are dense.
+        most_likely: index of each shape's most likely hypothesis, ``(K,)``.
+        p_values: of the last touch, ``(2,)``: that its image is so novel, and that it fits the earlier touches so
+            badly; ones without a test.
+        log_conflict: log e-value of all touches of the object against "they come from the world that the model was
+            fitted to"; 0.0 without a test.
+    """
+
+    effective_hypotheses: Floats
+    most_likely: NDArray[np.int64]
+    p_values: Floats
+    log_conflict: float
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyEvidence:
+    """The evidence about one body: the log weight of every hypothesis. A frozen value; an update makes a new one.
+
+    Attributes:
+        model: whose hypotheses they are.
+        log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
+        num_touches: how many touches it holds.
+        in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
+            ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
+        conflict: test that they come from the world that the model was fitted to; None if the model has none.
+    """
+
+    model: Hypotheses
+    log_weights: Floats
+    num_touches: int = 0
+    in_pose: Mapping[int, tuple[int, Floats]] = field(default_factory=dict)
+    conflict: ObjectConflict | None = None
+
+    def update(self, touch: Touch) -> RigidBodyEvidence:
+        """The evidence with one more touch; costs K N D multiplications.
+
+        Raises:
+            ValueError: the touch does not fit the model, or brings no embedding.
+        """
+        batch, correlation, drift = self.model.alone(touch), self.model.correlation, self.model.drift
+        pose, embedding = int(batch.poses[0, 0]), self.model.embeddings(batch)[0]
+        scores = self.model.scores(pose, embedding)[0]
+        log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
+        if conflict is not None:
+            conflict = conflict.update(embedding[0], float(misfit(self.log_weights, scores, log_weights)))
+        if correlation or drift:
+            number, before = in_pose.get(pose, (0, 0.0))
+            total = before + scores.astype(np.float64)
+            in_pose = {**in_pose, pose: (number + 1, frozen(total - total.max()))}
+            if number or drift:
+                shares = effective_touches([n for n, _ in in_pose.values()], correlation)
+                shares = shares * drift_share(shares.sum(), drift)
+                log_weights = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
+        log_weights -= log_weights.max()
+        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, in_pose, conflict)
+
+    @property
+    def log_bets(self) -> Floats | None:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
+        return None if self.conflict is None else self.conflict.log_bets
+
+    @cached_property
+    def log_likelihood(self) -> Floats:
+        """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
+        return frozen(log_means(self.log_weights))
+
+    def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
+        """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
+
+        The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
+        """
+        key = num_outcomes, num_hypotheses
+        if key not in self._mixtures:
+            require_count("num_outcomes", num_outcomes)
+            require_count("num_hypotheses", num_hypotheses)
+            chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
+            views = self.model.views
+            if views is None:
+                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
+            else:
+                outcomes = self.model.shared_outcomes(num_outcomes)
+                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views)
+        return self._mixtures[key]
+
+    @cached_property
+    def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:
+        return {}
+
+    @cached_property
+    def diagnostics(self) -> Diagnostics:
+        """How well the hypotheses cover what was felt."""
+        shares = np.exp(self.log_weights - self.log_weights.max(axis=1, keepdims=True))
+        effective = shares.sum(axis=1) ** 2 / np.square(shares).sum(axis=1)
+        most_likely, conflict = frozen(self.log_weights.argmax(axis=1)), self.conflict
+        if conflict is None:
+            return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
+        return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_conflict([conflict.log_bets]))
