@@ -134,7 +134,7 @@ class Reading:
     """A fitted reader, and the log likelihood ratios of touches that it did not learn from.
 
     Attributes:
-        reader: fitted to the training touches.
+        reader: fitted to the training and calibration touches.
         calibration_rows: of the task, ``(c,)``.
         calibration_ratios: their log likelihood ratios, ``(c, K)``; by classifiers that did not learn from them.
         test_ratios: those of the test touches, ``(t, K)``.
@@ -149,6 +149,10 @@ class Reading:
 def read(touches: TaskTouches, split: Split, control: str | None = None) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
 
+    The calibration touches are read by classifiers that learned from the training touches. The classifiers of the
+    result learn from both. So the calibration knows touches that were recorded after those that were learned from, as
+    test touches are: in order of recording, the gap between learning and reading is one share of the sessions in both.
+
     Args:
         touches: of the task.
         split: what to learn from, to calibrate on and to test on.
@@ -159,26 +163,33 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
     options = kinds(num_labels)
     held = np.zeros((len(x), num_labels))
-    classifiers, chosen = [], []
+    chosen: list[str] = []
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
         tried = {
             name: _held_out(kind, x[here], y[here], split.inner[here], num_labels) for name, kind in options.items()
         }
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
-        best = min(losses, key=lambda name: losses[name])
-        held[here] = tried[best]
-        chosen.append(best)
-        classifiers.append(Fitted.of(options[best], x[here], y[here], num_labels))
+        chosen.append(min(losses, key=lambda name: losses[name]))
+        held[here] = tried[chosen[-1]]
+
+    def learned(rows: Integers) -> tuple[Fitted, ...]:
+        parts = [rows[touches.actions[rows] == action] for action in range(num_actions)]
+        return tuple(
+            Fitted.of(options[name], features[part], touches.labels[part], num_labels)
+            for name, part in zip(chosen, parts, strict=True)
+        )
+
     rows, logits = split.train, held
     if len(split.calibration):
         rows = split.calibration
-        logits = _logits(tuple(classifiers), features[rows], touches.actions[rows])
+        logits = _logits(learned(split.train), features[rows], touches.actions[rows])
     kind = TemperatureScaling() if num_labels > _MANY_LABELS else StructuredMatrixScaling()
     labels, actions = touches.labels[rows], touches.actions[rows]
     calibration = PerPose(kind, _POOLING).fit(logits, labels, actions, num_actions)
     counts = np.bincount(labels, minlength=num_labels) + 0.5
-    reader = RecordedReader(tuple(classifiers), calibration, np.log(counts / counts.sum()), tuple(chosen))
+    classifiers = learned(np.concatenate([split.train, split.calibration]))
+    reader = RecordedReader(classifiers, calibration, np.log(counts / counts.sum()), tuple(chosen))
     ratios = calibration.predict_log_proba(logits, actions) - reader.log_prior
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 

@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from experiments.recorded.fold import LAWS
-from experiments.recorded.identifying import FIXED, GAIN, RANDOM
-from experiments.recorded.results import Part
+from experiments.recorded.identifying import FIXED, GAIN, PLAN, RANDOM
+from experiments.recorded.results import STATED, Part
 from experiments.reporting.style import INK, PALETTE, Picture
 
-_COLOURS = {RANDOM: PALETTE[4], FIXED: PALETTE[2], GAIN: PALETTE[0]}
+_COLOURS = {RANDOM: PALETTE[4], FIXED: PALETTE[2], GAIN: PALETTE[0], PLAN: PALETTE[3]}
 _OF_LAW = dict(zip(LAWS, (PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[0]), strict=True))
 _OF_LAW_NAMES = {"none": "no correlation", "repeats": "one ρ", "flat": "one ρ for all pairs", "kernel": "kernel"}
 
@@ -53,6 +53,8 @@ def _progress(axes: Axes, part: Part) -> None:
     most = max(len(one.result.poses) for one in part.named)
     for decider, colour in _COLOURS.items():
         chosen = [one.result for one in part.named if (one.decider, one.law) == (decider, "kernel")]
+        if not chosen:
+            continue
         steps = np.arange(most + 1)
         certain = [np.mean([one.is_certain and len(one.poses) <= step for one in chosen]) for step in steps]
         right = [
@@ -66,8 +68,7 @@ def _progress(axes: Axes, part: Part) -> None:
 def _stopping(axes: Axes, part: Part, threshold: float) -> None:
     low = min(threshold - 0.1, 0.8)
     axes.plot([low, 1], [low, 1], color=INK, linewidth=0.8)
-    edges = np.array([threshold, (1 + threshold) / 2, 0.98, 0.995, 1.0001])
-    edges = np.unique(edges[edges >= threshold])
+    edges = np.append(np.unique([threshold, *(edge for edge in STATED if edge > threshold)]), np.inf)
     for law in LAWS:
         chosen = [one.result for one in part.named if one.law == law and one.result.is_certain]
         stated, right = (np.array([getattr(one, name) for one in chosen]) for name in ("stated", "is_right"))

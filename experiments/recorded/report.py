@@ -42,8 +42,8 @@ def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> lis
     ]
     sections = [
         Section("Result", verdict, tables[:1], drawn[:2]),
-        Section("Correlation of touches", (), tables[1:3], drawn[2:]),
-        *([Section("Searches", (), tables[3:4])] if len(tables) == 5 else []),
+        Section("Correlation of touches", (), tables[1:4], drawn[2:]),
+        *([Section("Searches", (), tables[4:5])] if main.found else []),
         Section("Leak controls", (), tables[-1:]),
         Section("The set", about),
     ]

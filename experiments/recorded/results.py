@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from belief.metrics import calibration_at_stop, expected_calibration_error, negative_log_likelihood
+from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model.action_kernel import Law
 from belief.problem import Floats
 from belief.statistics import cluster_bootstrap
 from experiments.recorded.finding import ORACLE, Found
 from experiments.recorded.fold import LAWS, Fold
-from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, RANDOM, AfterTouches, Named
+from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, PLAN, RANDOM, AfterTouches, Named
 from experiments.recorded.leaks import Control
 from experiments.reporting.tables import Table, Value, interval
 
@@ -24,6 +25,8 @@ LAW_NAMES: Mapping[Law, str] = {
     "kernel": "kernel by likeness",
 }
 """The laws of correlation in words."""
+STATED = (0.95, 0.98, 0.995)
+"""Edges of the bins of stated probabilities, above the threshold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,12 @@ class Measured:
     def tables(self, threshold: float) -> list[Table]:
         """All tables, in the order of the report."""
         parts = [self.main, *self.others]
-        tables = [identification_table(parts, threshold), law_table(self.main, threshold), after_table(self.main)]
+        tables = [
+            identification_table(parts, threshold),
+            law_table(self.main, threshold),
+            stop_table(self.main, threshold),
+            after_table(self.main),
+        ]
         if self.main.found:
             tables.append(search_table(self.main))
         return [*tables, control_table(self.controls)]
@@ -96,19 +104,24 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
     """Touches until an object is named, by decider and split."""
     rows: list[Sequence[Value]] = []
     for part in parts:
-        for decider in (RANDOM, FIXED, GAIN):
+        for decider in (RANDOM, FIXED, GAIN, PLAN):
             chosen = [one for one in part.named if one.decider == decider and one.law == "kernel"]
+            if not chosen:
+                continue
             things = [one.thing for one in chosen]
             touches = cluster_bootstrap([len(one.result.poses) for one in chosen], things, np.random.default_rng(0))
             right = cluster_bootstrap([float(one.result.is_right) for one in chosen], things, np.random.default_rng(0))
             certain = float(np.mean([one.result.is_certain for one in chosen]))
-            less = "–" if decider == RANDOM else interval(*saving(part.named, decider, RANDOM), spec=".1%")
-            rows.append((part.name, decider, interval(*touches, spec=".2f"), less, interval(*right), certain))
+            fewer = [
+                "–" if decider == other else interval(*saving(part.named, decider, other), spec=".1%")
+                for other in (RANDOM, FIXED)
+            ]
+            rows.append((part.name, decider, interval(*touches, spec=".2f"), *fewer, interval(*right), certain))
         fewest = np.concatenate(list(part.fewest)) if part.fewest else np.empty(0)
         if fewest.size:
-            rows.append((part.name, "bound: outcomes known in advance", f"{fewest.mean():.2f}", "–", "–", None))
+            rows.append((part.name, "bound: outcomes known in advance", f"{fewest.mean():.2f}", "–", "–", "–", None))
         labels = len(part.folds[0].bank.label_names)
-        rows.append((part.name, "no touch: a guess", "0", "–", f"{1 / labels:.3f}", 0.0))
+        rows.append((part.name, "no touch: a guess", "0", "–", "–", f"{1 / labels:.3f}", 0.0))
     return Table(
         f"Identification: touches until a label has probability {threshold:g}",
         (
@@ -116,6 +129,7 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
             "decider",
             "touches [95 %]",
             "fewer than random [95 %]",
+            "than fixed [95 %]",
             "right [95 %]",
             ("share that reached it", ".3f"),
         ),
@@ -155,6 +169,30 @@ def law_table(part: Part, threshold: float) -> Table:
         "The loss is the negative log posterior of the true label, averaged over the second to last touch of random "
         "sequences of test touches. Intervals resample objects.",
         "correlation",
+    )
+
+
+def stop_table(part: Part, threshold: float) -> Table:
+    """Identifications that reached the threshold, by the probability that they state."""
+    edges = np.append(np.unique([threshold, *(edge for edge in STATED if edge > threshold)]), np.inf)
+    rows = []
+    for law in LAWS:
+        chosen = [one for one in part.named if one.law == law and one.decider in (RANDOM, GAIN)]
+        for first, last in pairwise(edges.tolist()):
+            inside = [one for one in chosen if one.result.is_certain and first <= one.result.stated < last]
+            if not inside:
+                continue
+            things = [one.thing for one in inside]
+            right = cluster_bootstrap([float(one.result.is_right) for one in inside], things, np.random.default_rng(0))
+            stated = float(np.mean([one.result.stated for one in inside]))
+            name = f"{first:g} to {min(last, 1.0):g}"
+            rows.append((LAW_NAMES[law], name, stated, interval(*right), len(inside), len(set(things))))
+    return Table(
+        "Stops by the probability that they state",
+        ("correlated", "states", ("stated", ".3f"), "right [95 %]", "stops", "objects"),
+        rows,
+        "Stops of random order and information gain together. Intervals resample objects.",
+        "stops",
     )
 
 
@@ -227,13 +265,6 @@ def control_table(found: Sequence[Control]) -> Table:
         "",
         "controls",
     )
-
-
-def stops(part: Part, law: Law, decider: str) -> str:
-    """Calibration at stopping by number of touches, as text."""
-    chosen = [one.result for one in part.named if (one.decider, one.law) == (decider, law)]
-    columns = ([one.stated for one in chosen], [one.is_right for one in chosen], [len(one.poses) for one in chosen])
-    return str(calibration_at_stop(*columns))
 
 
 def _losses(part: Part, law: Law) -> tuple[Floats, np.ndarray]:

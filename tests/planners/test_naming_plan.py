@@ -1,0 +1,65 @@
+"""The plan for naming an object against the best plan by exhaustive recursion, and against choices without a plan."""
+
+import numpy as np
+import pytest
+
+from belief.observation_model import OutcomeTable
+from belief.observation_model.action_kernel import ActionKernelModel
+from belief.synthetic import SyntheticWorld
+from planners.identification import identify
+from planners.naming_plan import NamingPlan
+from planners.probing import RandomOrder
+
+
+def best_value(plan, belief, counts):
+    """Value of the best plan from here, by trying all poses and outcomes."""
+    values = [2.0 / (1.0 - plan.threshold) * (belief.max() - 1.0)]
+    if sum(counts) < plan.max_touches:
+        for pose, count in enumerate(counts):
+            if count < plan.repeats:
+                values.append(value_of_touch(plan, belief, counts, pose))
+    return max(values)
+
+
+def value_of_touch(plan, belief, counts, pose):
+    weight = 1.0 / (1.0 + np.array(counts) @ plan.kernel[pose])
+    after = tuple(n + (p == pose) for p, n in enumerate(counts))
+    total = (1.0 - weight) * best_value(plan, belief, after)
+    for outcome in plan.table.probs[pose].T:
+        joint = belief * outcome
+        total += weight * joint.sum() * best_value(plan, joint / joint.sum(), after)
+    return total - 1.0
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_the_values_are_those_of_the_best_plan(correlation, rng):
+    probs = rng.dirichlet(np.full(2, 0.3), size=(3, 3))
+    plan = NamingPlan(OutcomeTable(probs), np.full((3, 3), correlation), 1, 0.9, 3)
+    belief = np.full(3, 1 / 3)
+    exact = [value_of_touch(plan, belief, (0, 0, 0), pose) for pose in range(3)]
+    found = plan.touch_values(belief, (0, 0, 0))
+    assert (found <= np.array(exact) + 1e-6).all()  # the value of a plan is a lower bound
+    assert found.max() == pytest.approx(max(exact), abs=1e-3)
+
+
+def test_a_touch_that_tells_nothing_new_has_no_value():
+    plan = NamingPlan(OutcomeTable(np.full((2, 2, 2), 0.5)), np.zeros((2, 2)), 1, 0.9, 5)
+    assert plan.touch_values(np.array([0.5, 0.5]), (1, 0))[0] == -np.inf
+    assert (plan.touch_values(np.array([0.5, 0.5]), (1, 1)) == -np.inf).all()
+
+
+def test_the_plan_needs_fewer_touches_than_a_random_order(rng):
+    """Pose 0 tells two groups of labels apart, pose 1 those within the groups, pose 2 tells nothing."""
+    ratios = np.zeros((3, 400, 4))
+    for pose, sign in enumerate(([1, 1, -1, -1], [1, -1, 1, -1], [0, 0, 0, 0])):
+        labels = np.arange(400) % 4
+        ratios[pose] = 4.0 * np.outer(np.array(sign)[labels], sign) + rng.normal(size=(400, 4))
+    model = ActionKernelModel(("a", "b", "c", "d"), np.zeros((3, 3)), ratios, None)
+    plan = NamingPlan(model.outcome_table(16), model.kernel, 2, 0.9, 6)
+    poses = ("group", "member", "silent")
+    touches = {}
+    for name, selector in (("plan", plan), ("random", RandomOrder())):
+        found = [identify(SyntheticWorld(model, [n % 4]), selector, model, poses, n, 0.9, 6) for n in range(60)]
+        touches[name] = np.mean([len(one.poses) for one in found])
+        assert np.mean([one.is_right for one in found]) > 0.85
+    assert touches["plan"] < 0.9 * touches["random"]
