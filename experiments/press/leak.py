@@ -6,6 +6,9 @@ The accuracy of the classifier is compared with:
 * its accuracy on *exchanged* images, which show the geometry of one touch with the force and depth of another. They are
   scored with the shape of the geometry (force and depth are shuffled) and with the other shape (geometry is removed);
 * small networks trained on each kind of image, because a network may fail on images it was not trained on.
+
+For recorded touches of real objects (``--recorded.data``), the accuracy on later recordings or unseen objects is
+compared with random splits, with scalar features, and with features from where nothing was touched.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -28,15 +31,17 @@ from activetouch.extras import require_extra
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.pressing.contact import Contact, with_numbers_of
+from activetouch.recorded.formats import Format
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.world import MODELS, READER_FILE
 from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
 from belief.statistics import cluster_bootstrap, paired_bootstrap
-from experiments.command_line.arguments import CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
+from experiments.command_line.arguments import Count, CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
+from experiments.recorded.leaks import leaks_of
 from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
@@ -86,17 +91,38 @@ class Exchanged:
 
 
 @dataclass(frozen=True)
+class RecordedSet:
+    """Recorded touches, whose leak controls are measured instead of those of a scene."""
+
+    data: Path | None = None
+    """Folder of the recordings; for npz also the file."""
+    format: Format = "csv"
+    """Format of the recordings."""
+    task: Literal["objects", "categories", "shapes"] = "objects"
+    """Labels: objects are tested on later recordings, categories and shapes on objects that were not learned from."""
+    folds: Annotated[int, Within(2, 100)] = 5
+    """Folds of objects for categories and shapes."""
+    random_splits: Count = 3
+    """Random splits."""
+
+
+@dataclass(frozen=True)
 class Leak:
     """Measure how well force and depth predict the shape, and how much of the classifier's accuracy comes from them.
+
+    Recorded touches of real objects are read from random splits, scalars, and where nothing was touched.
 
     For example:
 
         activetouch leak --scene paper
         activetouch leak --renderer gelsight --train 400
+        activetouch leak --recorded.data my_touches --recorded.format csv
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
+    recorded: RecordedSet = field(default_factory=RecordedSet)
+    """Recorded touches instead of a world."""
     sensor: Path | None = None
     """Folder of a classifier; by default the scene's shipped one, if it fits the images and shapes."""
     objects: Annotated[int, Within(2, 10**8)] = 150
@@ -110,7 +136,7 @@ class Leak:
     seed: Seed = 0
     """Seed of objects, presses, exchange and intervals."""
     out: Path | None = None
-    """Folder for leak.json and leak.md; runs/leak-SCENE by default."""
+    """Folder for leak.json and leak.md; runs/leak-SCENE or runs/leak-FORMAT-TASK by default."""
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -119,6 +145,12 @@ class Leak:
     def run(self) -> None:
         """Touch, classify, train if requested, print and write."""
         check_arguments(self)
+        if self.recorded.data is not None:
+            self._recorded(self.recorded.data)
+        else:
+            self._simulated()
+
+    def _simulated(self) -> None:
         scene = self.choice.named.scene
         if self.train:
             require_extra("train")
@@ -153,6 +185,13 @@ class Leak:
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},
         }
         _write(result, out)
+
+    def _recorded(self, data: Path) -> None:
+        require_extra("recorded")
+        own = self.recorded
+        out = self.out if self.out is not None else Path(f"runs/leak-{own.format}-{own.task}")
+        require_writable(out)
+        leaks_of(data, own.format, own.task, own.folds, own.random_splits, self.seed, out)
 
     @property
     def _recipe(self) -> TrainingRecipe:

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 
 from activetouch.recorded.reader import Reading, read
-from activetouch.recorded.splits import Split
+from activetouch.recorded.splits import Split, by_object, by_session
 from activetouch.recorded.touches import TaskTouches
 from activetouch.recorded.world import RecordedBank
 from belief import Touch
@@ -45,6 +45,18 @@ class Fold:
     def test_data(self) -> LabelledTouches:
         """The test touches with their labels."""
         return labelled(self.touches, self.split.test, self.reading.test_ratios)
+
+
+def main_splits(touches: TaskTouches, folds: int) -> tuple[str, list[Split]]:
+    """The splits on which results are reported, and their name.
+
+    Args:
+        touches: of the task; objects are split in order of recording, categories and shapes by object.
+        folds: of objects, at most.
+    """
+    if touches.task == "objects":
+        return "in order of recording", [by_session(touches)]
+    return "unseen objects", by_object(touches, min(folds, len(set(touches.objects.tolist()))))
 
 
 def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence[Law] = LAWS) -> Fold:

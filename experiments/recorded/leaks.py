@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
+from activetouch.recorded import check_recorded, read_recorded
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
+from belief.files import write_text
 from belief.statistics import cluster_bootstrap
-from experiments.recorded.fold import Fold, labelled
+from experiments.command_line.console import plain_console
+from experiments.recorded.fold import labelled, main_splits
 from experiments.recorded.order import by_session as table_by_session
+from experiments.reporting.tables import Table, Value, interval
 
 ALL = "all features"
 
@@ -33,25 +40,74 @@ class Control:
     all_actions: float | None
 
 
-def controls(touches: TaskTouches, folds: list[Fold], main: str, seed: int, num_random: int) -> list[Control]:
+def controls(
+    touches: TaskTouches, splits: list[Split], readings: list[Reading], main: str, seed: int, num_random: int
+) -> list[Control]:
     """The main reading, that of a random split, and those of the set's controls.
 
     Args:
         touches: of the task.
-        folds: of the main split.
+        splits: the main ones.
+        readings: of each of them.
         main: name of the main split.
         seed: of random splits and intervals.
         num_random: number of random splits.
     """
-    splits = [fold.split for fold in folds]
-    found = [_control(touches, splits, [fold.reading for fold in folds], main, ALL, seed)]
+    found = [_control(touches, splits, readings, main, ALL, seed)]
     drawn = [by_session(touches, np.random.default_rng([seed, number])) for number in range(num_random)]
     name = "random sessions" if touches.task == "objects" else "random sessions of objects that were learned too"
     found.append(_control(touches, drawn, [read(touches, split) for split in drawn], name, ALL, seed))
     for control in touches.source.controls:
-        readings = [read(touches, split, control) for split in splits]
-        found.append(_control(touches, splits, readings, main, control, seed))
+        found.append(
+            _control(touches, splits, [read(touches, split, control) for split in splits], main, control, seed)
+        )
     return found
+
+
+def control_table(found: Sequence[Control], num_labels: int) -> Table:
+    """Leak controls as a table."""
+    rows: list[Sequence[Value]] = [(one.split, one.features, interval(*one.accuracy), one.all_actions) for one in found]
+    rows.append(("–", "a guess", f"{1 / num_labels:.3f}", 1 / num_labels))
+    return Table(
+        "Leak controls: accuracy by split and features",
+        ("split", "features", "one touch [95 %]", ("one of each action", ".3f")),
+        rows,
+        "Intervals resample objects. What is read without the pattern of a touch, or where nothing was touched, the "
+        "accuracy above owes to force, size or the session.",
+        "controls",
+    )
+
+
+def leaks_of(data: Path, format: str, task: str, folds: int, num_random: int, seed: int, out: Path) -> None:
+    """Measure the leak controls of a recorded set alone; print them, and write leak.json and leak.md.
+
+    Args:
+        data: folder of the recordings, or a file.
+        format: of the recordings.
+        task: ``objects``, ``categories`` or ``shapes``.
+        folds: of objects for categories and shapes, at most.
+        num_random: random splits.
+        seed: of random splits and intervals.
+        out: folder.
+    """
+    touches, notes = read_recorded(data, format)
+    remarks = check_recorded(touches, task)
+    chosen = touches.for_task(task)
+    main, splits = main_splits(chosen, folds)
+    found = controls(chosen, splits, [read(chosen, split) for split in splits], main, seed, num_random)
+    table = control_table(found, len(chosen.label_names))
+    heading = (
+        f"{format}, {task}, seed {seed}: {len(chosen.rows)} touches of {len(set(chosen.objects.tolist()))} objects. "
+        f"Source: {touches.provenance}; licence: {touches.licence}."
+    )
+    remarks = (*notes, *remarks)
+    result = {"format": format, "task": task, "folds": folds, "random_splits": num_random, "seed": seed}
+    result |= {"notes": list(remarks), "controls": [asdict(one) for one in found]}
+    write_text(out / "leak.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+    listed = "\n".join(f"- {remark}" for remark in remarks)
+    write_text(out / "leak.md", "\n\n".join([heading, *([listed] if listed else []), table.markdown()]) + "\n")
+    plain_console().print(heading, *(f"- {remark}" for remark in remarks), table.rich(), sep="\n")
+    print(f"wrote leak.json and leak.md into {out}")
 
 
 def _control(

@@ -14,12 +14,12 @@ from activetouch.extras import require_extra
 from activetouch.recorded import RecordedTouches, TaskTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
 from activetouch.recorded.npz_format import read_npz, write_npz
-from activetouch.recorded.splits import by_object, by_session
+from activetouch.recorded.splits import by_session
 from belief.files import require_writable
 from experiments.command_line.arguments import Count, CountOrNone, NotEmpty, Seed, Share, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.recorded.finding import FIXED, find_all
-from experiments.recorded.fold import Fold, prepare
+from experiments.recorded.fold import Fold, main_splits, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
 from experiments.recorded.leaks import controls
 from experiments.recorded.results import Measured, Part
@@ -148,18 +148,15 @@ def measure(chosen: TaskTouches, command: Recorded) -> Measured:
         chosen: touches of a task.
         command: its settings.
     """
-    if chosen.task == "objects":
-        main, splits = "in order of recording", [by_session(chosen)]
-    else:
-        main, splits = "unseen objects", by_object(chosen, min(command.folds, len(set(chosen.objects.tolist()))))
+    main, splits = main_splits(chosen, command.folds)
     folds = [prepare(chosen, split, command.threshold) for split in splits]
     others = []
     if chosen.task == "objects":
         drawn = [by_session(chosen, np.random.default_rng([command.seed, n])) for n in range(command.random_splits)]
         known = [prepare(chosen, split, command.threshold, ("kernel",)) for split in drawn]
         others.append(_part("random sessions", known, command, False))
-    part = _part(main, folds, command)
-    return Measured(part, others, controls(chosen, folds, main, command.seed, command.random_splits))
+    part, readings = _part(main, folds, command), [fold.reading for fold in folds]
+    return Measured(part, others, controls(chosen, splits, readings, main, command.seed, command.random_splits))
 
 
 def _part(name: str, folds: list[Fold], command: Recorded, is_main: bool = True) -> Part:

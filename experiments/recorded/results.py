@@ -15,7 +15,7 @@ from belief.statistics import cluster_bootstrap
 from experiments.recorded.finding import ORACLE, Found
 from experiments.recorded.fold import LAWS, Fold
 from experiments.recorded.identifying import FIXED, GAIN, NUMBERS, PLAN, RANDOM, AfterTouches, Named
-from experiments.recorded.leaks import Control
+from experiments.recorded.leaks import Control, control_table
 from experiments.reporting.tables import Table, Value, interval
 
 LAW_NAMES: Mapping[Law, str] = {
@@ -79,7 +79,7 @@ class Measured:
         ]
         if self.main.found:
             tables.append(search_table(self.main))
-        return [*tables, control_table(self.controls)]
+        return [*tables, control_table(self.controls, len(self.main.folds[0].bank.label_names))]
 
 
 def touches_of(named: Sequence[Named], decider: str, law: Law) -> tuple[Floats, np.ndarray]:
@@ -252,18 +252,6 @@ def search_table(part: Part) -> Table:
         rows,
         "Success is 1, failure -1, a touch costs 0.02. Intervals resample scenes. random_confirm touches nothing.",
         "searches",
-    )
-
-
-def control_table(found: Sequence[Control]) -> Table:
-    """Leak controls."""
-    rows = [(one.split, one.features, interval(*one.accuracy), one.all_actions) for one in found]
-    return Table(
-        "Leak controls: accuracy by split and features",
-        ("split", "features", "one touch [95 %]", ("one of each action", ".3f")),
-        rows,
-        "",
-        "controls",
     )
 
 
