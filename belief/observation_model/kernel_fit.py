@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,27 +13,14 @@ from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.repeat_discount import ASSUMED_CORRELATION
 from belief.problem import Floats
 
+Integers: TypeAlias = NDArray[np.int64]
+
 _ORDERS = 4  # random orders of the poses of an object
 _LONGEST = 12  # touches of a sequence
 _MOST_VALUES = 4_000_000  # logits of all sequences together
 
 
-class Sequences(NamedTuple):
-    """S sequences of at most n touches, each of one object, padded.
-
-    Attributes:
-        rows: of the touches, ``(S, n)``; -1 for padding.
-    """
-
-    rows: NDArray[np.int64]
-
-    @property
-    def inside(self) -> NDArray[np.bool_]:
-        """Whether there is a touch, ``(S, n)``."""
-        return self.rows >= 0
-
-
-def numbered_sessions(objects: NDArray[np.int64], poses: NDArray[np.int64]) -> NDArray[np.int64]:
+def numbered_sessions(objects: Integers, poses: Integers) -> Integers:
     """Running number of each touch among those of its object and pose, ``(n,)``.
 
     >>> numbered_sessions(np.array([0, 0, 1, 0]), np.array([2, 2, 2, 1])).tolist()
@@ -47,8 +34,8 @@ def numbered_sessions(objects: NDArray[np.int64], poses: NDArray[np.int64]) -> N
     return numbers
 
 
-def sequences(data: LabelledTouches, sessions: NDArray[np.int64] | None, rng: np.random.Generator) -> Sequences:
-    """Random sequences of the touches of each object, as a search makes them.
+def sequences(data: LabelledTouches, sessions: Integers | None, rng: np.random.Generator) -> Integers:
+    """Rows of random sequences of the touches of each object, as a search makes them, ``(S, n)``; -1 for padding.
 
     The n-th touch in a pose comes from the n-th session of the object, with the sessions in random order.
 
@@ -60,11 +47,11 @@ def sequences(data: LabelledTouches, sessions: NDArray[np.int64] | None, rng: np
     >>> from belief import Touch
     >>> touches = [Touch(p, np.zeros(2)) for p in (0, 1, 0, 1)]
     >>> data = LabelledTouches.of(touches, [0, 0, 1, 1], ["mug"] * 2 + ["can"] * 2)
-    >>> sequences(data, None, np.random.default_rng(0)).rows.shape
+    >>> sequences(data, None, np.random.default_rng(0)).shape
     (8, 2)
     """
     of_touch = numbered_sessions(data.objects, data.poses) if sessions is None else sessions
-    found: list[NDArray[np.int64]] = []
+    found: list[Integers] = []
     for number in range(data.num_objects):
         rows = np.flatnonzero(data.objects == number)
         for _ in range(_ORDERS):
@@ -83,26 +70,24 @@ def sequences(data: LabelledTouches, sessions: NDArray[np.int64] | None, rng: np
     padded = np.full((len(found), max(map(len, found))), -1)
     for place, row in enumerate(found):
         padded[place, : len(row)] = row
-    return Sequences(padded)
+    return padded
 
 
-def sequence_losses(
-    logits: Floats, poses: NDArray[np.int64], shapes: NDArray[np.int64], found: Sequences, kernel: Floats
-) -> Floats:
+def sequence_losses(logits: Floats, poses: Integers, shapes: Integers, rows: Integers, kernel: Floats) -> Floats:
     """Negative log posterior of the true shape after each touch of every sequence, ``(S, n)``; NaN for padding.
 
     Args:
         logits: log likelihood ratios of all touches, ``(n, K)``.
         poses: of all touches, ``(n,)``.
         shapes: true shape of each, ``(n,)``.
-        found: the sequences.
+        rows: of the touches of each sequence, ``(S, n)``; -1 for padding.
         kernel: correlations between poses, ``(P, P)``.
 
-    >>> logits, truth, rows = np.array([[1.0, 0.0]] * 2), np.zeros(2, int), Sequences(np.array([[0, 1]]))
+    >>> logits, truth, rows = np.array([[1.0, 0.0]] * 2), np.zeros(2, int), np.array([[0, 1]])
     >>> sequence_losses(logits, np.array([0, 1]), truth, rows, np.eye(2)).round(3).tolist()
     [[0.313, 0.127]]
     """
-    rows, inside = found.rows, found.inside
+    inside = rows >= 0
     correlation = kernel[poses[rows][:, :, None], poses[rows][:, None, :]] * inside[:, :, None] * inside[:, None, :]
     steps = np.arange(rows.shape[1])
     correlation[:, steps, steps] = 1.0
@@ -116,7 +101,7 @@ def sequence_losses(
     return np.where(inside, losses, np.nan)
 
 
-def likeness(data: LabelledTouches, sessions: NDArray[np.int64] | None = None) -> Floats:
+def likeness(data: LabelledTouches, sessions: Integers | None = None) -> Floats:
     """How alike the errors of two poses are, ``(P, P)``, in [0, 1].
 
     An error is the posterior minus the true shape. The likeness is the cosine of the errors of two touches of one
@@ -144,7 +129,7 @@ def likeness(data: LabelledTouches, sessions: NDArray[np.int64] | None = None) -
     return np.asarray((found + found.T) / 2)
 
 
-def fit_kernel(data: LabelledTouches, law: str, sessions: NDArray[np.int64] | None = None) -> Floats:
+def fit_kernel(data: LabelledTouches, law: str, sessions: Integers | None = None) -> Floats:
     """The kernel ``(P, P)`` of a law that minimises the mean negative log posterior of sequences.
 
     Args:
@@ -162,7 +147,7 @@ def fit_kernel(data: LabelledTouches, law: str, sessions: NDArray[np.int64] | No
     if law == "none":
         return np.zeros((size, size))
     found = sequences(data, sessions, np.random.default_rng(0))
-    poses = np.where(found.inside, data.poses[found.rows], -1)
+    poses = np.where(found >= 0, data.poses[found], -1)
     has_repeats = any((np.bincount(row[row >= 0], minlength=size) > 1).any() for row in poses)
     alike = likeness(data, sessions)
 

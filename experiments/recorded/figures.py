@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from experiments.recorded.fold import LAWS
+from belief.observation_model.action_kernel import Law
 from experiments.recorded.identifying import FIXED, GAIN, PLAN, RANDOM
-from experiments.recorded.results import STATED, Part
+from experiments.recorded.results import SHOWN, Part, stated_bins
 from experiments.reporting.style import INK, PALETTE, Picture
 
 _COLOURS = {RANDOM: PALETTE[4], FIXED: PALETTE[2], GAIN: PALETTE[0], PLAN: PALETTE[3]}
-_OF_LAW = dict(zip(LAWS, (PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[0]), strict=True))
-_OF_LAW_NAMES = {"none": "no correlation", "repeats": "one ρ", "flat": "one ρ for all pairs", "kernel": "kernel"}
+_OF_LAW: Mapping[Law, str] = {"none": PALETTE[1], "kernel": PALETTE[0]}
+_FEWEST = 10  # stops of a point
+_MOST_NUMBERS = 12  # actions, for numbers in the picture of a kernel
 
 
 def pictures(part: Part, threshold: float) -> list[Picture]:
@@ -29,21 +30,22 @@ def pictures(part: Part, threshold: float) -> list[Picture]:
         ),
         Picture(
             "stopping",
-            "Stops that state a probability, and the share of them that is right; below the line claims are too "
-            "strong. The size of a point grows with the number of stops.",
+            "Stops that state a probability, and the share of them that is right, with intervals over objects; below "
+            "the line claims are too strong.",
             [lambda axes: _stopping(axes, part, threshold)],
-            {_OF_LAW_NAMES[law]: _OF_LAW[law] for law in LAWS},
+            {"independent touches": _OF_LAW["none"], "with the kernel": _OF_LAW["kernel"]},
             (4.0, 3.4),
         ),
     ]
-    if len(part.folds[0].bank.action_names) > 1:
+    if (size := len(part.folds[0].bank.action_names)) > 1:
         found.append(
             Picture(
                 "kernel",
-                "Correlation of the errors of two touches of one object, by their actions, as fitted.",
+                "Correlation of the errors of two touches of one object, by their actions, as fitted; on the diagonal "
+                "that of repeats, which is assumed where no action was repeated.",
                 [lambda axes: _kernel(axes, part)],
                 {},
-                (4.4, 3.8),
+                (1.8 + 0.36 * size, 1.2 + 0.36 * size),
             )
         )
     return found
@@ -68,26 +70,28 @@ def _progress(axes: Axes, part: Part) -> None:
 def _stopping(axes: Axes, part: Part, threshold: float) -> None:
     low = min(threshold - 0.1, 0.8)
     axes.plot([low, 1], [low, 1], color=INK, linewidth=0.8)
-    edges = np.append(np.unique([threshold, *(edge for edge in STATED if edge > threshold)]), np.inf)
-    for law in LAWS:
-        chosen = [one.result for one in part.named if one.law == law and one.result.is_certain]
-        stated, right = (np.array([getattr(one, name) for one in chosen]) for name in ("stated", "is_right"))
-        for first, last in pairwise(edges.tolist()):
-            inside = (stated >= first) & (stated < last)
-            if inside.sum() >= 10:
-                size = 160 * inside.mean() + 12
-                axes.scatter(stated[inside].mean(), right[inside].mean(), s=size, color=_OF_LAW[law], alpha=0.8)
+    for law in SHOWN:
+        for one in stated_bins(part, law, threshold):
+            if one.stops >= _FEWEST:
+                centre, *ends = one.right
+                errors = np.abs(np.array(ends) - centre)[:, None]
+                axes.errorbar(one.stated, centre, errors, fmt="o", color=_OF_LAW[law], markersize=6, linewidth=1.5)
     axes.set(xlabel="stated", ylabel="right", xlim=(low, 1.005))
+    axes.set_ylim(top=1.01)
 
 
 def _kernel(axes: Axes, part: Part) -> None:
     kernel = np.mean([fold.models["kernel"].kernel for fold in part.folds], axis=0)
     names = part.folds[0].bank.action_names
-    off = ~np.eye(len(kernel), dtype=bool)
-    shown = np.where(off, kernel, np.nan)
-    image = axes.imshow(shown, cmap="viridis", vmin=0.0, vmax=max(float(kernel[off].max()), 0.05))
-    axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
+    largest = max(float(kernel.max()), 0.1)
+    image = axes.imshow(kernel, cmap="viridis", vmin=0.0, vmax=largest)
+    axes.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(len(names)), names)
+    axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
+    if len(names) <= _MOST_NUMBERS:
+        for (row, column), value in np.ndenumerate(kernel):
+            colour = "black" if value > 0.6 * largest else "white"
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7.5, color=colour)
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.85)
     bar.set_label("correlation")

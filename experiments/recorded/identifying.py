@@ -116,14 +116,14 @@ def after_touches(fold: Fold, seed: int) -> tuple[list[AfterTouches], dict[Law, 
         batches: dict[int, list[tuple[Floats, np.ndarray, np.ndarray]]] = {}
         for round_ in range(_ROUNDS):
             drawn = sequences(data, sessions, np.random.default_rng([seed, round_]))
-            lengths = drawn.inside.sum(axis=1)
+            lengths = (drawn >= 0).sum(axis=1)
             each = sequence_losses(data.logits, data.poses, data.shapes, drawn, fold.models[law].kernel)
             if each.shape[1] > 1:
                 kept = lengths > 1
                 parts.append(np.nanmean(each[kept, 1:], axis=1))
-                owners.append(names[data.objects[drawn.rows[kept, 0]]])
+                owners.append(names[data.objects[drawn[kept, 0]]])
             for number in NUMBERS:
-                rows = drawn.rows[lengths >= number, :number]
+                rows = drawn[lengths >= number, :number]
                 if len(rows):
                     weights = _weights(data.poses[rows], fold.models[law].kernel)
                     probs = softmax(np.einsum("sn,snk->sk", weights, data.logits[rows]), axis=1)

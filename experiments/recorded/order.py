@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
@@ -11,6 +9,7 @@ from scipy.special import log_softmax
 from belief.observation_model.action_kernel import touch_weights
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.problem import Floats
+from planners.pose_order import greedy_order
 
 
 def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Floats, threshold: float) -> tuple[int, ...]:
@@ -28,13 +27,15 @@ def best_order(data: LabelledTouches, sessions: NDArray[np.int64], kernel: Float
     if len(ratios) == 0 or data.num_poses == 1:
         return tuple(range(data.num_poses))
 
-    def loss(posterior: Floats) -> float:
-        return -float(posterior[np.arange(len(labels)), labels].mean())
+    def loss(actions: tuple[int, ...]) -> float:
+        return -float(fused(ratios, kernel, actions)[np.arange(len(labels)), labels].mean())
 
-    def uncertain(posterior: Floats) -> float:
-        return -float((posterior.max(axis=1) >= np.log(threshold)).mean()) + 1e-3 * loss(posterior)
+    def uncertain(actions: tuple[int, ...]) -> float:
+        certain = fused(ratios, kernel, actions).max(axis=1) >= np.log(threshold)
+        return -float(certain.mean()) + 1e-3 * loss(actions)
 
-    orders = [_greedy(ratios, kernel, score) for score in (loss, uncertain)]
+    size = data.num_poses
+    orders = [greedy_order(size, size, score)[0] for score in (loss, uncertain)]
     return min(orders, key=lambda order: _mean_touches(ratios, kernel, order, threshold))
 
 
@@ -54,14 +55,6 @@ def fused(ratios: Floats, kernel: Floats, actions: tuple[int, ...]) -> Floats:
     counts = np.bincount(actions, minlength=len(kernel))
     weights = touch_weights(counts, kernel) * counts
     return np.asarray(log_softmax(np.einsum("p,gpk->gk", weights, ratios), axis=1))
-
-
-def _greedy(ratios: Floats, kernel: Floats, score: Callable[[Floats], float]) -> tuple[int, ...]:
-    order: tuple[int, ...] = ()
-    while len(order) < len(kernel):
-        left = [action for action in range(len(kernel)) if action not in order]
-        order = (*order, min(left, key=lambda action: score(fused(ratios, kernel, (*order, action)))))
-    return order
 
 
 def _mean_touches(ratios: Floats, kernel: Floats, order: tuple[int, ...], threshold: float) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from belief.files import write_text
 from experiments.recorded.figures import pictures
 from experiments.recorded.identifying import FIXED, GAIN, RANDOM
-from experiments.recorded.results import Measured, Part, saving
+from experiments.recorded.results import Measured, Part, saving, touches_of
 from experiments.reporting.page import Section, write_page
 from experiments.reporting.tables import Table, interval
 
@@ -33,7 +33,9 @@ def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> lis
     verdict = verdict_of(measured, facts)
     chosen = Counter(name for fold in main.folds for name in fold.reading.reader.chosen)
     about = [
-        f"{facts['touches']} touches of {facts['things']} objects, {facts['labels']} {facts['task']}; actions: "
+        f"{facts['touches']} touches of {facts['things']} objects"
+        + ("" if facts["task"] == "objects" else f" of {facts['labels']} {facts['task']}")
+        + "; actions: "
         f"{', '.join(facts['actions'])}. Source: {facts['provenance']}; licence: {facts['licence']}.",
         "Classifiers by cross-validation, times chosen: "
         + "; ".join(f"{name} ({count})" for name, count in chosen.most_common())
@@ -71,13 +73,14 @@ def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> lis
 def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
     """Sentences that say what was found."""
     named = measured.main.named
-    random, fixed = (interval(*saving(named, GAIN, other), spec=".1%") for other in (RANDOM, FIXED))
-    num_actions = len(facts["actions"])
+    needed = {decider: float(touches_of(named, decider, "kernel")[0].mean()) for decider in (RANDOM, FIXED, GAIN)}
+    saved = {other: interval(*saving(named, GAIN, other), spec=".1%") for other in (RANDOM, FIXED)}
     sentences = [
-        f"Information gain needs {random} fewer touches than a random order and {fixed} fewer than the best fixed "
-        f"order until it names one of {facts['labels']} {facts['task']} with probability {facts['threshold']:g}."
+        f"To name one of {facts['labels']} {facts['task']} with probability {facts['threshold']:g}, information gain "
+        f"needs {needed[GAIN]:.2f} touches, a random order {needed[RANDOM]:.2f} (saved {saved[RANDOM]}) and the best "
+        f"fixed order {needed[FIXED]:.2f} (saved {saved[FIXED]})."
     ]
-    if num_actions == 1:
+    if len(facts["actions"]) == 1:
         sentences = [f"There is one action, so that deciders have nothing to choose among {facts['labels']} labels."]
     for law, words in (("none", "If touches count as independent"), ("kernel", "With fitted correlations")):
         certain = [one.result for one in named if one.law == law and one.result.is_certain]

@@ -25,6 +25,8 @@ LAW_NAMES: Mapping[Law, str] = {
     "kernel": "kernel by likeness",
 }
 """The laws of correlation in words."""
+SHOWN: Sequence[Law] = ("none", "kernel")
+"""Laws of the tables and figures with many rows."""
 STATED = (0.95, 0.98, 0.995)
 """Edges of the bins of stated probabilities, above the threshold."""
 
@@ -172,21 +174,54 @@ def law_table(part: Part, threshold: float) -> Table:
     )
 
 
-def stop_table(part: Part, threshold: float) -> Table:
-    """Identifications that reached the threshold, by the probability that they state."""
+@dataclass(frozen=True)
+class StatedBin:
+    """Identifications that stated nearly the same probability.
+
+    Attributes:
+        first, last: of the probabilities; the last is not included.
+        stated: mean probability.
+        right: share that is right, with its interval over objects.
+        stops, objects: how many there are.
+    """
+
+    first: float
+    last: float
+    stated: float
+    right: tuple[float, float, float]
+    stops: int
+    objects: int
+
+
+def stated_bins(part: Part, law: Law, threshold: float) -> list[StatedBin]:
+    """Identifications by random order and information gain that reached the threshold, by what they state."""
     edges = np.append(np.unique([threshold, *(edge for edge in STATED if edge > threshold)]), np.inf)
-    rows = []
-    for law in LAWS:
-        chosen = [one for one in part.named if one.law == law and one.decider in (RANDOM, GAIN)]
-        for first, last in pairwise(edges.tolist()):
-            inside = [one for one in chosen if one.result.is_certain and first <= one.result.stated < last]
-            if not inside:
-                continue
+    chosen = [one for one in part.named if one.law == law and one.decider in (RANDOM, GAIN) and one.result.is_certain]
+    found = []
+    for first, last in pairwise(edges.tolist()):
+        inside = [one for one in chosen if first <= one.result.stated < last]
+        if inside:
             things = [one.thing for one in inside]
             right = cluster_bootstrap([float(one.result.is_right) for one in inside], things, np.random.default_rng(0))
             stated = float(np.mean([one.result.stated for one in inside]))
-            name = f"{first:g} to {min(last, 1.0):g}"
-            rows.append((LAW_NAMES[law], name, stated, interval(*right), len(inside), len(set(things))))
+            found.append(StatedBin(first, last, stated, right, len(inside), len(set(things))))
+    return found
+
+
+def stop_table(part: Part, threshold: float) -> Table:
+    """Identifications that reached the threshold, by the probability that they state."""
+    rows = [
+        (
+            LAW_NAMES[law],
+            f"{one.first:g} to {min(one.last, 1.0):g}",
+            one.stated,
+            interval(*one.right),
+            one.stops,
+            one.objects,
+        )
+        for law in SHOWN
+        for one in stated_bins(part, law, threshold)
+    ]
     return Table(
         "Stops by the probability that they state",
         ("correlated", "states", ("stated", ".3f"), "right [95 %]", "stops", "objects"),
@@ -199,7 +234,7 @@ def stop_table(part: Part, threshold: float) -> Table:
 def after_table(part: Part) -> Table:
     """Accuracy and calibration after numbers of touches."""
     rows = []
-    for law in LAWS:
+    for law in SHOWN:
         for number in NUMBERS:
             chosen = [one for one in part.after if (one.law, one.number) == (law, number)]
             if not chosen:

@@ -14,7 +14,7 @@ from experiments.command_line.arguments import BadArgument, Count, check_argumen
 from experiments.scene_choice import SceneChoice, repeats_folder
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, open_sensor, require_collection, sensor_folder
-from planners.pose_order import greedy_order, write_order
+from planners.pose_order import hypothesis_order, write_order
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class RankPoses:
         ratios = np.empty((number, len(touches.poses) // number, len(model.shape_labels), model.num_hypotheses), "f4")
         for pose in range(number):
             ratios[pose] = model.scores(pose, read.features[0][touches.poses == pose])
-        order, losses = greedy_order(ratios, touches.shapes[::number], min(self.length, number))
+        order, losses = hypothesis_order(ratios, touches.shapes[::number], min(self.length, number))
         labels = [sensor.scene.pose_labels[pose] for pose in order]
         for place, (label, loss) in enumerate(zip(labels, losses, strict=True), 1):
             print(f"{place:2d}  {label:<12}  NLL after it {loss:.4f}")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from belief.errors import CorruptFile
-from planners.pose_order import FILE, NoOrder, greedy_order, read_order, write_order
+from planners.pose_order import FILE, NoOrder, hypothesis_order, read_order, write_order
 
 
 def test_the_order_takes_what_tells_most_given_the_poses_before(rng):
@@ -13,8 +13,8 @@ def test_the_order_takes_what_tells_most_given_the_poses_before(rng):
     shapes = np.arange(40) % 4
     right = bits[:, shapes][:, :, None] == bits[:, None, :]  # (P, S, K)
     strength = np.array([2.0, 1.9, 1.5, 1.0])[:, None, None]
-    order, losses = greedy_order((strength * right)[..., None].astype(np.float32), shapes, 4)
-    assert order == [0, 2, 1, 3]
+    order, losses = hypothesis_order((strength * right)[..., None].astype(np.float32), shapes, 4)
+    assert order == (0, 2, 1, 3)
     assert (np.diff(losses) <= 1e-6).all()
 
 
