@@ -66,7 +66,7 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
             "calibration.calibration_report:CalibrationReport", "test the calibration of stated probabilities"
         ),
         "limit": Command("bayes_error.limit:Limit", "estimate the best possible accuracy of one touch"),
-        "leak": Command("press.leak:Leak", "measure what an accuracy owes to force, depth, size or the session"),
+        "leak": Command("press.leak:Leak", "measure what accuracy owes to anything but geometry"),
         "recorded": Command("recorded.recorded:Recorded", "search among real objects by recorded touches"),
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
