@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import InformationState
-from planners.repeats import CorrelatedRepeats, RepeatDiscount
+from planners.repeats import RepeatDiscount
 
 OUTCOMES = 128
 HYPOTHESES = 64
@@ -20,8 +22,7 @@ def next_touch(
 ) -> tuple[OutcomeTable, Floats]:
     """The outcome table of the next touch, and the value of a touch in each pose as a fraction of that in the table.
 
-    A mixture over hypotheses knows what a repeat tells of the body, but not that the reader's error comes again. Its
-    repeats count as the belief counts them: by the correlation of the joint model.
+    A mixture knows what a repeat tells; its weights are one.
 
     Args:
         info: the information state.
@@ -43,5 +44,4 @@ def next_touch(
     mixture = None if evidence is None else evidence.outcome_mixture(outcomes, hypotheses)
     if mixture is None:
         return table, repeats.weights(info.uses)
-    correlation = float(getattr(getattr(evidence, "model", None), "correlation", 0.0))
-    return mixture.table, CorrelatedRepeats(correlation).weights(info.uses)
+    return mixture.table, np.ones(mixture.table.num_poses)

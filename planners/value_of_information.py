@@ -13,7 +13,8 @@ A touch in a pose that was used before gives new information with probability w 
 All P² M² branches are two matrix products on unnormalised beliefs, in which an impossible outcome has weight zero.
 
 Where the evidence of the current object has an outcome mixture, the outcomes depend on the touches so far, and given a
-hypothesis about the object two touches are independent. Repeats then need no discount.
+hypothesis about the object two touches are independent. The mixture says how much the next touch in a pose tells, so
+repeats need no other discount.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import fit_kernel
 from belief.observation_model.model import ArrayModel
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.problem import Floats, Touch
@@ -249,10 +249,7 @@ class KernelEvidence:
         if self.model.repeats is not None:
             weights = np.where(self.counts < self.model.repeats, weights, 0.0)
         table = self.model.outcome_table(num_outcomes).probs
-        scaled = weights[:, None, None] * table
-        rest = np.broadcast_to((1.0 - weights)[:, None, None], (*table.shape[:2], 1))
-        probs = np.concatenate([scaled, rest], axis=2)[:, :, None]
-        return OutcomeMixture(np.ones((table.shape[1], 1)), probs)
+        return OutcomeMixture(np.ones((table.shape[1], 1)), with_nothing_new(table, weights)[:, :, None])
 
 
 def _limited(ratios: Floats) -> Floats:

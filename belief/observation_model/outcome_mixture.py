@@ -99,3 +99,20 @@ class OutcomeMixture(FrozenArrays):
         rows *= np.sqrt(self.weights)[..., None].astype(np.float32)
         rows[rows < _NEGLIGIBLE] = 0.0
         return rows
+
+
+def with_nothing_new(probs: NDArray[np.floating], new: Floats) -> NDArray[np.floating]:
+    """Outcomes with one more, the last: that the touch says what earlier ones said.
+
+    A touch that tells w times as much as a first one is a first touch behind a channel that erases it with probability
+    1 - w. It has w times its information, and w times its value.
+
+    Args:
+        probs: p(outcome | pose, …) of first touches, ``(P, …, M)``.
+        new: w of each pose, in [0, 1], ``(P,)``.
+
+    >>> with_nothing_new(np.array([[[0.8, 0.2]], [[0.8, 0.2]]]), np.array([1.0, 0.5])).round(2).tolist()
+    [[[0.8, 0.2, 0.0]], [[0.4, 0.1, 0.5]]]
+    """
+    shares = new.reshape(-1, *[1] * (probs.ndim - 1)).astype(probs.dtype)
+    return np.concatenate([shares * probs, np.broadcast_to(1.0 - shares, (*probs.shape[:-1], 1))], axis=-1)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from belief.conflict import ObjectConflict, log_conflict
 from belief.frozen import frozen
 from belief.observation_model.log_weights import log_means, misfit, some_hypotheses
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.repeat_discount import drift_share, effective_touches
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
@@ -145,19 +145,32 @@ class RigidBodyEvidence:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
 
         The outcomes are the model's reference touches. Hypotheses are drawn by systematic resampling, without chance.
+        Where touches are discounted, the last outcome is that a touch tells nothing new.
         """
         key = num_outcomes, num_hypotheses
         if key not in self._mixtures:
             require_count("num_outcomes", num_outcomes)
             require_count("num_hypotheses", num_hypotheses)
             chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
-            views = self.model.views
+            views, new = self.model.views, self._new if self.in_pose else None
             if views is None:
-                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes))
+                probs = self.model.outcome_probs(chosen, num_outcomes)
+                self._mixtures[key] = OutcomeMixture(weights, probs if new is None else with_nothing_new(probs, new))
             else:
                 outcomes = self.model.shared_outcomes(num_outcomes)
-                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views)
+                self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views, new)
         return self._mixtures[key]
+
+    @property
+    def _new(self) -> Floats:
+        """By how much one more touch in each pose raises the effective number of touches, ``(P,)``."""
+        counts = np.zeros(self.model.num_poses)
+        for pose, (number, _) in self.in_pose.items():
+            counts[pose] = number
+        here, after = (effective_touches(n, self.model.correlation) for n in (counts, counts + 1.0))
+        before = here.sum()
+        more = effective_touches(before - here + after, self.model.drift)
+        return np.clip(more - effective_touches(before, self.model.drift), 0.0, 1.0)
 
     @cached_property
     def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:

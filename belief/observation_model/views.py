@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from belief.frozen import FrozenArrays
-from belief.observation_model.outcome_mixture import OutcomeMixture
+from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats
 from belief.validation import SUM_TOLERANCE
@@ -72,6 +73,8 @@ class SharedMixture(FrozenArrays):
         chosen: which hypotheses these are, ``(K, H)``.
         outcomes: p(outcome | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
         views: of the poses.
+        new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
+            The last outcome is then that it tells nothing new.
 
     Raises:
         ValueError: arrays that do not fit, or a row of weights that does not sum to one.
@@ -88,6 +91,7 @@ class SharedMixture(FrozenArrays):
     chosen: NDArray[np.int64]
     outcomes: NDArray[np.float32]
     views: Views
+    new: Floats | None = None
 
     def __post_init__(self) -> None:
         num_shapes, number = self.outcomes.shape[1:3]
@@ -107,7 +111,7 @@ class SharedMixture(FrozenArrays):
         lengths = [len(which) for which, _ in per_shape]
         which, weights = (np.concatenate(column) for column in zip(*per_shape, strict=True))
         starts = np.repeat(np.arange(num_shapes) * number, lengths)
-        found = np.empty((len(self.views.groups), num_shapes, num_outcomes))
+        found: NDArray[Any] = np.empty((len(self.views.groups), num_shapes, num_outcomes))
         for group in range(num_groups):
             poses = np.flatnonzero(self.views.groups == group)
             columns = self.views.same[np.ix_(poses, which)] + starts
@@ -117,7 +121,7 @@ class SharedMixture(FrozenArrays):
                 shape=(len(poses) * num_shapes, num_shapes * number),
             )
             found[poses] = (rows @ self.outcomes[group].reshape(-1, num_outcomes)).reshape(len(poses), num_shapes, -1)
-        return OutcomeTable(found)
+        return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """See :meth:`OutcomeMixture.two_touches`."""
@@ -126,7 +130,8 @@ class SharedMixture(FrozenArrays):
     @cached_property
     def _whole(self) -> OutcomeMixture:
         """The same with the outcomes of every pose."""
-        return OutcomeMixture(self.weights, self.views.of_all_poses(self.outcomes, self.chosen))
+        probs: NDArray[np.floating] = self.views.of_all_poses(self.outcomes, self.chosen)
+        return OutcomeMixture(self.weights, probs if self.new is None else with_nothing_new(probs, self.new))
 
 
 def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:

@@ -108,3 +108,21 @@ def test_without_a_joint_belief_the_static_table_is_read(rng):
     table, weights = next_touch(info, model.outcome_table(), LeastUsedFirst())
     assert table is model.outcome_table()
     assert weights.tolist() == LeastUsedFirst().weights(info.uses).tolist()
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.2])
+def test_the_value_of_a_repeat_is_that_of_a_touch_that_may_tell_nothing(rng, drift):
+    """With correlation one, no repeat has a value above its cost, whatever the mixture over bodies says of it."""
+    model = replace(model_of(rng), correlation=1.0, drift=drift)
+    scene = SceneBelief(PROBLEM, model)
+    scene.update(0, [Touch(1, np.zeros(K), rng.normal(size=D))])
+    info = InformationState.of(PROBLEM, 0, scene, 0)
+    decider = ValueOfInformation(model.outcome_table(), 1)
+    payoffs = decider.payoffs(info)
+    values = decider.probe_values(info, payoffs)
+    stop = (payoffs @ info.belief.probs).max()
+    assert values[1] == pytest.approx(stop - PROBLEM.touch_cost, abs=1e-6)
+    table = info.evidence.outcome_mixture(M, N).table.probs
+    new = 1.0 - table[:, 0, -1]
+    expected = 1.0 if drift == 0.0 else 2.0 / 1.2 - 1.0  # effective touches: 2 / (1 + κ), less the first
+    np.testing.assert_allclose(new, [expected, 0.0, expected], atol=1e-6)
