@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,7 @@ class OutcomeMixture(FrozenArrays):
         return rows
 
 
-def with_nothing_new(probs: NDArray[np.floating], new: Floats) -> NDArray[np.floating]:
+def with_nothing_new(probs: NDArray[Any], new: Floats) -> NDArray[Any]:
     """Outcomes with one more, the last: that the touch says what earlier ones said.
 
     A touch that tells w times as much as a first one is a first touch behind a channel that erases it with probability
