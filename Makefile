@@ -65,42 +65,40 @@ REPEATS.coarse := --plan.repeats 6
 REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
-REPEATS.keyed := --plan.calibration 60 --plan.test 40
+REPEATS.keyed := --plan.repeats 2 --plan.calibration 60 --plan.test 40
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
 TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn
 TRAIN.keyed := --change.patience 12
 MODEL = $(if $(filter keyed,$(SCENE)),,ratio) "rigid body"
-ORDER.keyed := rank-poses --scene keyed --objects 96
+RANK.keyed := --objects 96
 sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
 	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
-	$(if $(ORDER.$(SCENE)),$(BIN)/activetouch $(ORDER.$(SCENE)))
+	$(BIN)/activetouch rank-poses --scene $(SCENE) $(RANK.$(SCENE))
 
-# What it is worth to choose the place of a touch: the sensor of a scene calibrated for a set of poses, their best fixed
-# order, and searches with places chosen and not chosen; make places SCENE=coarse POSES=directions26
-POSES ?= directions26
-PLACES = $(SCENE)-$(POSES)
-OBJECTS.mix.coarse := --plan.calibration 160 --plan.test 60
-OBJECTS.mix.hard := --plan.calibration 100 --plan.test 30
-OBJECTS.directions26.coarse := --plan.calibration 40 --plan.test 20
-OBJECTS.directions26.hard := --plan.calibration 25 --plan.test 10
-SIZE.coarse := coarse
-SIZE := hard
-SEARCHES.coarse := 75
-SEARCHES := 34
+# What choosing the place of a touch is worth among the 26 directions, in a scene whose sensor has six poses: its reader
+# calibrated for the directions, their best fixed order, and live searches; make places SCENE=coarse
+DIRECTIONS.coarse := --plan.calibration 40 --plan.test 20
+DIRECTIONS.hard := --plan.calibration 25 --plan.test 10
+DIRECTIONS.many := $(DIRECTIONS.hard)
+SEARCHES.coarse := 150
+SEARCHES.hard := 34
+SEARCHES.many := $(SEARCHES.hard)
 BY_PLACE := information_gain shape_information_gain random_poses best_order "information_gain(given='shape')"
+PLACES = $(SCENE)-directions26
 places: development
-	$(BIN)/activetouch collect --scene $(SCENE) --poses $(POSES) --plan.train 0 --plan.repeats 2 \
-		$(OBJECTS.$(POSES).$(or $(SIZE.$(SCENE)),$(SIZE))) --out data/$(PLACES)
+	$(BIN)/activetouch collect --scene $(SCENE) --poses directions26 --plan.train 0 --plan.repeats 2 \
+		$(DIRECTIONS.$(SCENE)) --out data/$(PLACES)
 	$(BIN)/activetouch calibrate --scene $(SCENE) --reader activetouch/models/$(SCENE)/reader.safetensors \
 		--data data/$(PLACES) --observation-model "rigid body" --out runs/sensor-$(PLACES)
-	$(BIN)/activetouch rank-poses --scene $(SCENE) --poses $(POSES) --data data/$(PLACES) --sensor runs/sensor-$(PLACES)
-	$(BIN)/activetouch compare --scene $(SCENE) --poses $(POSES) --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
-		--episodes $(or $(SEARCHES.$(SCENE)),$(SEARCHES)) --seed 1 --bound --out runs/places-$(PLACES)
+	$(BIN)/activetouch rank-poses --scene $(SCENE) --poses directions26 --objects 96 \
+		--data data/$(PLACES) --sensor runs/sensor-$(PLACES)
+	$(BIN)/activetouch compare --scene $(SCENE) --poses directions26 --sensor runs/sensor-$(PLACES) --deciders $(BY_PLACE) \
+		--episodes $(SEARCHES.$(SCENE)) --seed 1 --out runs/places-$(PLACES)
 
 # The sensor of a scene whose reader was trained in a wider world; the observation model is of the scene itself.
 WIDE.coarse := --plan.train 9000 --plan.calibration 200 --plan.test 0

@@ -5,30 +5,37 @@ free of noise. With more knowledge and better touches no policy needs more of th
 problem is a lower bound for every policy (an information relaxation). A touch shows some of the eight corners, and the
 optimal policy follows by dynamic programming over the sets of corners that were not seen yet.
 
-    python -m benchmarks.corners --orientations 100
+Places in random order need more touches. What the optimal policy saves is the most that any choice can save with any
+sensor; it depends on how much of the body one touch shows, which the width of the pad changes.
+
+    python -m benchmarks.corners --orientations 60
+    python -m benchmarks.corners --orientations 20 --widths 0.5 1 2 --figure runs/corners.png
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from functools import cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from activetouch import SCENES
+from activetouch import SCENES, Scene
 from activetouch.distributions import Constant
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
 from activetouch.shapes import Box, Cut, Shape
 
+_ORDERS = 500  # random orders of each orientation
 _SEEN = 0.02  # difference of a pixel that counts as seen, the standard deviation of the noise
 
 
-def visible(rng: np.random.Generator) -> NDArray[np.bool_]:
+def visible(scene: Scene, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Which corners each place shows of a cube of random size in a random orientation, ``(26, 8)``."""
-    scene = SCENES["keyed"].scene
     cube, cut = scene.solids["cube"], scene.solids["cube_cut"]
     assert isinstance(cube, Box)
     assert isinstance(cut, Cut)
@@ -71,19 +78,50 @@ def touches_needed(shows: NDArray[np.bool_]) -> tuple[float, float]:
     return to_find(everything), to_clear(everything)
 
 
+def touches_at_random(shows: NDArray[np.bool_], rng: np.random.Generator) -> tuple[float, float]:
+    """The same of places in random order, none twice: means over orders."""
+    turns = np.argsort(rng.random((_ORDERS, len(shows))), axis=1)
+    first = np.where(shows.any(axis=0), shows[turns].argmax(axis=1) + 1.0, np.inf)  # (orders, 8)
+    return float(first.mean()), float(first.max(axis=1).mean())
+
+
 def main() -> None:
     """Print both bounds, means over orientations with 95 % intervals."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--orientations", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--widths", type=float, nargs="+", default=[1.0], help="of the pad, relative to the scene's")
+    parser.add_argument("--figure", type=Path, help="of the savings by width")
     arguments = parser.parse_args()
-    rng = np.random.default_rng(arguments.seed)
-    shown = [visible(rng) for _ in range(arguments.orientations)]
-    needed = np.array([touches_needed(some) for some in shown])
-    print(f"a place shows {np.mean(shown):.3f} of the corners")
-    for name, column in zip(("to find the cut corner", "to know that no corner is cut"), needed.T, strict=True):
-        error = 1.96 * column.std(ddof=1) / np.sqrt(len(column))
-        print(f"{name}: at least {column.mean():.2f} ± {error:.2f} touches, {column.min():.0f} to {column.max():.0f}")
+    scene, points = SCENES["keyed"].scene, []
+    for width in arguments.widths:
+        rng, pad = np.random.default_rng(arguments.seed), scene.pad
+        pad = replace(pad, half_width=width * pad.half_width, num_taxels=2 * round(width * pad.num_taxels / 2))
+        wide = replace(scene, pad=pad)
+        shown = [visible(wide, rng) for _ in range(arguments.orientations)]
+        best = np.array([touches_needed(some) for some in shown])
+        random = np.array([touches_at_random(some, rng) for some in shown])
+        print(f"pad × {width:g}: a place shows {np.mean(shown):.3f} of the corners")
+        saved = []
+        names = "to find the cut corner", "to know that no corner is cut"
+        for name, least, others in zip(names, best.T, random.T, strict=True):
+            error = 1.96 * least.std(ddof=1) / np.sqrt(len(least))
+            saved.append(1.0 - least.mean() / others.mean())
+            print(
+                f"  {name}: at least {least.mean():.2f} ± {error:.2f} touches, {least.min():.0f} to {least.max():.0f}; "
+                f"in random order {others.mean():.2f}, of which a choice can save {saved[-1]:.0%}"
+            )
+        points.append((np.mean(shown), *saved))
+    if arguments.figure is not None:
+        drawn = Figure((6.0, 4.0), layout="constrained")
+        axes = drawn.add_subplot(xlabel="corners that one touch shows [%]", ylabel="touches that a choice can save [%]")
+        columns = 100 * np.array(sorted(points)).T
+        for column, name in zip(columns[1:], names, strict=True):
+            axes.plot(columns[0], column, "o-", label=name)
+        axes.set_ylim(0, 100)
+        axes.grid(alpha=0.3)
+        axes.legend()
+        drawn.savefig(arguments.figure, dpi=110)
 
 
 if __name__ == "__main__":
