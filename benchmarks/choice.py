@@ -66,7 +66,7 @@ def main() -> None:
     for places in (26, 200):
         scene = keyed.scene if places == len(keyed.scene.poses) else replace(keyed.scene, poses=spread(places))
         sensor = with_places(keyed, scene)
-        for hypotheses, outcomes in ((64, 128), (256, 512)):
+        for hypotheses, outcomes in ((64, 128), (128, 256), (256, 512)):
             times = milliseconds(sensor, hypotheses, outcomes)
             median, high = np.quantile(times, [0.5, 0.9])
             print(f"{places:6d}  {hypotheses:10d}  {outcomes:8d}  {median:11.1f}  {high:15.1f}")
