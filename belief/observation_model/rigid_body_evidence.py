@@ -43,6 +43,10 @@ class Hypotheses(Protocol):
         """Names of the K shapes."""
 
     @property
+    def num_poses(self) -> int:
+        """P."""
+
+    @property
     def correlation(self) -> float:
         """ρ in [0, 1] of repeats in one pose."""
 
