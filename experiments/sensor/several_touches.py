@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ from experiments.reporting.tables import Table
 from experiments.scene_choice import named_scene, repeats_folder
 from experiments.sensor.after_touches import AfterTouches, after_touches
 from experiments.sensor.belief_cost import belief_cost
+from experiments.sensor.precision import PRECISIONS, in_precision
 from experiments.sensor.scores import read_touches, regrouped
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
@@ -49,6 +51,7 @@ class Entry:
 
     Attributes:
         network: backbone and input size.
+        precision: of the network's arithmetic.
         hypotheses: number N of each shape; 0 for the independent model.
         results: by number of touches.
         read_milliseconds: to read one image.
@@ -57,6 +60,7 @@ class Entry:
     """
 
     network: str
+    precision: str
     hypotheses: int
     results: tuple[AfterTouches, ...]
     read_milliseconds: float
@@ -66,7 +70,12 @@ class Entry:
     @property
     def name(self) -> str:
         """Network and model in words."""
-        return f"{self.network}, " + (f"N = {self.hypotheses}" if self.hypotheses else "independent")
+        return f"{self.reader}, " + (f"N = {self.hypotheses}" if self.hypotheses else "independent")
+
+    @property
+    def reader(self) -> str:
+        """Network and precision in words."""
+        return f"{self.network}, {self.precision}"
 
 
 @dataclass(frozen=True)
@@ -79,6 +88,7 @@ class SeveralTouches:
 
         activetouch several-touches --scene hard
         activetouch several-touches --scene gel --hypotheses 64 512 4096 --readers runs/train-8/reader.safetensors
+        activetouch several-touches --scene gel --precisions float32 int8
     """
 
     scene: str = "gel"
@@ -89,6 +99,8 @@ class SeveralTouches:
     """Folder of the collection with repeats; data/SCENE-repeats by default."""
     hypotheses: Annotated[tuple[Count, ...], NotEmpty()] = (2048,)
     """Numbers of hypotheses of each shape."""
+    precisions: Annotated[tuple[Literal[PRECISIONS], ...], NotEmpty()] = PRECISIONS[:1]  # type: ignore[valid-type]
+    """Arithmetic of the readers' networks; int8 needs what training needs."""
     touches: Annotated[tuple[Count, ...], NotEmpty()] = (1, 2, 3, 4, 6)
     """Numbers of touches of an object."""
     seed: Seed = 0
@@ -107,10 +119,12 @@ class SeveralTouches:
         require_writable(self.out)
         data = self.data if self.data is not None else repeats_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=True)
-        calibration, test = read_split(data, "calibration"), read_split(data, "test")
+        calibration, test = read_split(data, "calibration"), first_round(read_split(data, "test"), len(scene.poses))
         entries = []
-        for path in self.readers or (sensor_folder(None, self.scene) / READER_FILE,):
-            reader = TactileReader.load(path)
+        for path, precision in product(
+            self.readers or (sensor_folder(None, self.scene) / READER_FILE,), self.precisions
+        ):
+            reader = in_precision(TactileReader.load(path), precision)
             require_collection(data, manifest, reader.card, None, repeats=True)
             if reader.hypotheses is None:
                 raise InvalidArgument(f"{path} tells shapes only; activetouch train makes one that knows orientations")
@@ -119,9 +133,8 @@ class SeveralTouches:
             seconds = _milliseconds(partial(reader.read, test.images[:1]))
             for number in (0, *self.hypotheses):
                 model = _fitted(known, calibration, manifest, HypothesisTable(reader, scene), number)
-                entries.append(
-                    self._entry(reader, seconds, number, model, read, test.shapes[:: manifest.touches_per_object])
-                )
+                truth = test.shapes[:: len(scene.poses)]
+                entries.append(self._entry(reader, precision, seconds, number, model, read, truth))
         shown = table(entries, self.scene, len(np.unique(test.object_ids)))
         for name, text in (
             ("several-touches.json", json.dumps([asdict(entry) for entry in entries], indent=1) + "\n"),
@@ -135,6 +148,7 @@ class SeveralTouches:
     def _entry(
         self,
         reader: TactileReader,
+        precision: str,
         read_milliseconds: float,
         number: int,
         model: ArrayModel,
@@ -144,12 +158,19 @@ class SeveralTouches:
         cost = belief_cost(model, 0 if read.features is None else read.features.shape[-1])
         return Entry(
             f"{reader.card.backbone} {reader.card.input_size} px",
+            precision,
             number,
             tuple(after_touches(log_posteriors(model, read.first(n)), truth, n, self.seed) for n in self.touches),
             read_milliseconds,
             cost.update,
             cost.memory,
         )
+
+
+def first_round(touches: TouchSet, num_poses: int) -> TouchSet:
+    """The first touch of every object in each pose."""
+    each = len(touches.poses) // len(np.unique(touches.object_ids))
+    return touches.select(np.arange(len(touches.poses)) % each < num_poses)
 
 
 def in_random_order(touches: TouchBatch, truth: TouchSet, seed: int) -> TouchBatch:
@@ -197,20 +218,20 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
 
     from experiments.reporting.style import PALETTE, figure
 
-    networks = list(dict.fromkeys(entry.network for entry in entries))
+    readers = list(dict.fromkeys(entry.reader for entry in entries))
     shown = [n for n, result in enumerate(entries[0].results) if result.touches <= 3]
     with figure((3.4 * len(shown), 3.6), path) as drawn:
         panels = np.atleast_1d(drawn.subplots(1, len(shown)))
         for axes, n in zip(panels, shown, strict=True):
-            for network, colour in zip(networks, PALETTE, strict=False):
+            for reader, colour in zip(readers, PALETTE, strict=False):
                 for marker, some in (
-                    ("s", [e for e in entries if e.network == network and not e.hypotheses]),
-                    ("o", [e for e in entries if e.network == network and e.hypotheses]),
+                    ("s", [e for e in entries if e.reader == reader and not e.hypotheses]),
+                    ("o", [e for e in entries if e.reader == reader and e.hypotheses]),
                 ):
                     x = [e.read_milliseconds + e.update_milliseconds for e in some]
                     y = np.maximum([e.results[n].nll for e in some], 1e-5)
                     style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1}
-                    label = f"{network}, {'independent' if marker == 's' else 'joint'}"
+                    label = f"{reader}, {'independent' if marker == 's' else 'joint'}"
                     axes.plot(x, y, **style, label=label)
                     for place, e in zip(zip(x, y, strict=True), some, strict=True):
                         text = str(e.hypotheses) if e.hypotheses else ""
@@ -247,10 +268,10 @@ def _fitted(
 
 
 def _milliseconds(call: Callable[[], object]) -> float:
-    """Median time of a call."""
+    """Median processor time of a call."""
     times = []
     for _ in range(_ROUNDS):
-        started = time.perf_counter()
+        started = time.thread_time()
         call()
-        times.append(1e3 * (time.perf_counter() - started))
+        times.append(1e3 * (time.thread_time() - started))
     return float(np.median(times))

@@ -31,6 +31,8 @@ JOINT = "rigid body"
 """Kind of joint observation model that is fitted for networks that know orientation."""
 NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
 """Numbers of hypotheses of each shape to measure: the dial of speed against accuracy of a joint model."""
+VARIED = ("decider", "touch cost λ", "network", "hypotheses", "observation model", "fidelity")
+"""Properties that differ from a scene's default; see :attr:`Configuration.varied`."""
 SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 0.6, "paper": 0.3, "hard": 0.16, "many": 0.1})
 """Number of searches per target relative to ``gel``, chosen such that all scenes take about the same time."""
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
@@ -123,6 +125,7 @@ class Configuration:
         """The property that differs from the scene's default; "nothing" for the default itself."""
         default = Configuration(self.network)
         differs = {
+            "hypotheses": self.num_hypotheses is not None,
             "network": bool(self.network.file),
             "observation model": self.observation_model != default.observation_model,
             "fidelity": self.fidelity != default.fidelity,

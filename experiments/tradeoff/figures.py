@@ -19,10 +19,16 @@ _MARKERS = {
     "decider": "o",
     "touch cost λ": "v",
     "network": "s",
+    "hypotheses": "P",
     "observation model": "^",
     "fidelity": "D",
 }
-_LABELS = {"nothing": "the scene's default", "decider": "another decider", "network": "network or resolution"}
+_LABELS = {
+    "nothing": "the scene's default",
+    "decider": "another decider",
+    "network": "network or resolution",
+    "hypotheses": "joint model",
+}
 _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
 _CAPTION = (
     "Failed searches against time. Each point is a configuration with its 95 % Wilson interval. Colours are scenes; "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from experiments.command_line.arguments import (
 from experiments.command_line.console import plain_console
 from experiments.parallel import run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
-from experiments.tradeoff.configuration import SHARES
+from experiments.sensor_choice import sensor_folder
+from experiments.tradeoff.configuration import SHARES, VARIED
 
 if TYPE_CHECKING:
     from experiments.tradeoff.measure import SearchResult, TouchCost
@@ -34,7 +35,8 @@ class Tradeoff:
     """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
     Every configuration differs from its scene's default in one thing: the decider, the touch cost, the network,
-    the observation model or the fidelity. All configurations of a scene play the same live searches.
+    the observation model or the fidelity; or it has a joint observation model with some number of hypotheses. All
+    configurations of a scene play the same live searches.
     Observation models of other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6
     --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by configuration: after an
     interruption, the same command continues.
@@ -44,12 +46,15 @@ class Tradeoff:
         activetouch tradeoff
         activetouch tradeoff --scenes coarse --episodes 50
         activetouch tradeoff --readers gel=runs/train-gel-tiny-32/reader.safetensors
+        activetouch tradeoff --scenes coarse --vary hypotheses
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
     """Scenes to measure."""
     readers: tuple[str, ...] = ()
     """Readers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
+    vary: tuple[Literal[VARIED], ...] = ()  # type: ignore[valid-type]
+    """Properties to vary, such as hypotheses; all by default."""
     episodes: Count = 200
     """Searches for each target of gel; fewer in scenes that take longer."""
     success: Share = 0.98
@@ -95,10 +100,13 @@ class Tradeoff:
 
     def measure(self) -> list[tuple[SearchResult, TouchCost]]:
         """Measure all configurations; return their results and costs."""
+        from activetouch.world import READER_FILE
         from experiments.tradeoff.configuration import Network, sweep
         from experiments.tradeoff.measure import measured
 
-        networks = [Network.of(scene) for scene in dict.fromkeys(self.scenes)]
+        scenes = list(dict.fromkeys(self.scenes))
+        networks = [Network.of(scene) for scene in scenes]
+        networks += [Network.of(scene, sensor_folder(None, scene) / READER_FILE) for scene in scenes]
         for reader in self.readers:
             scene, _, file = reader.partition("=")
             if scene not in self.scenes or not file:
@@ -108,5 +116,7 @@ class Tradeoff:
             networks.append(Network.of(scene, Path(file)))
         calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]
         configurations = sweep(networks, calibrated, self.episodes, self.seed)
+        if self.vary:
+            configurations = [c for c in configurations if c.varied in ("nothing", *self.vary)]
         tasks = [partial(measured, c, self.out) for c in configurations]
         return list(run_tasks(tasks, self.jobs, "searching"))

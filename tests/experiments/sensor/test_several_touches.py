@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
+from activetouch.perception.reader import TactileReader
+from activetouch.world import MODELS, READER_FILE
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.after_touches import after_touches
 from experiments.sensor.collect import collect
+from experiments.sensor.precision import in_precision
 from experiments.sensor.several_touches import SeveralTouches, in_random_order
 
 
@@ -27,6 +30,14 @@ def test_each_object_keeps_its_touches_in_an_order_of_its_own():
     assert (found.logits[..., 1] == found.poses).all()  # the first round
     assert (found.features == found.logits).all()
     assert len({tuple(order) for order in found.poses.tolist()}) > 1
+
+
+def test_a_network_of_eight_bits_reads_nearly_the_same():
+    reader = TactileReader.load(MODELS / "coarse" / READER_FILE)
+    images = np.random.default_rng(0).integers(256, size=(8, *reader.card.image_shape), dtype=np.uint8)
+    exact, rounded = (in_precision(reader, name).read(images).embeddings for name in ("float32", "int8"))
+    assert 0.0 < np.abs(exact - rounded).max() < 0.05 * np.abs(exact).max()
+    assert len(in_precision(reader, "int8").network) < len(reader.network)
 
 
 def test_scores_of_known_posteriors():

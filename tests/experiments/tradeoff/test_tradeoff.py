@@ -18,7 +18,16 @@ from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
-from experiments.tradeoff.configuration import JOINT, NUM_HYPOTHESES, SHARES, SHIPPED, Configuration, Network, sweep
+from experiments.tradeoff.configuration import (
+    JOINT,
+    NUM_HYPOTHESES,
+    SHARES,
+    SHIPPED,
+    VARIED,
+    Configuration,
+    Network,
+    sweep,
+)
 from experiments.tradeoff.figures import _MARKERS as MARKERS
 from experiments.tradeoff.measure import SearchResult, TouchCost, measured
 from experiments.tradeoff.models import observation_model
@@ -105,10 +114,12 @@ def test_what_is_varied_has_a_word():
     words = {
         "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
         "network": {"network": SMALL, "observation_model": "ratio"},
+        "hypotheses": {"network": SMALL, "observation_model": JOINT, "num_hypotheses": 64},
         "observation model": {"observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
     }  # fmt: skip
     assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
     assert all(replace(base, **change).varied == word for word, change in words.items())
+    assert set(words) == {"nothing", *VARIED}
 
 
 def test_a_point_costs_its_touches_and_its_decisions():
