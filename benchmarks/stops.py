@@ -30,7 +30,8 @@ def confident_stops(episodes: list[Episode]) -> Iterator[tuple[int | None, int, 
             found.append((min(float(last.belief.probs[episode.target]), 1.0), episode.success, touches))
     found = [stop for stop in found if stop[0] >= STATED]
     if found:
-        scores = calibration_at_stop(*zip(*found, strict=True))
+        stated, right, numbers = zip(*found, strict=True)
+        scores = calibration_at_stop(stated, right, numbers)
         for score in (*scores.by_num_touches, scores.overall):
             if score.num_touches is None or score.count >= ENOUGH:
                 yield score.num_touches, score.count, score.share_right

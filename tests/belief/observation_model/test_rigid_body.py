@@ -198,7 +198,8 @@ def test_contradiction_after_certainty_is_still_an_answer(world, rng):
     for touch in touches_of(world, 0, 2, [0, 1, 2] * 30, rng) + touches_of(world, 1, 9, [0, 1, 2] * 60, rng):
         evidence = evidence.update(touch)
     assert np.isfinite(evidence.log_likelihood).all()
-    assert np.isfinite(posterior(evidence.log_likelihood)).all()
+    assert posterior(evidence.log_likelihood).max() > 0.99  # no hypothesis fits well; the answer is not uniform
+    assert evidence.diagnostics.effective_hypotheses == pytest.approx(1.0, abs=0.01)  # and the diagnostics say so
 
 
 @pytest.mark.parametrize("scale", [1e-30, 1e4, 1e30])
@@ -215,6 +216,20 @@ def test_half_precision_embeddings_agree_with_single(world, rng):
     halves = [Touch(t.pose, t.logits, t.features.astype(np.float16)) for t in touches]
     found, expected = (posterior(model.log_likelihood(some)) for some in (halves, touches))
     np.testing.assert_allclose(found, expected, atol=5e-3)
+
+
+def test_a_table_in_half_precision_agrees_with_one_in_single(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 0, 1, [0, 1, 2, 1], rng)
+    half = replace(model, hypotheses=world.embed(N).astype(np.float16))
+    found, expected = (posterior(some.log_likelihood(touches)) for some in (half, model))
+    np.testing.assert_allclose(found, expected, atol=5e-3)
+
+
+def test_a_pose_that_the_model_does_not_know_is_refused(world, rng):
+    touch = world.touch(0, 1, 2, rng)
+    with pytest.raises(ValueError, match=rf"has pose {P}, the model knows poses 0 to {P}, exclusive"):
+        world.model(rng).start().update(Touch(P, touch.logits, touch.features))
 
 
 def test_it_keeps_the_contract_of_observation_models(world, rng):

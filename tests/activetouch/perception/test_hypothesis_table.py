@@ -1,0 +1,29 @@
+"""Hypotheses in poses that the reader was not trained in."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch import TactileSensor, TouchWorld
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.poses import facing
+from belief.touch_batch import TouchBatch
+
+
+@pytest.mark.mujoco
+def test_poses_that_no_training_touch_was_made_in_are_read_by_their_rotations():
+    shipped = TactileSensor.shipped("coarse")
+    directions = np.random.default_rng(0).normal(size=(6, 3))
+    poses = {f"direction {n}": facing(tuple(d / np.linalg.norm(d))) for n, d in enumerate(directions)}
+    scene = replace(shipped.scene, poses=poses)
+    sensor = TactileSensor(scene, shipped.reader, shipped.model.with_hypotheses(HypothesisTable(shipped.reader, scene)))
+    touches, shapes = [], np.arange(60) % 4
+    for number, shape in enumerate(shapes.tolist()):
+        rng = np.random.default_rng(number)
+        world = TouchWorld.sample(sensor, (shape,), rng)
+        touches.append([world.touch(pose, rng) for pose in range(4)])
+    found = sensor.model.log_likelihood_batch(TouchBatch.of(touches)).argmax(axis=1)
+    assert (found == shapes).mean() >= 0.95  # 0.998 in the poses of training, of thousands of objects
+    wrong = shipped.model.log_likelihood_batch(TouchBatch.of(touches)).argmax(axis=1)
+    assert (wrong == shapes).mean() < 0.8  # with the rotations of other poses
