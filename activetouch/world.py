@@ -24,6 +24,7 @@ from activetouch.distributions import LogUniform
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.perception.felt_touch import FeltTouch
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene, WorldObject
@@ -299,8 +300,12 @@ class TactileSensor:
 
     def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
         """Touches from images ``(N, H, W)`` and the poses they were felt in."""
+        labels = self.scene.pose_labels
+        indices = [index_of("pose", labels, pose) for pose in poses]
+        if (hypotheses := self.reader.hypotheses) is not None:
+            embeddings, _ = self.reader.run(images)
+            return [FeltTouch(pose, row, hypotheses) for pose, row in zip(indices, embeddings, strict=True)]
         reading = self.reader.read(images)
-        indices = [index_of("pose", self.scene.pose_labels, pose) for pose in poses]
         return [
             Touch(pose, row, feature)
             for pose, row, feature in zip(indices, reading.logits, reading.embeddings, strict=True)

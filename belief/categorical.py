@@ -41,16 +41,9 @@ class Belief(FrozenArrays):
 
     def __post_init__(self) -> None:
         labels, log_probs = tuple(self.labels), as_real(self.log_probs, "log_probs")
-        if len(set(labels)) != len(labels):
-            raise ValueError(f"labels must differ from each other, got {list(labels)}")
-        if log_probs.shape != (len(labels),) or not labels:
-            raise ValueError(
-                f"{len(labels)} labels need log_probs of shape ({len(labels)},) with at least one entry, "
-                f"got {log_probs.shape}"
-            )
-        log_probs = normalise_log_probs(log_probs)
+        _require_labels(labels, log_probs.shape)
         object.__setattr__(self, "labels", labels)
-        object.__setattr__(self, "log_probs", log_probs)
+        object.__setattr__(self, "log_probs", normalise_log_probs(log_probs))
         self.freeze()
 
     @classmethod
@@ -63,8 +56,10 @@ class Belief(FrozenArrays):
     @classmethod
     def from_probs(cls, labels: Sequence[str], probs: ArrayLike) -> Belief:
         """A belief from probabilities ``(K,)``; zeros are allowed."""
+        names, given = tuple(labels), normalise_probs(probs)
+        _require_labels(names, given.shape)
         with np.errstate(divide="ignore"):
-            return cls(tuple(labels), np.log(normalise_probs(probs)))
+            return cls.of_normalised(names, np.log(given))
 
     @classmethod
     def of_normalised(cls, labels: tuple[str, ...], log_probs: Floats) -> Belief:
@@ -116,3 +111,13 @@ class Belief(FrozenArrays):
     def __str__(self) -> str:
         pairs = zip(self.labels, self.probs, strict=True)
         return f"Belief({', '.join(f'{label} {prob:.3f}' for label, prob in pairs)})"
+
+
+def _require_labels(labels: tuple[str, ...], shape: tuple[int, ...]) -> None:
+    """Check the names of a belief's shapes against the shape of its array."""
+    if len(set(labels)) != len(labels):
+        raise ValueError(f"labels must differ from each other, got {list(labels)}")
+    if shape != (len(labels),) or not labels:
+        raise ValueError(
+            f"{len(labels)} labels need log_probs of shape ({len(labels)},) with at least one entry, got {shape}"
+        )

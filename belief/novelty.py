@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,12 +60,19 @@ class Novelty(FrozenArrays):
 
     def distances(self, embeddings: Floats) -> Floats:
         """Log of 1 plus the squared distance to each shape, at most 1e3, ``(n, C)`` for embeddings ``(n, D)``."""
-        centre = self.means.mean(axis=0)  # near the data, so that a common offset loses no digits
+        centre, means = self._white
         with np.errstate(over="ignore", invalid="ignore"):
             points = (np.clip(embeddings, -_LARGEST, _LARGEST) - centre) @ self.whitening
-            away = points[:, None] - (self.means - centre) @ self.whitening
+            away = points[:, None] - means
             found = np.log1p(np.square(away).sum(axis=2))
         return np.minimum(np.nan_to_num(found, nan=_WIDEST), _WIDEST)
+
+    @cached_property
+    def _white(self) -> tuple[Floats, Floats]:
+        """A point near the data, so that a common offset loses no digits, and the means from there, whitened."""
+        centre = self.means.mean(axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return centre, (self.means - centre) @ self.whitening
 
     def score(self, embeddings: Floats) -> Floats:
         """Novelty of each embedding, ``(n,)`` for ``(n, D)``: about 0 ± 1 for touches of known shapes."""

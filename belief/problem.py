@@ -52,6 +52,11 @@ class Touch(FrozenArrays):
             raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
         self.freeze()
 
+    @property
+    def num_shapes(self) -> int:
+        """K."""
+        return self.logits.size
+
     def __repr__(self) -> str:
         features = "no features" if self.features is None else f"{self.features.size} features"
         logits = np.array2string(self.logits[:6], precision=2, separator=", ", max_line_width=1000)

@@ -34,7 +34,8 @@ _PLAN = "--plan.train 250 --plan.calibration 1 --plan.test 1"
 COMMANDS = {
     "compare --scene many, 2 of 12 targets": "compare --scene many --episodes 25 --targets cone torus --out {out}",
     "compare --scene many --episodes 25": "compare --scene many --episodes 25 --out {out}",
-    "compare (make search)": "compare --out {out}",
+    "compare --scene gel (make search before)": "compare --scene gel --out {out}",
+    "compare --scene coarse (make search now)": "compare --scene coarse --out {out}",
     "collect, quasistatic": f"collect --fidelity quasistatic {_PLAN} --out {{out}}",
     "collect, dynamic": f"collect {_PLAN} --out {{out}}",
 }

@@ -130,12 +130,13 @@ class HypothesisEmbedding:
 
     def shape_logits(self, embeddings: Floats32) -> NDArray[np.float64]:
         """Log p(image | shape) / p(image), ``(N, K)``: the mean ratio over the fixed hypotheses of each shape."""
-        num_shapes = len(self.card.shape_labels)
+        fixed, num_shapes, number = self._fixed.T, len(self.card.shape_labels), len(self.sizes)
         logits = np.empty((len(embeddings), num_shapes))
         for first in range(0, len(embeddings), _IMAGES):
             some = slice(first, first + _IMAGES)
-            logits[some] = _logsumexp((embeddings[some] @ self._fixed.T).reshape(-1, num_shapes, len(self.sizes)))
-        return logits - np.log(len(self.sizes))
+            logits[some] = _logsumexp((embeddings[some] @ fixed).reshape(-1, num_shapes, number))
+        logits -= np.log(number)
+        return logits
 
     def tensors(self) -> dict[str, NDArray[Any]]:
         """The arrays by name, as a file has them: layers in half precision."""

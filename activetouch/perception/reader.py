@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.perception.card import READER, ClassifierCard, card_from
-from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
+from activetouch.perception.hypothesis_embedding import Floats32, HypothesisEmbedding
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from belief.errors import CorruptFile, InvalidArgument
 
@@ -85,16 +85,24 @@ class TactileReader:
         Raises:
             ValueError: there are no images, or they cannot be brought to the card's size.
         """
+        embeddings, features = self.run(images, batch_size)
+        if self.hypotheses is None:
+            return Reading(embeddings.astype(np.float64), features, features)
+        return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
+
+    def run(self, images: NDArray[np.uint8], batch_size: int = 64) -> tuple[Floats32, Floats32]:
+        """What the network gives for images: embeddings or logits ``(N, D)``, and features ``(N, F)``.
+
+        Arguments and errors are those of :meth:`read`.
+        """
         require_stack(images)
         images = resized(images, self.card.image_shape)
         parts = [
             self._session.run(OUTPUTS, {INPUT: np.ascontiguousarray(images[first : first + batch_size])})
             for first in range(0, len(images), batch_size)
         ]
-        embeddings, features = (np.concatenate(column) for column in zip(*parts, strict=True))
-        if self.hypotheses is None:
-            return Reading(embeddings.astype(np.float64), features, features)
-        return Reading(self.hypotheses.shape_logits(embeddings), features, embeddings)
+        embeddings, features = map(np.concatenate, zip(*parts, strict=True)) if len(parts) > 1 else parts[0]
+        return embeddings, features
 
     def embed(
         self,

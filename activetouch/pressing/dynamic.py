@@ -106,24 +106,24 @@ class Dynamic(SteppedPress):
         require_force(target_force)
         gap, touching = first_touch(setup.pad, placement)
         rig, withdrawn = self._place(setup, placement)
-        timestep, speed, admittance = self.timestep, self.speed, self.admittance
+        advance, gain = self.timestep * self.speed, self.timestep * self.admittance  # per step [m], per newton [m/N]
         end, slack, step = -self.travel, self.tolerance * target_force, rig.step
         skips = target_force > slack and not self.traced  # else the force 0 of the approach is near enough
-        num_steps = rig.skip_approach(withdrawn, speed, touching) if skips else 0
-        position = withdrawn - num_steps * timestep * speed
+        num_steps = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
+        position = withdrawn - num_steps * advance
         force, num_settled = 0.0, 0
-        wanted = round(self.pause / timestep)
-        limit = round((self.patience + withdrawn / speed) / timestep)
+        wanted = round(self.pause / self.timestep)
+        limit = round((self.patience + withdrawn / self.speed) / self.timestep)
         approach, contact = Phase.APPROACH, Phase.CONTACT
         while position > end and num_settled < wanted and num_steps < limit:
             if force > 0.0:
-                velocity = admittance * (target_force - force)
-                position -= timestep * (-speed if velocity < -speed else speed if velocity > speed else velocity)
+                moves = gain * (target_force - force)
+                position -= -advance if moves < -advance else advance if moves > advance else moves
                 force = step(position, contact)
             else:
-                position -= timestep * speed
+                position -= advance
                 force = step(position, approach)
-            num_settled = num_settled + 1 if abs(force - target_force) <= slack else 0
+            num_settled = num_settled + 1 if -slack <= force - target_force <= slack else 0
             num_steps += 1
         at_end = position <= end  # missed, or glancing off
         if num_settled == wanted:
@@ -133,7 +133,7 @@ class Dynamic(SteppedPress):
                 force = step(position, Phase.PAUSE)
         pressed_through = touching - position > 2 * setup.pad.half_thickness
         while position < withdrawn and (rig.force > 0.0 or self.traced):  # until the pad is free again
-            position = min(position + timestep * speed, withdrawn)
+            position = min(position + advance, withdrawn)
             step(position, Phase.WITHDRAW)
         if rig.num_warnings or pressed_through or not (at_end or num_settled == wanted):
             raise UnstablePress(

@@ -260,7 +260,8 @@ def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) ->
     """
     for fault in faults:
         image = fault(image, rng)
-    image = np.clip(image, 0.0, 1.0)
+    image = np.maximum(image, 0.0)
+    np.minimum(image, 1.0, out=image)
     if np.isnan(image.min()):
         raise ValueError(
             f"cannot read out an image with NaN, first in taxel {np.argwhere(np.isnan(image))[0].tolist()}"

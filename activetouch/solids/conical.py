@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.solids.solid import Floats, Geom, ahead, quadratic_roots, require_lengths, ring
-
-_SLACK = 1.0 + 1e-12  # so that no ray passes between side and cap
+from activetouch.solids.solid import Floats, Geom, ahead, between, quadratic_roots, require_lengths, ring
 
 
 @dataclass(frozen=True)
@@ -45,55 +43,38 @@ class Frustum:
         return Geom("mesh", vertices=np.vstack([bottom, top]))
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
-        """See :class:`Shape`."""
-        (x, y, z), (dx, dy, dz) = origins, direction
-        half_height = self.height / 2
+        """See :class:`Shape`; the part of a cone between two planes, by the slab method."""
+        (x, y, z), (dx, dy, dz) = origins, direction.tolist()
         slope = (self.bottom_radius - self.top_radius) / self.height
-        radius = (self.bottom_radius + self.top_radius) / 2 - slope * z  # of the cone at the rays' starts
-        a = float(dx * dx + dy * dy - (slope * dz) ** 2)
+        radius = (self.bottom_radius + self.top_radius) / 2 - slope * z if slope else self.bottom_radius
+        growth = -slope * dz  # of that radius along a ray
         half_b = x * dx
         half_b += y * dy
-        half_b += (slope * dz) * radius
+        half_b -= growth * radius
         c = x * x
         c += y * y
         c -= radius * radius
-        entry: Floats | None = None
+        a = dx * dx + dy * dy - growth * growth
+        enter, leave = between(z, dz, self.height / 2)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for t in _entries(a, half_b, c):
-                # The height limit also discards the mirror cone beyond the apex.
-                height = t * dz
-                height += z
-                on_side = np.abs(height, out=height) <= half_height * _SLACK
-                found = np.where(on_side, t, np.inf)
-                entry = found if entry is None else np.minimum(entry, found, out=entry)
-            assert entry is not None, "there is at least one root"
-            cap, rim = (-half_height, self.bottom_radius) if dz > 0.0 else (half_height, self.top_radius)
-            if dz != 0.0 and rim > 0.0:  # the cap that faces the ray
-                t = cap - z
-                t /= dz
-                across, along = t * dx, t * dy
-                across += x
-                along += y
-                across *= across
-                along *= along
-                across += along
-                np.minimum(entry, np.where(across <= (rim * _SLACK) ** 2, t, np.inf), out=entry)
-        return ahead(entry)
-
-
-def _entries(a: float, half_b: Floats, c: Floats) -> tuple[Floats, ...]:
-    """Roots of a·t² + 2·half_b·t + c at which a ray may enter a cone; NaN if there is none.
-
-    For a > 0 the ray is inside between the two roots, so it enters at the first. Ahead of the ray half_b is negative
-    then, so the difference below is a sum; behind it the root is negative and does not count.
-    """
-    if a <= 0.0:
-        return quadratic_roots(a, half_b, c)
-    root = half_b * half_b
-    root -= a * c
-    np.sqrt(root, out=root)
-    root -= half_b
-    return (np.divide(c, root, out=root),)
+            if a > 0.0:  # inside between the roots; ahead of a ray half_b is negative, so the difference below is a sum
+                root = half_b * half_b
+                root -= a * c
+                np.sqrt(root, out=root)
+                root -= half_b
+                np.divide(c, root, out=c)
+                np.maximum(enter, c, out=enter)
+                root /= a
+                np.minimum(leave, root, out=leave)
+            elif growth:  # inside before the first root and beyond the second, one of them in the mirror cone
+                roots = quadratic_roots(a, half_b, c)
+                if growth > 0.0:
+                    enter = np.fmax(enter, np.fmax(*roots))
+                else:
+                    leave = np.fmin(leave, np.fmin(*roots))
+            else:  # along a cylinder
+                leave[c > 0.0] = -np.inf
+        return ahead(np.where(enter <= leave, enter, np.inf))
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,10 @@ def _chord(origins: Floats, direction: Floats, radius: float) -> tuple[Floats, F
     """Distance to the middle of each ray's chord in a ball, and half the length of the chord; NaN for a miss."""
     along = direction @ origins  # (n,)
     with np.errstate(invalid="ignore"):
-        half_chord = np.sqrt(along**2 - (np.einsum("in,in->n", origins, origins) - radius**2))
-    return -along, half_chord
+        half_chord = along * along
+        half_chord -= np.einsum("in,in->n", origins, origins) - radius**2
+        np.sqrt(half_chord, out=half_chord)
+    return np.negative(along, out=along), half_chord
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_PARALLEL = 1e-12  # sine of the angle below which a ray counts as parallel to a plane
+PARALLEL = 1e-12
+"""Sine of the angle below which a ray counts as parallel to a plane."""
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,29 @@ def clip(enter: Floats, leave: Floats, height: Floats, slope: float) -> None:
         height: height of the ray starts above the plane, ``(n,)`` [m].
         slope: height gained per metre of ray, the same for all.
     """
-    if slope < -_PARALLEL:
+    if slope < -PARALLEL:
         np.maximum(enter, height / -slope, out=enter)
-    elif slope > _PARALLEL:
+    elif slope > PARALLEL:
         np.minimum(leave, height / -slope, out=leave)
     else:
         leave[height > 0.0] = -np.inf
+
+
+def between(along: Floats, slope: float, extent: float) -> tuple[Floats, Floats]:
+    """Distances at which rays enter and leave the space between two planes at ``extent`` on both sides of the origin.
+
+    Args:
+        along: position of the ray starts across the planes, ``(n,)`` [m].
+        slope: change of it per metre of ray, the same for all.
+        extent: distance of each plane from the origin [m].
+    """
+    if abs(slope) <= PARALLEL:
+        leave = np.where(np.abs(along) <= extent, np.inf, -np.inf)
+        return np.full_like(leave, -np.inf), leave
+    middle, half_chord = along / -slope, extent / abs(slope)
+    enter = middle - half_chord
+    middle += half_chord
+    return enter, middle
 
 
 def quadratic_roots(a: float, half_b: Floats, c: Floats) -> tuple[Floats, Floats]:

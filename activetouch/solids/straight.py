@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, ahead, between, clip, require_lengths, ring
 
 
 class _FlatFaced(ABC):
@@ -69,11 +69,11 @@ class Box(_FlatFaced):
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`; the slab method along the box's own axes."""
-        enter = np.full(origins.shape[1], -np.inf)
-        leave = np.full(origins.shape[1], np.inf)
-        for along, slope, extent in zip(origins, direction.tolist(), self.half_extents, strict=True):
-            clip(enter, leave, along - extent, slope)
-            clip(enter, leave, -along - extent, -slope)
+        enter, leave = between(origins[0], float(direction[0]), self.half_extents[0])
+        for axis in (1, 2):
+            enters, leaves = between(origins[axis], float(direction[axis]), self.half_extents[axis])
+            np.maximum(enter, enters, out=enter)
+            np.minimum(leave, leaves, out=leave)
         return ahead(np.where(enter <= leave, enter, np.inf))
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from activetouch.solids.solid import Floats, Geom, ahead, ring
 
 _MAX_STEPS = 60  # more than bisection needs
-_CONVERGED = 1e-14  # in units of the ring's radius
+_CONVERGED = 1e-11  # in units of the ring's radius; the step of Newton's method that is below is still made
 
 
 @dataclass(frozen=True)
@@ -78,17 +78,19 @@ def _quartic(s: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 
 def _turning_points(p: Floats, q: Floats) -> tuple[Floats, Floats, Floats]:
     """Real roots of s³ + p·s + q in increasing order; a single root is returned three times."""
-    third = p / 3
-    discriminant = (q / 2) ** 2 + third**3
-    three = discriminant < 0.0
-    scale = np.sqrt(np.where(three, -third, 0.0))
-    cosine = np.divide(-q / 2, scale**3, out=np.zeros_like(q), where=three)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3
-    radical = -np.copysign(np.cbrt(np.abs(q / 2) + np.sqrt(np.where(three, 0.0, discriminant))), q)
-    single = radical - np.divide(third, radical, out=np.zeros_like(q), where=radical != 0.0)
-    first, middle, second = (
-        np.where(three, 2 * scale * np.cos(angle + turn), single) for turn in (2 * np.pi / 3, -2 * np.pi / 3, 0.0)
-    )
+    third, half = p / 3, q / 2
+    discriminant = half * half + third * third * third
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scale = np.sqrt(-third)
+        cosine = np.cos(np.arccos(np.clip(half / (third * scale), -1.0, 1.0)) / 3)
+        sine = np.sqrt(3.0 - 3.0 * cosine * cosine)  # times the root of 3
+        first, middle, second = scale * (-cosine - sine), scale * (sine - cosine), 2 * scale * cosine
+    one = np.flatnonzero(~(discriminant < 0.0))
+    if one.size:
+        radical = -np.copysign(np.cbrt(np.abs(half[one]) + np.sqrt(discriminant[one])), q[one])
+        single = radical - np.divide(third[one], radical, out=np.zeros_like(radical), where=radical != 0.0)
+        for points in (first, middle, second):
+            points[one] = single
     return first, middle, second
 
 

@@ -206,6 +206,18 @@ class RigidBodyModel(ArrayModel):
             raise ValueError(f"a touch must bring its embedding of {wanted} numbers as its features, got {found}")
         return np.asarray(batch.features)
 
+    def embedding_of(self, touch: Touch) -> Floats:
+        """The embedding that a touch brings, ``(1, D)``.
+
+        Raises:
+            ValueError: the touch does not fit the model, or brings none.
+        """
+        found, logits = touch.features, vars(touch).get("logits", 0.0)  # of some sensors they are not computed yet
+        fits = touch.num_shapes == len(self.shape_labels) and touch.pose < self.num_poses and np.isfinite(logits).all()
+        if fits and found is not None and found.shape == self.references.shape[-1:] and np.isfinite(found).all():
+            return np.asarray(found[None])
+        return self.embeddings(self.alone(touch))[0]  # says what is wrong
+
     def scores(self, pose: int, embeddings: Floats) -> Floats32:
         """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
 

@@ -29,7 +29,6 @@ from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothin
 from belief.observation_model.repeat_discount import drift_share, effective_touches
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
-from belief.touch_batch import TouchBatch
 from belief.validation import require_count
 
 Floats32 = NDArray[np.float32]
@@ -58,11 +57,8 @@ class Hypotheses(Protocol):
     def views(self) -> Views | None:
         """Which hypotheses look alike in different poses; None if every pose has references of its own."""
 
-    def alone(self, touch: Touch) -> TouchBatch:
-        """A touch as a batch of one."""
-
-    def embeddings(self, batch: TouchBatch) -> Floats:
-        """Embeddings of a batch of touches, ``(S, n, D)``."""
+    def embedding_of(self, touch: Touch) -> Floats:
+        """The embedding that a touch brings, ``(1, D)``."""
 
     def scores(self, pose: int, embeddings: Floats) -> Floats32:
         """Log p(touch | shape, orientation, size), up to a constant of the touch, ``(n, K, N)``."""
@@ -118,8 +114,8 @@ class RigidBodyEvidence:
         Raises:
             ValueError: the touch does not fit the model, or brings no embedding.
         """
-        batch, correlation, drift = self.model.alone(touch), self.model.correlation, self.model.drift
-        pose, embedding = int(batch.poses[0, 0]), self.model.embeddings(batch)[0]
+        embedding, correlation, drift = self.model.embedding_of(touch), self.model.correlation, self.model.drift
+        pose = int(touch.pose)
         scores = self.model.scores(pose, embedding)[0]
         log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
         if conflict is not None:

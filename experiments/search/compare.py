@@ -197,9 +197,13 @@ class Compare:
         from experiments.search.report import write_report  # loads matplotlib
 
         problem, holdings, asked = self._filled()
-        largest, notes = self._largest(problem, holdings, asked)
+        shown, notes = self._largest(holdings, asked)
+        chosen, reference, bounds = shown
+        largest = holdings.compare(problem, chosen, reference, self.seed, bounds)
         page = write_report(self.folder, largest, self.setting, self.seed, notes)
-        return holdings.compare(problem, asked, self._reference, self.seed, self.bound), page, notes
+        wanted = asked, self._reference, self.bound
+        comparison = largest if wanted == shown else holdings.compare(problem, *wanted[:2], self.seed, self.bound)
+        return comparison, page, notes
 
     def play(self) -> Comparison:
         """Run the missing searches, write ``episodes.jsonl`` and return the requested comparison.
@@ -252,7 +256,8 @@ class Compare:
         folder.write_episodes(holdings.episodes())
         return problem, holdings, Selection(tuple(dict.fromkeys(self.deciders)), tuple(targets), self.episodes)
 
-    def _largest(self, problem: SearchProblem, holdings: Holdings, asked: Selection) -> tuple[Comparison, list[str]]:
+    def _largest(self, holdings: Holdings, asked: Selection) -> tuple[tuple[Selection, str, bool], list[str]]:
+        """What the report compares, with which reference, and whether with bounds; and sentences about the rest."""
         chosen, notes = holdings.largest(asked), []
         if chosen != asked:
             is_more = asked in chosen
@@ -266,7 +271,7 @@ class Compare:
             )
         reference = self._reference if self._reference in chosen.deciders else chosen.deciders[0]
         bounds = all((BOUND, target) in holdings.shards for target in chosen.targets)
-        return holdings.compare(problem, chosen, reference, self.seed, bounds), notes
+        return (chosen, reference, bounds), notes
 
     def _part(self) -> tuple[int, int]:
         """Index of this part, from 0, and number of parts."""
