@@ -34,6 +34,7 @@ _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache
 _LEAST_TOTAL = 1e-30  # a smaller sum may have lost terms to underflow: such rows take the careful path
 _LARGEST = np.finfo(np.float64).max
+_DOUBLE = np.dtype(np.float64)
 
 
 def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Floats]:
@@ -55,7 +56,14 @@ def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Flo
     >>> log_posterior.round(3).tolist(), log_evidence.round(3).tolist()
     ([[0.0, -10000.0], [-0.105, -2.303]], [-0.693, 0.0])
     """
-    prior, likelihood = as_real(log_prior, "log_prior"), as_real(log_likelihood, "log_likelihood")
+    if (
+        type(log_prior) is type(log_likelihood) is np.ndarray
+        and log_prior.dtype is _DOUBLE
+        and log_likelihood.dtype is _DOUBLE
+    ):
+        prior, likelihood = log_prior, log_likelihood  # nothing to convert
+    else:
+        prior, likelihood = as_real(log_prior, "log_prior"), as_real(log_likelihood, "log_likelihood")
     if prior.ndim == likelihood.ndim == 1 and 0 < prior.size == likelihood.size <= _FEW_SHAPES:
         result = _update_few(prior.tolist(), likelihood.tolist())
         if result is not None:
@@ -164,16 +172,16 @@ def _update_few(prior: list[float], likelihood: list[float]) -> tuple[Floats, Fl
     """:func:`update` of one row on plain floats; None if the row needs the careful path."""
     try:
         best = max(likelihood)
-        joint = [p + (score - best) for p, score in zip(prior, likelihood, strict=True)]
+        joint = [p + (score - best) for p, score in zip(prior, likelihood)]  # noqa: B905, of equal length
         total, prior_total = sum(map(exp, joint)), sum(map(exp, prior))
     except OverflowError:
         return None
-    if not (total >= _LEAST_TOTAL and abs(prior_total - 1.0) <= SUM_TOLERANCE):  # NaN fails both
+    if not (total >= _LEAST_TOTAL and -SUM_TOLERANCE <= prior_total - 1.0 <= SUM_TOLERANCE):  # NaN fails both
         return None
     if -inf in joint and any(map(_overflowed, joint, prior, likelihood)):
         return None
     log_total = log(total)
-    return np.array([score - log_total for score in joint]), np.asarray(log_total - log(prior_total) + best)[()]
+    return np.array([score - log_total for score in joint]), np.float64(log_total - log(prior_total) + best)
 
 
 def _overflowed(joint: float, prior: float, likelihood: float) -> bool:

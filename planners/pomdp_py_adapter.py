@@ -33,6 +33,7 @@ from typing import ClassVar
 import numpy as np
 import pomdp_py
 from pomdp_py.utils.templates import SimpleAction, SimpleObservation, SimpleState
+from scipy.special import rel_entr
 
 from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
@@ -45,7 +46,8 @@ _ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is global to the process
 END = SimpleState("end")
 NOTHING = SimpleObservation("nothing")
 CONFIRM, REJECT = SimpleAction("confirm"), SimpleAction("reject")
-_EXPLORATION = 0.5  # of UCB1; returns lie in about [-1, 1]
+_EXPLORATION = 0.25  # constant of UCB1, relative to the range of returns
+_ROUNDING = 1e-12  # divergence that is none
 _DEPTH = 12  # planning depth, plus two for each remaining object
 
 
@@ -55,7 +57,7 @@ class Rules:
     Attributes:
         problem: the search.
         target: index of the target shape.
-        actions: our actions by pomdp-py's; CONFIRM and REJECT come first and win ties.
+        actions: our actions by pomdp-py's, without useless touches; CONFIRM and REJECT come first and win ties.
         states: all states, by object, shape and whether a target was rejected.
         outcomes: observations of probes.
         outcome_probs: p(outcome | pose, shape), ``(P, K, M)``.
@@ -66,7 +68,7 @@ class Rules:
         require_fit(table, problem)
         self.problem, self.target, self.outcome_probs = problem, target, table.probs
         self.actions: dict[SimpleAction, Action] = {CONFIRM: Confirm(), REJECT: Reject()}
-        self.actions |= {SimpleAction(f"probe_{pose}"): Probe(pose) for pose in range(table.num_poses)}
+        self.actions |= {SimpleAction(f"probe_{pose}"): Probe(pose) for pose in useful_poses(problem, table)}
         self.poses = {action.name: ours.pose for action, ours in self.actions.items() if isinstance(ours, Probe)}
         keys = np.ndindex(problem.num_objects, problem.num_shapes, 2)
         self.states = {key: SimpleState(key) for key in keys}
@@ -228,11 +230,12 @@ class Pouct:
         rules = Rules(info.problem, info.target, self.table)
         policy = self.rollout(rules, rng, _root_actions(rules, info))
         agent = make_agent(rules, self._belief(belief_histogram(rules, info), rng), policy, rng)
+        depth = _DEPTH + 2 * info.num_left
         planner = self._planner(
-            max_depth=_DEPTH + 2 * info.num_left,
+            max_depth=depth,
             num_sims=self.simulations,
             discount_factor=1.0,
-            exploration_const=_EXPLORATION,
+            exploration_const=_EXPLORATION * (2.0 + info.problem.touch_cost * depth),  # from -1 less all touches to 1
             rollout_policy=agent.policy_model,
         )
         return _plan(planner, agent, rules, info, rng)
@@ -254,6 +257,24 @@ class Pomcp(Pouct):
         states, probs = list(histogram), np.array(list(histogram.values()))
         drawn = rng.choice(len(states), size=self.simulations, p=probs / probs.sum())
         return pomdp_py.Particles([states[index] for index in drawn.tolist()])
+
+
+def useful_poses(problem: SearchProblem, table: OutcomeTable) -> list[int]:
+    """The poses worth a touch: none if no number of touches can pay, else all whose outcome depends on the shape.
+
+    Rollouts know the sampled shape, so a touch that tells nothing would seem to be worth more than an answer. The
+    information of n touches is at most n C, with C the largest divergence between two shapes in any pose, and an answer
+    gains at most 2 √(n C / 2) by it (Pinsker's inequality). This is below the cost n λ for every n if √(2 C) ≤ λ.
+
+    >>> table = OutcomeTable(np.array([[[0.5, 0.5], [0.5, 0.5]], [[0.9, 0.1], [0.1, 0.9]]]))
+    >>> useful_poses(SearchProblem(("cube", "cone"), ("front", "top"), 1, "independent"), table)
+    [1]
+    """
+    one, other = table.probs[:, :, None], table.probs[:, None]
+    divergence = rel_entr(one, other).sum(axis=3).max(axis=(1, 2))  # (P,)
+    if np.sqrt(2.0 * divergence.max()) <= problem.touch_cost:
+        return []
+    return np.flatnonzero(divergence > _ROUNDING).tolist()
 
 
 def make_agent(
