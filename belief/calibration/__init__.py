@@ -6,6 +6,7 @@ many it also corrects confusions of single shapes. :func:`choose_calibration` co
 """
 
 from belief.calibration.base import Calibration, Status
+from belief.calibration.beta import BetaCalibration
 from belief.calibration.choice import Choice, choose_calibration
 from belief.calibration.dirichlet import DirichletCalibration
 from belief.calibration.per_pose import PerPose
@@ -16,6 +17,7 @@ from belief.calibration.vector import VectorScaling
 
 __all__ = [
     "CALIBRATIONS",
+    "BetaCalibration",
     "Calibration",
     "Choice",
     "DirichletCalibration",

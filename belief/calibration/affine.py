@@ -1,11 +1,11 @@
-"""Base class of vector, Dirichlet and structured matrix scaling: an affine map of log-probabilities."""
+"""Base class of vector, beta, Dirichlet and structured matrix scaling: an affine map of log-probabilities."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,13 +22,15 @@ from belief.problem import Floats
 class AffineCalibration(FrozenArrays, Calibration):
     """An affine map of log-probabilities x after temperature scaling: p = softmax(W x + b).
 
-    First a temperature is fitted, and 1/(n + 2) of the probability is spread evenly over the shapes; so x is of
-    moderate size for logits of any scale. Then W and b are fitted with ridge penalties towards the identity and zero.
-    The optimum is finite and unique for any labels. With few or uninformative data the result is temperature scaling.
+    First a temperature is fitted, and a small share of the probability is spread evenly over the shapes, 1/(n + 2)
+    unless a class says otherwise; so x is of moderate size for logits of any scale. Then W and b are fitted with ridge
+    penalties towards the identity and zero. The optimum is finite and unique for any labels. With few or uninformative
+    data the result is temperature scaling.
 
     Attributes:
+        inputs_per_shape: F / K.
         temperature: the first step, with the spread probability as its floor.
-        coefficients: (W | b), ``(K, K + 1)``; None before the fit.
+        coefficients: (W | b), ``(K, F + 1)`` for F inputs, which are K unless a class has more; None before the fit.
 
     Raises:
         ValueError: a penalty that is not positive, or coefficients of the wrong shape or not finite.
@@ -40,6 +42,8 @@ class AffineCalibration(FrozenArrays, Calibration):
         ((2, 3), 'ok')
     """
 
+    inputs_per_shape: ClassVar[int] = 1
+
     temperature: TemperatureScaling = field(default=TemperatureScaling())
     coefficients: Floats | None = None
 
@@ -50,8 +54,10 @@ class AffineCalibration(FrozenArrays, Calibration):
         if self.coefficients is None:
             return
         matrix = np.array(self.coefficients, np.float64)
-        if matrix.ndim != 2 or matrix.shape[1] != matrix.shape[0] + 1 or not np.isfinite(matrix).all():
-            raise ValueError(f"coefficients must be (K, K + 1) and finite, got {matrix.shape}: {matrix.tolist()}")
+        each = f"{self.inputs_per_shape} K + 1" if self.inputs_per_shape > 1 else "K + 1"
+        fits = matrix.ndim == 2 and matrix.shape[1] == self.inputs_per_shape * len(matrix) + 1
+        if not (fits and np.isfinite(matrix).all()):
+            raise ValueError(f"coefficients must be (K, {each}) and finite, got {matrix.shape}: {matrix.tolist()}")
         matrix.flags.writeable = False
         object.__setattr__(self, "coefficients", matrix)
 
@@ -62,7 +68,15 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     @abstractmethod
     def penalty(self, num_rows: int, num_shapes: int) -> Floats:
-        """Penalty on the square of each entry of (W - I | b), ``(K, K + 1)``; infinite for entries fixed at zero."""
+        """Penalty on the square of each entry of (W - I | b), ``(K, F + 1)``; infinite for entries fixed at zero."""
+
+    def inputs(self, log_probs: Floats) -> Floats:
+        """What the map reads, ``(..., F)``, of log-probabilities x, ``(..., K)``; the first K are x."""
+        return log_probs
+
+    def spread(self, num_rows: int) -> float:
+        """The share of the probability that is spread evenly over the shapes after the temperature."""
+        return 1.0 / (num_rows + 2)
 
     @property
     def status(self) -> Status:
@@ -71,7 +85,7 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     @property
     def weights(self) -> Floats:
-        """W, ``(K, K)``; raises ValueError before the fit."""
+        """W, ``(K, F)``; raises ValueError before the fit."""
         return self._fitted()[:, :-1]
 
     @property
@@ -87,8 +101,8 @@ class AffineCalibration(FrozenArrays, Calibration):
     def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
         """See :meth:`Calibration.fit`; Newton's method until the gradient is at rounding errors."""
         z, y = labelled_logits(logits, labels)
-        temperature = replace(TemperatureScaling().fit(z, y), floor=1.0 / (len(y) + 2))
-        unsolved = replace(self, temperature=temperature, coefficients=np.eye(z.shape[1], z.shape[1] + 1))
+        temperature = replace(TemperatureScaling().fit(z, y), floor=self.spread(len(y)))
+        unsolved = replace(self, temperature=temperature, coefficients=self._identity(z.shape[1]))
         return replace(unsolved, coefficients=unsolved._problem(z, y).solve())
 
     def predict_log_proba(self, logits: ArrayLike) -> Floats:
@@ -97,7 +111,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         if self.coefficients is None:
             return x
         self._check_shapes(x.shape[-1])
-        scores = x @ self.coefficients[:, :-1].T + self.coefficients[:, -1]
+        scores = self.inputs(x) @ self.coefficients[:, :-1].T + self.coefficients[:, -1]
         scores -= scores.max(axis=-1, keepdims=True)
         with np.errstate(under="ignore"):
             scores -= np.log(np.exp(scores).sum(axis=-1, keepdims=True))
@@ -130,10 +144,14 @@ class AffineCalibration(FrozenArrays, Calibration):
 
     def _problem(self, logits: Floats, labels: NDArray[np.intp]) -> SoftmaxRegression:
         num_rows, num_shapes = logits.shape
-        features = np.ones((num_shapes + 1, num_rows))
-        features[:-1] = self.temperature.predict_log_proba(logits).T
-        centre = np.eye(num_shapes, num_shapes + 1)
+        centre = self._identity(num_shapes)
+        features = np.ones((centre.shape[1], num_rows))
+        features[:-1] = self.inputs(self.temperature.predict_log_proba(logits)).T
         return SoftmaxRegression(features, labels, self.penalty(num_rows, num_shapes), centre)
+
+    def _identity(self, num_shapes: int) -> Floats:
+        """The map that changes nothing."""
+        return np.eye(num_shapes, self.inputs_per_shape * num_shapes + 1)
 
     def _check_shapes(self, num_shapes: int) -> None:
         if num_shapes != self.num_shapes:

@@ -62,9 +62,9 @@ def choose_calibration(
         >>> logits = 2.0 * np.eye(2)[labels] + rng.normal(size=(2000, 2)) - [0.0, 1.5]  # biased against the second
         >>> choice = choose_calibration(logits, labels, object_ids=np.arange(2000))
         >>> {name: round(loss, 3) for name, loss in choice.losses.items()}
-        {'temperature': 0.366, 'vector': 0.193, 'structured_matrix': 0.193, 'dirichlet': 0.197}
+        {'temperature': 0.366, 'vector': 0.193, 'beta': 0.193, 'structured_matrix': 0.193, 'dirichlet': 0.197}
         >>> choice.name
-        'structured_matrix'
+        'vector'
     """
     z, y = labelled_logits(logits, labels)
     if candidates is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from belief.calibration.base import Calibration, read_json
+from belief.calibration.beta import BetaCalibration
 from belief.calibration.dirichlet import DirichletCalibration
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.calibration.temperature import TemperatureScaling
@@ -12,7 +13,13 @@ from belief.calibration.vector import VectorScaling
 
 CALIBRATIONS: dict[str, type[Calibration]] = {
     calibration.name: calibration
-    for calibration in (TemperatureScaling, VectorScaling, StructuredMatrixScaling, DirichletCalibration)
+    for calibration in (
+        TemperatureScaling,
+        VectorScaling,
+        BetaCalibration,
+        StructuredMatrixScaling,
+        DirichletCalibration,
+    )
 }
 """Classes by name, the simplest first."""
 

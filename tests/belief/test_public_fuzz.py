@@ -158,6 +158,7 @@ CALLS = {
     "object_folds": lambda a: cross_validation.object_folds(as_labels(a[:, 0]), a[:, 1], 2),
     "layers": lambda a: len(multisets.layers(tuple(as_labels(a[0]).clip(0).tolist()), 2)),
     # calibration
+    "BetaCalibration": about_logits(calibration.BetaCalibration),
     "DirichletCalibration": about_logits(calibration.DirichletCalibration),
     "StructuredMatrixScaling": about_logits(calibration.StructuredMatrixScaling),
     "TemperatureScaling": about_logits(calibration.TemperatureScaling),

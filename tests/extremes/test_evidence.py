@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from belief import Touch
 from belief.calibration import (
+    BetaCalibration,
     DirichletCalibration,
     StructuredMatrixScaling,
     TemperatureScaling,
@@ -68,7 +69,7 @@ from experiments.extremes.cases import (
 )
 
 _NAN = math.nan
-_CALIBRATIONS = (TemperatureScaling, VectorScaling, DirichletCalibration, StructuredMatrixScaling)
+_CALIBRATIONS = (TemperatureScaling, VectorScaling, BetaCalibration, DirichletCalibration, StructuredMatrixScaling)
 
 
 def _rng() -> np.random.Generator:

@@ -10,6 +10,7 @@ from scipy.special import log_softmax
 
 from belief.calibration import (
     CALIBRATIONS,
+    BetaCalibration,
     DirichletCalibration,
     StructuredMatrixScaling,
     TemperatureScaling,
@@ -36,27 +37,36 @@ def strengths(calibration, n, num_shapes):
     """Penalties of diagonal, off-diagonal and bias, from the formulas of the papers."""
     k = num_shapes
     match calibration:
-        case VectorScaling():
-            return 1.0 * k / n, None, 1.0 * k / n
+        case VectorScaling() | BetaCalibration():
+            return 0.25 * k / n, None, 0.25 * k / n
         case StructuredMatrixScaling():
             return 1.0 * k / n, 1.0 * k * (k - 1) / n, 1.0 * k / n
         case DirichletCalibration():
             return 0.1 / n, 0.1 / (k * (k - 1)), 0.1 / k
 
 
+def mass(calibration, n):
+    """The share of the probability that is spread over the shapes."""
+    return (1 / (n + 2)) ** (2 if isinstance(calibration, VectorScaling) else 1)
+
+
 def forty_digit_objective(calibration, logits, labels, temperature, coefficients):
     """The penalised mean NLL, row by row, from the logits on."""
     n, k = logits.shape
     diagonal, off_diagonal, bias = strengths(calibration, n, k)
-    mass = mpmath.mpf(1) / (n + 2)
+    spread = mpmath.mpf(mass(calibration, n))
     loss = mpmath.mpf(0)
     for row, label in zip(logits, labels, strict=True):
         weights = [mpmath.exp(mpmath.mpf(float(z)) / temperature) for z in row]
-        x = [mpmath.log((1 - mass) * w / mpmath.fsum(weights) + mass / k) for w in weights]
-        scores = [mpmath.fdot(coefficients[i][:k], x) + coefficients[i][k] for i in range(k)]
+        x = [mpmath.log((1 - spread) * w / mpmath.fsum(weights) + spread / k) for w in weights]
+        if isinstance(calibration, BetaCalibration):
+            x += [-mpmath.log(1 - mpmath.exp(log_prob)) for log_prob in x]
+        scores = [mpmath.fdot(coefficients[i][:-1], x) + coefficients[i][-1] for i in range(k)]
         loss += mpmath.log(mpmath.fsum(mpmath.exp(s - scores[label]) for s in scores)) / n
     for i in range(k):
-        loss += diagonal * (coefficients[i][i] - 1) ** 2 + bias * coefficients[i][k] ** 2
+        loss += diagonal * (coefficients[i][i] - 1) ** 2 + bias * coefficients[i][-1] ** 2
+        if isinstance(calibration, BetaCalibration):
+            loss += diagonal * coefficients[i][k + i] ** 2
         for j in range(k):
             if i != j and off_diagonal is not None:
                 loss += off_diagonal * coefficients[i][j] ** 2
@@ -67,7 +77,9 @@ def forty_digit_objective(calibration, logits, labels, temperature, coefficients
 def test_objective_and_gradient_agree_with_forty_digits(calibration, rng):
     logits, labels = sample(rng, 12)
     fitted = calibration.fit(logits, labels)
-    away = fitted.coefficients + np.where(fitted.coefficients != 0.0, 0.1 * rng.normal(size=(3, 4)), 0.0)
+    away = fitted.coefficients + np.where(
+        fitted.coefficients != 0.0, 0.1 * rng.normal(size=fitted.coefficients.shape), 0.0
+    )
     moved = type(calibration)(temperature=fitted.temperature, coefficients=away)
     value, gradient = moved.objective(logits, labels)
     with mpmath.workdps(40):
@@ -92,24 +104,42 @@ def test_the_fit_is_where_a_general_optimiser_ends(calibration, rng):
     logits, labels = sample(rng, 200)
     fitted = calibration.fit(logits, labels)
     diagonal, off_diagonal, bias = strengths(calibration, 200, 3)
-    p = (1 - 1 / 202) * np.exp(log_softmax(logits / fitted.temperature.temperature, axis=1)) + 1 / 202 / 3
-    free = np.ones((3, 4), bool)
+    share = mass(calibration, 200)
+    p = (1 - share) * np.exp(log_softmax(logits / fitted.temperature.temperature, axis=1)) + share / 3
+    inputs = np.log(p)
+    start, free = np.eye(3, 4), np.ones((3, 4), bool)
     if off_diagonal is None:
         free[:, :3] = np.eye(3, dtype=bool)
+    if isinstance(calibration, BetaCalibration):
+        inputs = np.hstack([inputs, -np.log(1 - p)])
+        start, free = np.eye(3, 7), np.insert(free, [3], np.eye(3, dtype=bool), axis=1)
 
     def objective(parameters):
-        matrix = np.eye(3, 4)
+        matrix = start.copy()
         matrix[free] = parameters
-        change = matrix[:, :3] - np.eye(3)
-        penalty = diagonal * (np.diag(change) ** 2).sum() + bias * (matrix[:, 3] ** 2).sum()
-        penalty += (off_diagonal or 0.0) * (change[~np.eye(3, dtype=bool)] ** 2).sum()
-        log_probs = log_softmax(np.log(p) @ matrix[:, :3].T + matrix[:, 3], axis=1)
+        change = (matrix - start)[:, :-1]
+        on_diagonal = np.tile(np.eye(3, dtype=bool), change.shape[1] // 3)
+        penalty = diagonal * (change[on_diagonal] ** 2).sum() + bias * (matrix[:, -1] ** 2).sum()
+        penalty += (off_diagonal or 0.0) * (change[~on_diagonal] ** 2).sum()
+        log_probs = log_softmax(inputs @ matrix[:, :-1].T + matrix[:, -1], axis=1)
         return penalty - log_probs[np.arange(200), labels].mean()
 
-    found = minimize(objective, np.eye(3, 4)[free], method="BFGS", options={"gtol": 1e-7})
+    found = minimize(objective, start[free], method="BFGS", options={"gtol": 1e-7})
     assert objective(fitted.coefficients[free]) <= found.fun + 1e-12
     np.testing.assert_allclose(fitted.coefficients[free], found.x, atol=1e-4)
-    np.testing.assert_array_equal(fitted.coefficients[~free], np.eye(3, 4)[~free])
+    np.testing.assert_array_equal(fitted.coefficients[~free], start[~free])
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0], ids=["under-confident", "right", "over-confident"])
+def test_vector_scaling_reaches_the_optimum_without_penalties(factor, rng):
+    labels = rng.integers(4, size=2000)
+    logits = factor * (6.0 * np.eye(4)[labels] + 2.5 * rng.normal(size=(2000, 4)))
+
+    def loss(fitted):
+        return -fitted.predict_log_proba(logits)[np.arange(2000), labels].mean()
+
+    free = VectorScaling(diagonal_strength=1e-9, bias_strength=1e-9).fit(logits, labels)
+    assert loss(VectorScaling().fit(logits, labels)) - loss(free) < 1e-4
 
 
 @every_affine
