@@ -132,13 +132,12 @@ def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     rotation = to_matrix(placement.orientation)
     to_object = rotation.T / placement.scale  # the object's frame, at nominal size
     clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
-    centre = to_object @ np.array([[clearance], [placement.offset[0]], [placement.offset[1]]])
+    to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
+    to_start[:, 0] = -(to_object @ (clearance, *placement.offset))
     distance = np.empty(pad.num_taxels**2)
     for first_ray in range(0, len(distance), _RAYS_AT_ONCE):
         rays = slice(first_ray, first_ray + _RAYS_AT_ONCE)
-        origins = to_object[:, 1:] @ pad.taxel_centres[1:, rays]  # the face of the pad is the plane x = 0
-        origins -= centre
-        distance[rays] = placement.shape.entry_distance(origins, rotation[0])
+        distance[rays] = placement.shape.entry_distance(to_start @ pad.ray_starts[:, rays], rotation[0])
     distance *= placement.scale
     nearest = float(distance.min())
     square = distance.reshape(pad.num_taxels, pad.num_taxels)

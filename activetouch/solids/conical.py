@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from activetouch.solids.solid import Floats, Geom, ahead, between, quadratic_roots, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, between, entered, quadratic_roots, require_lengths, ring
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Frustum:
                     leave = np.fmin(leave, np.fmin(*roots))
             else:  # along a cylinder
                 leave[c > 0.0] = -np.inf
-        return ahead(np.where(enter <= leave, enter, np.inf))
+        return entered(enter, leave)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from activetouch.solids.solid import Floats, Geom, Shape, ahead, clip, ring
+from activetouch.solids.solid import Floats, Geom, Shape, clip, entered, ring
 
 _NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
 
@@ -64,7 +64,7 @@ class Cut:
         leave = far - self.solid.entry_distance(origins + far * direction[:, None], -direction)
         for normal, distance in zip(*self._halfspaces, strict=True):
             clip(enter, leave, normal @ origins - distance, float(normal @ direction))
-        return ahead(np.where(enter <= leave, enter, np.inf))
+        return entered(enter, leave)
 
     @cached_property
     def _halfspaces(self) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.solids.conical import Cylinder
-from activetouch.solids.solid import Floats, Geom, ahead, clip, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, ahead, clip, entered, require_lengths, ring
 
 
 def _chord(origins: Floats, direction: Floats, radius: float) -> tuple[Floats, Floats]:
@@ -130,4 +130,4 @@ class Dome:
         middle, half_chord = _chord(from_centre, direction, self.radius)
         enter, leave = middle - half_chord, middle + half_chord
         clip(enter, leave, -from_centre[2], -float(direction[2]))
-        return ahead(np.where(enter <= leave, enter, np.inf))
+        return entered(enter, leave)

@@ -69,6 +69,11 @@ def ahead(distance: Floats) -> Floats:
     return np.where(distance >= 0.0, distance, np.inf)
 
 
+def entered(enter: Floats, leave: Floats) -> Floats:
+    """Distances at which rays enter a convex solid, ``inf`` where they leave first, or if it is behind them."""
+    return np.where((enter <= leave) & (enter >= 0.0), enter, np.inf)
+
+
 def clip(enter: Floats, leave: Floats, height: Floats, slope: float) -> None:
     """Intersect the intervals ``[enter, leave]`` of the rays, in place, with the half-space below a plane.
 

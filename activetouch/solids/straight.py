@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from activetouch.solids.solid import Floats, Geom, ahead, between, clip, require_lengths, ring
+from activetouch.solids.solid import Floats, Geom, between, clip, entered, require_lengths, ring
 
 
 class _FlatFaced(ABC):
@@ -44,7 +44,7 @@ class _FlatFaced(ABC):
         normals, offsets = self.planes
         for normal, offset in zip(normals, offsets, strict=True):
             clip(enter, leave, normal @ origins - offset, float(normal @ direction))
-        return ahead(np.where(enter <= leave, enter, np.inf))
+        return entered(enter, leave)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Box(_FlatFaced):
             enters, leaves = between(origins[axis], float(direction[axis]), self.half_extents[axis])
             np.maximum(enter, enters, out=enter)
             np.minimum(leave, leaves, out=leave)
-        return ahead(np.where(enter <= leave, enter, np.inf))
+        return entered(enter, leave)
 
     @property
     def geom(self) -> Geom:

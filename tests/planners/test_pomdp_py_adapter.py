@@ -162,3 +162,20 @@ def test_several_threads_decide_as_each_would_alone(kind):
             assert list(threads.map(decide, range(24))) == alone
     finally:
         sys.setswitchinterval(interval)
+
+
+@pytest.mark.parametrize("sharpness", [0.0, 1e-3], ids=["useless", "not worth its cost"])
+def test_poses_that_cannot_pay_are_not_touched(sharpness):
+    table = OutcomeTable(np.tile([[0.5 + sharpness, 0.5 - sharpness], [0.5 - sharpness, 0.5 + sharpness]], (3, 1, 1)))
+    problem = SearchProblem(("a", "b"), ("p", "q", "r"), 2, "independent")
+    assert adapter.useful_poses(problem, table) == []
+    info = InformationState(problem, 0, Belief.uniform(("a", "b")))
+    for decider in (adapter.Pouct(table, 300), adapter.Pomcp(table, 300)):
+        assert not isinstance(decider.decide(info, np.random.default_rng(0)).action, Probe)
+
+
+def test_a_pose_that_tells_nothing_is_left_out_beside_one_that_tells():
+    table = OutcomeTable(np.array([[[0.5, 0.5], [0.5, 0.5]], [[0.9, 0.1], [0.1, 0.9]]]))
+    problem = SearchProblem(("a", "b"), ("p", "q"), 1, "independent")
+    info = InformationState(problem, 0, Belief.uniform(("a", "b")))
+    assert adapter.Pouct(table, 300).decide(info, np.random.default_rng(0)).action == Probe(1)
