@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import exp, inf, log
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -181,7 +181,8 @@ def _update_few(prior: list[float], likelihood: list[float]) -> tuple[Floats, Fl
     if -inf in joint and any(map(_overflowed, joint, prior, likelihood)):
         return None
     log_total = log(total)
-    return np.array([score - log_total for score in joint]), np.float64(log_total - log(prior_total) + best)
+    log_evidence: Any = np.float64(log_total - log(prior_total) + best)
+    return np.array([score - log_total for score in joint]), log_evidence
 
 
 def _overflowed(joint: float, prior: float, likelihood: float) -> bool:
