@@ -12,7 +12,6 @@ import importlib.util
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from rounds import time_in_rounds
 
@@ -48,6 +47,8 @@ def cases(num: int) -> dict[str, Callable[[int], object]]:
 def main() -> None:
     if importlib.util.find_spec("netcal") is None:
         raise SystemExit('netcal is not installed: pip install -c constraints.txt -e ".[bench]"')
+    import torch
+
     torch.set_num_threads(1)
     for num, rounds, per_round in ((560, 21, 20), (1_000_000, 7, 1)):
         milliseconds = time_in_rounds(cases(num), rounds, per_round)

@@ -1,104 +1,89 @@
-"""Measure a fresh installation without extras: its size, its start-up, and the time until searches begin.
+"""Build the wheel, install it alone in a fresh environment, and measure its size and the time to the first result.
 
-Run: python benchmarks/install_size.py [FOLDER]        # a finished environment such as .venv; a fresh one by default
+Run: python benchmarks/install_size.py [ARGUMENTS OF compare]        # --scene coarse --episodes 25 by default
 
-Sizes are those after the first start, which writes the bytecode of what it loads. Times are medians of new processes:
-by the clock, and of the processor, which other programs on the machine hardly lengthen.
+The first result is the table, the verdict and the report of the README's comparison, by the clock, with the processor's
+seconds beside it, which other programs on the machine hardly lengthen. It is measured twice: in the new process of a
+new installation, which writes the bytecode of what it loads, and again in a new folder. Sizes are sums of file
+lengths in site-packages: without bytecode, after the first result, and with all bytecode, as ``pip install`` writes it.
 """
 
 from __future__ import annotations
 
+import os
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
 import venv
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 ROOT = Path(__file__).parent.parent
-ROUNDS = 5
-HELP = ("compare", "--help")
-FIRST = "run/shards/threshold-cone-00000.jsonl"
-ONE_SEARCH = (
-    "compare",
-    "--episodes",
-    "1",
-    "--deciders",
-    "threshold",
-    "--targets",
-    "cone",
-    "--jobs",
-    "1",
-    "--out",
-    "run",
-)
+COMPARE = ["--scene", "coarse", "--episodes", "25"]
+TOOLS = ("pip", "setuptools", "pkg_resources", "_distutils_hack")  # in a new environment before anything is installed
 
 
-def main(folder: Path | None) -> None:
+def main(arguments: list[str]) -> None:
     with tempfile.TemporaryDirectory() as holder:
-        if folder is None:
-            folder = Path(holder, "environment")
-            venv.create(folder, with_pip=True)
-            constraints = ["-c", str(ROOT / "constraints.txt")]
-            install = [folder / "bin/pip", "install", "--quiet", "--no-compile", *constraints, str(ROOT)]
-            subprocess.run(install, check=True)
-        measure(folder.resolve(), Path(holder))
+        scratch = Path(holder).resolve()
+        pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", holder, str(ROOT)], check=True)
+        [wheel] = scratch.glob("*.whl")
+        print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.0f} MB")
+        venv.create(scratch / "environment", with_pip=True)
+        constraints = ["-c", str(ROOT / "constraints.txt")]
+        python = str(scratch / "environment/bin/python")
+        took, _ = time_of(
+            [python, "-m", "pip", "install", "--quiet", "--no-compile", *constraints, str(wheel)], scratch
+        )
+        print(f"installed in {took:.0f} s; Python {sys.version.split()[0]}, {os.cpu_count()} processors")
+        [packages] = (scratch / "environment").glob("lib/python*/site-packages")
+        print_size(packages, "without bytecode")
+        command = [str(scratch / "environment/bin/activetouch"), "compare", *arguments]
+        for which in ("first", "second"):
+            folder = scratch / which
+            folder.mkdir()
+            load = os.getloadavg()[0]
+            clock, processor = time_of(command, folder, {"ACTIVETOUCH_PLANS": str(folder / "plans")})
+            report = next(folder.rglob("report.html"))
+            print(
+                f"{which} activetouch compare {' '.join(arguments)}: {clock:.1f} s by the clock, {processor:.1f} s of "
+                f"the processor, at load {load:.1f} before; report {report.stat().st_size / 1e6:.1f} MB"
+            )
+            if which == "first":
+                print_size(packages, "after the first result")
+        subprocess.run([python, "-m", "compileall", "-q", str(packages)], check=False, capture_output=True)
+        print_size(packages, "with all bytecode")
 
 
-def measure(folder: Path, scratch: Path) -> None:
-    command = [str(folder / "bin/python"), "-m", "activetouch"]
-    times = {
-        "activetouch compare --help": median_of(lambda: time_of([*command, *HELP], scratch)),
-        "activetouch compare, until the first search has ended": median_of(
-            lambda: time_of([*command, *ONE_SEARCH], scratch, FIRST)
-        ),
-    }
-    [packages] = folder.glob("lib/python*/site-packages")
+def print_size(packages: Path, when: str) -> None:
+    """Print how long all files of an environment are together, and the largest packages."""
     sizes = {path.name: size_of(path) for path in packages.iterdir()}
-    tools = sum(size for name, size in sizes.items() if name.startswith(("pip", "setuptools", "pkg_resources")))
-    largest = sorted(sizes.items(), key=lambda pair: -pair[1])[:6]
-    print(f"site-packages: {sum(sizes.values()):.0f} MB, of which pip and setuptools {tools:.0f} MB")
-    print("largest: " + ", ".join(f"{name} {size:.0f} MB" for name, size in largest))
-    for package in ("torch", "transformers", "stable_baselines3"):
-        print(f"{package}: {'installed' if (packages / package).exists() else 'not installed'}")
-    for what, (clock, processor) in times.items():
-        print(f"{what}: {clock:.2f} s, {processor:.2f} s of the processor")
+    tools = sum(size for name, size in sizes.items() if name.startswith(TOOLS))
+    largest = sorted(sizes.items(), key=lambda pair: -pair[1])[:5]
+    print(
+        f"{when}: {sum(sizes.values()) - tools:.0f} MB, and pip and setuptools {tools:.0f} MB; largest: "
+        + ", ".join(f"{name} {size:.0f}" for name, size in largest)
+        + f"; torch {'' if 'torch' in sizes else 'not '}installed"
+    )
 
 
 def size_of(path: Path) -> float:
-    """Disk blocks of a file or a folder [MB], as ``du`` counts them."""
-    files = [path, *path.rglob("*")] if path.is_dir() else [path]
-    return sum(file.lstat().st_blocks for file in files) * 512 / 1e6
+    """Length of a file, or of all files in a folder [MB]."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.lstat().st_size for file in files if file.is_file()) / 1e6
 
 
-def median_of(measure: Callable[[], tuple[float, float]]) -> tuple[float, float]:
-    """Medians of a measurement, which is made once beforehand."""
-    measure()
-    clock, processor = np.median([measure() for _ in range(ROUNDS)], axis=0)
-    return float(clock), float(processor)
-
-
-def time_of(command: list[str], folder: Path, awaited: str | None = None) -> tuple[float, float]:
-    """Seconds by the clock and of the processor until a process has ended, or has written a file."""
-    shutil.rmtree(folder / "run", ignore_errors=True)
+def time_of(command: list[str], folder: Path, more: dict[str, str] | None = None) -> tuple[float, float]:
+    """Seconds by the clock and of the processor of a command and its children."""
+    known = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
-    while process.poll() is None and not (awaited and (folder / awaited).exists()):
-        time.sleep(0.01)
+    subprocess.run(command, check=True, cwd=folder, env=known | (more or {}), stdout=subprocess.DEVNULL)
     clock = time.perf_counter() - started
-    if process.poll() is None:
-        process.terminate()
-    elif process.returncode != 0:
-        sys.exit(f"{' '.join(command)} failed")
-    process.wait()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return clock, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
+    main(sys.argv[1:] or COMPARE)

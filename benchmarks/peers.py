@@ -12,20 +12,29 @@ import sys
 import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 import beliefs
 import calibration
 import deciders
+import mujoco
 import numpy as np
+from mujoco_tactile import NativeSensor
 
+from activetouch import SHAPES
+from activetouch.placement import Placement
+from activetouch.poses import random_orientation
+from activetouch.pressing.contact import first_touch
+from activetouch.pressing.pad import Pad
 from belief.bayes import update, update_probs
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
 from belief.statistics import paired_bootstrap, wilson_interval
 from planners import make_decider
 
-PEERS = ("pomdp-py", "scikit-learn", "netcal")
-Calls = dict[str, Callable[[int], object]]
+PEERS = ("pomdp-py", "inferactively-pymdp", "scikit-learn", "netcal", "probmetrics")
+Calls = dict[str, Callable[[int], Any]]
+OURS, NUM_OUTCOMES, DEPTH = "activetouch", 8, 0.002
 
 
 def time_in_rounds(calls: Calls, rounds: int, per_round: int) -> dict[str, np.ndarray]:
@@ -49,24 +58,68 @@ def has(package: str) -> bool:
 
 
 def measure_beliefs() -> None:
-    """One Bayes update of a belief over four shapes: ours, ours in a batch of 100 000, and pomdp-py's histogram."""
+    """One Bayes update of a belief over four shapes, and a batch of 100 000, by every package that is installed."""
     number = beliefs.BATCH
-    prior, likelihood = np.random.default_rng(0).dirichlet(np.ones(4), size=(2, number))
+    rng = np.random.default_rng(0)
+    prior, outcomes = rng.dirichlet(np.ones(4), size=number), rng.integers(NUM_OUTCOMES, size=number)
+    table = rng.dirichlet(np.ones(NUM_OUTCOMES), size=4).T  # p(outcome | shape), (outcome, shape)
+    likelihood = table[outcomes]
     logs = np.log(prior), np.log(likelihood)
-    theirs = beliefs.histogram_update(prior, likelihood)
-    one: Calls = {"pomdp-py": theirs, "activetouch": lambda i: update(logs[0][i], logs[1][i])}
-    found = time_in_rounds(one, 21, 300)
-    batch = time_in_rounds({"batch": lambda _: update_probs(prior, likelihood)}, 21, 1)["batch"] / number
-    found["activetouch, in a batch"] = batch
+    one: Calls = {OURS: lambda i: update(logs[0][i], logs[1][i])}
+    batch: Calls = {OURS: lambda _: update_probs(prior, likelihood)}
+    if has("pomdp-py"):
+        one["pomdp-py, histogram"] = beliefs.histogram_update(prior, likelihood)
+    if has("inferactively-pymdp"):
+        one["pymdp, jit"], batch["pymdp, jit and vmap"] = pymdp_updates(table, prior, outcomes)
     print("\nBayes update, one belief over four shapes")
-    report(found, "pomdp-py", 1e3, "µs")
+    report(time_in_rounds(one, 21, 300), 1e3, "µs")
+    print(f"Bayes update, {number} beliefs at once, per belief")
+    report({name: times / number for name, times in time_in_rounds(batch, 21, 1).items()}, 1e6, "ns")
+
+
+def pymdp_updates(table: np.ndarray, prior: np.ndarray, outcomes: np.ndarray) -> list[Callable[[int], object]]:
+    """Exact inference by pymdp of one belief and of all at once, compiled, in single precision; equal to ours."""
+    import jax
+    from pymdp.inference import update_posterior_states
+
+    def infer(likelihood: jax.Array, belief: jax.Array, outcome: jax.Array) -> jax.Array:
+        seen = [jax.nn.one_hot(outcome, NUM_OUTCOMES)]
+        return update_posterior_states([likelihood], None, seen, None, [belief], method="exact")[0][0]
+
+    arrays = tuple(map(jax.numpy.asarray, (table, prior, outcomes)))
+    single, every = jax.jit(infer), jax.jit(jax.vmap(infer, (None, 0, 0)))
+    np.testing.assert_allclose(every(*arrays), update_probs(prior, table[outcomes])[0], atol=1e-5)
+    rows = list(zip(arrays[1][:1000], arrays[2][:1000], strict=True))
+    return [
+        lambda i: single(arrays[0], *rows[i]).block_until_ready(),
+        lambda _: every(*arrays).block_until_ready(),
+    ]
+
+
+def measure_depths() -> None:
+    """How deep 4 096 taxels are in a cylinder, by our rays along the pad's normal and by MuJoCo's tactile sensor."""
+    pad, shape, rng = Pad(num_taxels=64), SHAPES["cylinder"], np.random.default_rng(0)
+    placements = [Placement(shape, 1.0, random_orientation(rng), rng.uniform(-0.002, 0.002, 2)) for _ in range(32)]
+    positions = [first_touch(pad, placement)[1] - DEPTH for placement in placements]
+    sensor = NativeSensor(pad, shape)
+    calls: Calls = {
+        OURS: lambda i: np.maximum(DEPTH - first_touch(pad, placements[i])[0], 0.0),
+        "MuJoCo's tactile sensor": lambda i: sensor.depth(placements[i], positions[i]),
+    }
+    found = [[call(i).ravel() for i in range(len(placements))] for call in calls.values()]
+    ours, native = np.array(found)
+    either = (ours > 0.0) | (native > 0.0)
+    same = ((ours > 0.0) == (native > 0.0))[either].mean()
+    print(f"\nDepths of 64 × 64 taxels in a cylinder; the two agree on {100 * same:.1f} % of the touched taxels")
+    report(time_in_rounds(calls, 9, len(placements)), 1.0, "ms")
 
 
 def measure_planners(searches: int) -> None:
     """The same searches by the point-based planner, by pomdp-py's tree searches, and without a touch."""
     table, first, milliseconds = deciders.tables()["coarse"], np.empty(0), []
     print(f"\n{searches} searches among four objects, table of scene coarse, touch cost {deciders.TOUCH_COST}, seed 0")
-    for name in ("point_based", "random_confirm", *(f"{tree}(simulations=100)" for tree in deciders.TREES)):
+    trees = [f"{tree}(simulations=100)" for tree in deciders.TREES] if has("pomdp-py") else []
+    for name in ("point_based", "random_confirm", *trees):
         timed = deciders.Timed(make_decider(name, table))
         episodes, problem = deciders.play(table, timed, searches, seed=0)
         returns = np.array([episode.reward(problem) for episode in episodes])
@@ -86,21 +139,22 @@ def measure_planners(searches: int) -> None:
 def measure_calibration(number: int) -> None:
     """One temperature fitted to the same over-confident logits."""
     logits, labels = calibration.touches(number)
-    calls: Calls = {"activetouch": lambda _: TemperatureScaling().fit(logits, labels)}
-    probs = {"activetouch": TemperatureScaling().fit(logits, labels).predict_proba(logits)}
+    raw = TemperatureScaling().predict_proba(logits)
+    calls: Calls = {OURS: lambda _: TemperatureScaling().fit(logits, labels).predict_proba(logits)}
     if has("scikit-learn"):
         fit = sklearn_fit()
-        calls["scikit-learn"] = lambda _: fit(logits, labels)
-        probs["scikit-learn"] = fit(logits, labels).predict_proba(logits)
+        calls["scikit-learn"] = lambda _: fit(logits, labels).predict_proba(logits)
     if has("netcal"):
         from netcal.scaling import TemperatureScaling as Netcal
 
-        raw = TemperatureScaling().predict_proba(logits)
-        calls["netcal"] = lambda _: Netcal().fit(raw, labels, tensorboard=False)
-        probs["netcal"] = Netcal().fit(raw, labels, tensorboard=False).transform(raw)
-    print(f"\nTemperature scaling, {number} touches of four shapes")
-    report(time_in_rounds(calls, 9, 3), "activetouch", 1.0, "ms")
-    print("NLL: " + ", ".join(f"{name} {negative_log_likelihood(p, labels):.6f}" for name, p in probs.items()))
+        calls["netcal"] = lambda _: Netcal().fit(raw, labels, tensorboard=False).transform(raw)
+    if has("probmetrics"):
+        from probmetrics.calibrators import get_calibrator
+
+        calls["probmetrics"] = lambda _: get_calibrator("temp-scaling").fit(raw, labels).predict_proba(raw)
+    print(f"\nTemperature scaling, fitted to and applied to {number} touches of four shapes")
+    report(time_in_rounds(calls, 9, 3 if number < 10_000 else 1), 1.0, "ms")
+    print("NLL: " + ", ".join(f"{name} {negative_log_likelihood(call(0), labels):.6f}" for name, call in calls.items()))
 
 
 def sklearn_fit() -> Callable[..., object]:
@@ -129,22 +183,22 @@ def sklearn_fit() -> Callable[..., object]:
     return fit
 
 
-def report(found: dict[str, np.ndarray], base: str, scale: float, unit: str) -> None:
-    """Print medians and ratios."""
+def report(found: dict[str, np.ndarray], scale: float, unit: str) -> None:
+    """Print medians over rounds, and medians of the ratios within a round."""
     for name, times in found.items():
-        ratio = np.median(found[base] / times) if name != base else 1.0
-        print(f"{name:<28}{scale * np.median(times):10.3f} {unit}{ratio:12.3g} × as fast as {base}")
+        ratio = float(np.median(times / found[OURS]))
+        print(f"{name:<28}{scale * np.median(times):10.3f} {unit}{ratio:12.3g} times the time of {OURS}", flush=True)
 
 
 def main(searches: int) -> None:
     """Measure and print everything."""
     known = ", ".join(f"{name} {version(name) if has(name) else 'not installed'}" for name in PEERS)
-    print(f"Python {sys.version.split()[0]}, numpy {np.__version__}; {known}")
+    print(f"Python {sys.version.split()[0]}, numpy {np.__version__}, MuJoCo {mujoco.__version__}; {known}")
     for number in (560, 100_000):
         measure_calibration(number)
-    if has("pomdp-py"):
-        measure_beliefs()
-        measure_planners(searches)
+    measure_beliefs()
+    measure_depths()
+    measure_planners(searches)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,60 @@
+"""Keep the records of finished comparisons whose numbers the pages state: command, code, versions, results.
+
+Run: python docs/generate/records.py FOLDER ...        (folders that `activetouch compare` wrote; one record per scene)
+
+A test compares README and docs/results.md with these records.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+RECORDS = Path(__file__).parent.parent / "results" / "searches.json"
+
+
+def record(folder: Path) -> dict[str, Any]:
+    """What a run folder found, over all targets, and what made it."""
+    run = json.loads((folder / "run.json").read_text())
+    arguments, identity = run["arguments"], run["identity"]
+    setting = arguments["setting"]
+    sensor = setting["sensor"] or setting["choice"]["scene"]
+    returns = {row["decider"]: float(row["return"]) for row in _rows(folder, "returns")}
+    return {
+        "command": f"activetouch compare --scene {setting['choice']['scene']} --sensor {Path(sensor).name} "
+        f"--deciders {' '.join(arguments['deciders'])} --episodes {arguments['episodes']} --seed {identity['seed']}",
+        "commit": run["commit"],
+        "versions": identity["versions"],
+        "sensor_sha256": identity["sensor_sha256"],
+        "deciders": {
+            row["decider"]: {
+                "searches": int(row["searches"]),
+                "success": [float(row[name]) for name in ("success", "95 % low", "95 % high")],
+                "touches": float(row["touches"]),
+                "return": returns[row["decider"]],
+            }
+            for row in _rows(folder, "results")
+            if row["target"] == "all"
+        },
+    }
+
+
+def _rows(folder: Path, table: str) -> list[dict[str, str]]:
+    with (folder / "tables" / f"{table}.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def main(folders: list[Path]) -> None:
+    """Add or replace the records of these runs."""
+    kept = json.loads(RECORDS.read_text()) if RECORDS.exists() else {}
+    for found in map(record, folders):
+        words = found["command"].split()
+        kept[words[words.index("--sensor") + 1]] = found
+    RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    main([Path(word) for word in sys.argv[1:]])

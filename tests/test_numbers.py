@@ -1,0 +1,85 @@
+"""Numbers of README and docs are those of committed records; a section with numbers says where they are from."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+RECORDS = json.loads((ROOT / "docs" / "results" / "searches.json").read_text())
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md"))]
+_NUMBER = re.compile(r"(?<![\w./§\[-])\d+\.\d+(?![\w.]*\.(?:md|py))|\d+ %|\d[\d ]* (?:ms|µs|MB|touches)\b")
+_COMMANDS = (
+    "adapt|calibrate|calibration-report|collect|compare|explain|fidelity|frontier|learning-curve|leak|limit|overprobing|"
+    "rank-poses|recorded|reproduce|robustness|several-touches|stress|touch-bank|tradeoff|train|train-ppo"
+)
+_SOURCE = re.compile(
+    rf"`[^`]*(?:activetouch [a-z-]+|benchmarks[/.]\w+|make [a-z-]+|examples/\w+)[^`]*`|`(?:{_COMMANDS})\b[^`]*`|```sh"
+    r"|\btrial\b|\]\([^)]*\.(?:md|csv|json)[^)]*\)"
+)
+NOT_MEASURED = {  # definitions, settings and sums that the reader does by hand
+    ("docs/columns.md", "Searches"),
+    ("docs/columns.md", "Differences and returns"),
+    ("docs/toy.md", "By hand"),
+    ("docs/toy.md", "Stop and plan"),
+    ("docs/calibration.md", "What a calibrated touch is"),
+}
+
+
+def sections(page):
+    """Title of a section, its text, and its text after that of the page's top and of the enclosing sections."""
+    levels, found, fenced = [(0, "", [])], [], False
+    for line in (ROOT / page).read_text().splitlines():
+        fenced ^= line.startswith("```")
+        heading = None if fenced else re.match(r"(#+) (.*)", line)
+        if heading:
+            depth = len(heading[1])
+            levels = [level for level in levels if level[0] < depth] + [(depth, heading[2], [])]
+            found.append(levels)
+        levels[-1][2].append(line)
+    texts = [[(title, "\n".join(lines)) for _, title, lines in levels] for levels in found]
+    return [(path[-1][0], path[-1][1], "\n".join(text for _, text in path)) for path in texts]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_section_with_numbers_names_a_command_a_record_or_a_page_that_does(page):
+    without = [
+        title
+        for title, text, above in sections(page)
+        if _NUMBER.search(re.sub(r"```python.*?```|95 %", "", text, flags=re.S))
+        and not _SOURCE.search(above)
+        and (page, title) not in NOT_MEASURED
+    ]
+    assert not without, f"say which command prints these numbers, or that they are of a trial: {without}"
+
+
+def stated(record, digits):
+    """Success and touches of a decider as the pages write them."""
+    success = "{:.3f} [{:.3f}, {:.3f}]".format(*record["success"])
+    return success, f"{record['touches']:.{digits}f}"
+
+
+def row(page, beginning):
+    [line] = [line for line in (ROOT / page).read_text().splitlines() if line.startswith(beginning)]
+    return line.replace("**", "")
+
+
+DIGITS = {"gel": 2}
+
+
+@pytest.mark.parametrize("scene", RECORDS)
+def test_the_readme_states_what_the_record_says(scene):
+    line, deciders = row("README.md", f"| `{scene}`"), RECORDS[scene]["deciders"]
+    success, touches = stated(deciders["information_gain"], DIGITS.get(scene, 1))
+    assert f"{success}, {touches}" in line
+    assert f"| {max(deciders[name]['return'] for name in ('point_based', 'information_gain')):.3f}," in line
+
+
+@pytest.mark.parametrize("scene", RECORDS)
+def test_the_page_of_results_states_what_the_record_says(scene):
+    line, deciders = row("docs/results.md", f"| `{scene}`: "), RECORDS[scene]["deciders"]
+    cells = [cell.strip() for cell in line.split("|")[3:6]]
+    for name, cell in zip(("point_based", "information_gain"), cells, strict=False):
+        assert cell.removesuffix(" touches") == ", ".join(stated(deciders[name], DIGITS.get(scene, 1)))
+    assert cells[2] == f"{max(deciders[name]['return'] for name in ('point_based', 'information_gain')):.3f}"
