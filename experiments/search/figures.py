@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -77,7 +77,7 @@ def _draw_frontier(axes: Axes, comparison: Comparison) -> None:
     axes.axhline(1.0 - comparison.no_touch_baseline, color=INK, linestyle=":", linewidth=1)
     for index, decider in enumerate(comparison.deciders):
         value, bars, style = _failures(comparison.cells[decider, ALL], least, index)
-        style["markersize"] = 5 + 1.8 * (count - 1 - index)  # later markers are smaller, so none is hidden
+        style["markersize"] = 5 + 5.4 * _earlier(index, count)
         axes.errorbar(comparison.cells[decider, ALL].touches, value, yerr=bars, **style, label=decider)
     axes.set(yscale="log", xlabel="touches per search", ylabel="failed searches", ylim=(least / 1.4, 1.4))
     axes.yaxis.set_major_formatter("{x:g}")
@@ -116,9 +116,10 @@ def _draw_touches(axes: Axes, comparison: Comparison) -> None:
     for index, decider in enumerate(comparison.deciders):
         numbers = np.sort([episode.num_touches for episode in comparison.of(decider)])
         shares = np.arange(1, len(numbers) + 1) / len(numbers)
-        axes.step([0, *numbers], [0, *shares], where="post", color=_colour(index), label=decider)
+        width = 1.3 + 3.0 * _earlier(index, len(comparison.deciders))
+        axes.step([0, *numbers], [0, *shares], where="post", color=_colour(index), label=decider, linewidth=width)
     axes.set(xlabel="touches", ylabel="fraction of searches", ylim=(0, 1.02))
-    axes.set_xlim(left=0)
+    axes.set_xlim(left=-0.02 * axes.get_xlim()[1])
     _legend(axes, comparison)
 
 
@@ -172,12 +173,6 @@ def _draw_selective_risk(axes: Axes, comparison: Comparison, ranking: str) -> No
     axes.set_ylim(-0.03 * top, top)  # a curve at zero is not hidden by the axis
 
 
-def _reference_lines(line: Callable[..., object], comparison: Comparison) -> None:
-    solved, tried = comparison.oracle
-    for level in (comparison.no_touch_baseline, solved / tried):
-        line(level, color=INK, linestyle=":", linewidth=1)
-
-
 def _whiskers(
     axes: Axes,
     values: Sequence[float],
@@ -203,6 +198,11 @@ def _colour(index: int) -> str:
 def _offset(index: int, count: int) -> float:
     """Offset of the marker of one of several deciders, around 0."""
     return 0.7 * ((index + 0.5) / count - 0.5)
+
+
+def _earlier(index: int, count: int) -> float:
+    """1 for what is drawn first, 0 for the last: what is drawn earlier is larger, so that nothing is hidden."""
+    return (count - 1 - index) / max(count - 1, 1)
 
 
 def _legend(axes: Axes, comparison: Comparison) -> None:
