@@ -34,6 +34,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     header: list[str] = []
     columns: dict[str, list[str]] = {name: [] for name in _NAMES}
     numbers: list[list[float]] = []
+    places: list[tuple[Path, int]] = []
     for path in paths:
         lines = lines_of(path)
         _, first = next(lines, (1, ""))
@@ -63,10 +64,16 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                 if not np.isfinite(values[-1]):
                     raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, not finite")
             numbers.append(values)
+            places.append((path, number))
     if not numbers:
         raise BadRecording(f"the CSV files in {folder} have no rows below their headers")
     features = [name for name in header if name not in columns]
     is_control = np.array([name.startswith(UNTOUCHED) for name in features], np.bool_)
     table = np.array(numbers).reshape(len(numbers), -1)
     given = {name: np.array(cells) for name, cells in columns.items() if cells}
-    return touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder)), ()
+
+    def place(row: int) -> str:
+        path, number = places[row]
+        return f"line {number} of {path}"
+
+    return touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder), place), ()

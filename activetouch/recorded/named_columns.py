@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,15 @@ from belief.problem import Floats
 UNTOUCHED = "untouched:"
 """Begin of the names of columns that were measured where nothing was touched."""
 _TASK_OF = {"category": "categories", "shape": "shapes"}
+_MOST = 2**53  # session number, so that it is exact as a float
 
 
 def touches_of_columns(
-    features: Floats, untouched: Floats, columns: Mapping[str, NDArray[np.generic]], source: str
+    features: Floats,
+    untouched: Floats,
+    columns: Mapping[str, NDArray[np.generic]],
+    source: str,
+    place: Callable[[int], str] | None = None,
 ) -> RecordedTouches:
     """The touches of a table.
 
@@ -27,16 +32,18 @@ def touches_of_columns(
         untouched: features from where nothing was touched, ``(n, C)``; C may be zero.
         columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
         source: where the table comes from, for messages.
+        place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
 
     Raises:
         BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
-            integers.
+            integers; the message names the row and the column.
 
     >>> table = touches_of_columns(np.ones((2, 1)), np.empty((2, 0)), {"object": np.array(["mug", "can"])}, "here")
     >>> table.object_names, table.action_names
     (('can', 'mug'), ('touch',))
     """
     n = len(features)
+    place = place or (lambda row: f"row {row} of {source}")
     for name, values in columns.items():
         if values.shape != (n,):
             raise BadRecording(
@@ -46,7 +53,7 @@ def touches_of_columns(
         raise BadRecording(f"{source} has no features: every column besides object, action, session, … is one")
     object_names, objects = np.unique(columns["object"].astype(str), return_inverse=True)
     if "" in object_names:
-        raise BadRecording(f"row {int(np.argmax(columns['object'].astype(str) == ''))} of {source} names no object")
+        raise BadRecording(f"{place(int(np.argmax(columns['object'].astype(str) == '')))} names no object")
     given = columns.get("action")
     action_names, actions = (
         (np.array(["touch"]), np.zeros(n, np.int64))
@@ -55,16 +62,11 @@ def touches_of_columns(
     )
     sessions = numbered_sessions(objects, actions)
     if "session" in columns:
-        try:
-            sessions = columns["session"].astype(np.float64).astype(np.int64)
-        except (ValueError, OverflowError) as error:
-            raise BadRecording(
-                f"session in {source} must be whole numbers in the order of recording: {error}"
-            ) from error
+        sessions = _whole_numbers("session", columns["session"], place)
     labels = {}
     for column, task in _TASK_OF.items():
         if column in columns:
-            labels[task] = _label_of_objects(column, columns[column].astype(str), objects, object_names, source)
+            labels[task] = _label_of_objects(column, columns[column].astype(str), objects, object_names, place)
     controls = {"scalar features only": scalar_features(features)}
     if untouched.size:
         controls["features where nothing was touched"] = np.asarray(untouched, np.float64)
@@ -81,18 +83,35 @@ def touches_of_columns(
     )
 
 
+def _whole_numbers(name: str, values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:
+    """A column as integers."""
+    for row, value in enumerate(values.tolist()):
+        try:
+            is_whole = float(value).is_integer() and abs(float(value)) < _MOST
+        except ValueError:
+            is_whole = False
+        if not is_whole:
+            raise BadRecording(
+                f"{place(row)}: the {name} is {str(value)[:40]!r}; it must be a whole number, in the order of recording"
+            )
+    return values.astype(np.float64).astype(np.int64)
+
+
 def _label_of_objects(
     column: str,
     values: NDArray[np.str_],
     objects: NDArray[np.intp],
     object_names: NDArray[np.str_],
-    source: str,
+    place: Callable[[int], str],
 ) -> tuple[str, ...]:
     """The label of each object."""
-    found = []
-    for number, name in enumerate(object_names.tolist()):
-        own = np.unique(values[objects == number])
-        if len(own) > 1:
-            raise BadRecording(f"{source}: the object {name} has two of {column}: {own[0]!r} and {own[1]!r}")
-        found.append(str(own[0]))
-    return tuple(found)
+    _, firsts = np.unique(objects, return_index=True)
+    label_of = values[firsts]
+    if (others := np.flatnonzero(values != label_of[objects])).size:
+        row = int(others[0])
+        first = int(firsts[objects[row]])
+        raise BadRecording(
+            f"{place(row)}: the object {object_names[objects[row]]} has two of {column}: {str(values[row])!r} here and "
+            f"{str(values[first])!r} in {place(first)}"
+        )
+    return tuple(map(str, label_of))

@@ -26,6 +26,7 @@ from belief.problem import Floats
 Integers = NDArray[np.int64]
 
 _MANY_LABELS = 30  # beyond, pairs of labels are too many, and touches too few to calibrate single labels
+_MANY_TOUCHES = 10_000
 _POOLING = 20.0  # touches that the calibration of all actions counts as in that of each
 _LEAST = 1e-3  # of a feature's spread, so that a feature that is constant within labels does not dominate
 
@@ -43,8 +44,12 @@ class Kind:
     is_linear: bool
 
 
-def kinds(num_labels: int) -> Mapping[str, Kind]:
+def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
     """The classifiers to choose from, by name.
+
+    Args:
+        num_labels: K; support vectors compare all pairs of labels.
+        num_touches: to learn from; the time of support vectors grows with its square.
 
     Raises:
         MissingPackage: scikit-learn is not installed.
@@ -59,7 +64,7 @@ def kinds(num_labels: int) -> Mapping[str, Kind]:
         for is_heavy in (False, True)
         for s in (0.1, 0.3, 0.6)
     }
-    if num_labels <= _MANY_LABELS:
+    if num_labels <= _MANY_LABELS and num_touches <= _MANY_TOUCHES:
         found |= {
             f"support vectors, C = {c}": Kind(partial(SVC, C=c, decision_function_shape="ovo"), False) for c in (1, 10)
         }
@@ -161,7 +166,7 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
     features, num_labels = touches.features(control), len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    options = kinds(num_labels)
+    options = kinds(num_labels, len(x) // num_actions)
     held = np.zeros((len(x), num_labels))
     chosen: list[str] = []
     for action in range(num_actions):

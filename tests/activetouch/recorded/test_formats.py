@@ -155,15 +155,27 @@ def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
         ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
         ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
         ("object,x\nmug,nan\n", "not finite"),
-        ("object,x\n,1\n", "names no object"),
+        ("object,x\nmug,1\n,1\n", "line 3 of .*touches.csv names no object"),
         ("object\nmug\n", "no features"),
-        ("object,session,x\nmug,soon,1\n", "whole numbers"),
-        ("object,category,x\nmug,cup,1\nmug,tin,1\n", "two of category"),
+        ("object,session,x\nmug,1,1\nmug,soon,1\n", "line 3 of .*: the session is 'soon'; it must be a whole number"),
+        ("object,session,x\nmug,1.5,1\n", "line 2 .*'1.5'"),
+        ("object,session,x\nmug,nan,1\n", "line 2 .*'nan'"),
+        ("object,session,x\nmug,1e300,1\n", "line 2 .*'1e300'"),
+        ("object,session,x\nmug,,1\n", "line 2 .*the session is ''"),
+        ("object,x,pressure\nmug,1,1\n\nmug,2,inf\n", "line 4 .*'pressure' is 'inf', not finite"),
+        ("object,category,x\nmug,cup,1\nmug,tin,1\n", "line 3 .*two of category: 'tin' here and 'cup' in line 2"),
     ],
 )
 def test_an_error_in_a_csv_says_where_it_is(tmp_path, text, words):
     write_csv(tmp_path, text)
     with pytest.raises(BadRecording, match=words):
+        read_recorded(tmp_path, "csv")
+
+
+def test_lines_are_counted_in_each_file(tmp_path):
+    write_csv(tmp_path, "object,category,x\nmug,cup,1\n", "a.csv")
+    write_csv(tmp_path, "object,category,x\ncan,tin,1\nmug,tin,1\n", "b.csv")
+    with pytest.raises(BadRecording, match=r"line 3 of .*b.csv: .* in line 2 of .*a.csv"):
         read_recorded(tmp_path, "csv")
 
 

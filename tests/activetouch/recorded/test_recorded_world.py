@@ -6,8 +6,8 @@ import pytest
 from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedBank, RecordedTouches, RecordedWorld, check_recorded
 from activetouch.recorded.discriminants import LinearDiscriminants
-from activetouch.recorded.reader import read
-from activetouch.recorded.splits import by_object, by_session
+from activetouch.recorded.reader import kinds, read
+from activetouch.recorded.splits import Split, by_object, by_session
 from belief.errors import InvalidArgument
 
 
@@ -73,6 +73,29 @@ def test_shuffled_features_are_read_as_chance(rng):
     reading = read(shuffled, split)
     assert (reading.test_ratios.argmax(axis=1) == shuffled.labels[split.test]).mean() < 0.4
     assert np.abs(reading.test_ratios).max() < 3.0  # and it says so
+
+
+def test_many_touches_are_learned_without_support_vectors():
+    assert any("support" in name for name in kinds(5, 300))
+    assert not any("support" in name for name in kinds(5, 10**6))
+    assert not any("support" in name for name in kinds(100, 300))
+
+
+def test_the_reader_learns_from_calibration_touches_too(rng):
+    touches = drawn(rng).for_task("objects")
+    split = by_session(touches)
+    both = read(touches, split)
+    swapped = Split(split.train, np.empty(0, np.int64), split.test, split.inner)
+    assert np.abs(both.test_ratios - read(touches, swapped).test_ratios).max() > 0.1
+    centre = both.reader.classifiers[0].centre
+    learned = np.concatenate([split.train, split.calibration])
+    own = learned[touches.actions[learned] == 0]
+    np.testing.assert_allclose(centre, touches.features()[own].mean(axis=0))
+
+
+def test_one_object_is_nothing_to_tell_apart(rng):
+    with pytest.raises(BadRecording, match=r"at least two different labels, there is \['thing_0'\]"):
+        check_recorded(drawn(rng, num_objects=1))
 
 
 def test_discriminants_are_those_of_scikit_learn(rng):
