@@ -34,7 +34,7 @@ def pictures(part: Part, threshold: float) -> list[Picture]:
             "the line claims are too strong.",
             [lambda axes: _stopping(axes, part, threshold)],
             {"independent touches": _OF_LAW["none"], "with the kernel": _OF_LAW["kernel"]},
-            (4.0, 3.4),
+            (4.6, 3.4),
         ),
     ]
     if (size := len(part.folds[0].bank.action_names)) > 1:
@@ -45,7 +45,7 @@ def pictures(part: Part, threshold: float) -> list[Picture]:
                 "that of repeats, which is assumed where no action was repeated.",
                 [lambda axes: _kernel(axes, part)],
                 {},
-                (1.8 + 0.36 * size, 1.2 + 0.36 * size),
+                (4.6, min(1.4 + 0.3 * size, 4.2)),
             )
         )
     return found

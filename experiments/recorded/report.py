@@ -87,7 +87,7 @@ def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
         if certain:
             stated, right = np.mean([one.stated for one in certain]), np.mean([one.is_right for one in certain])
             sentences.append(
-                f"{words}, the stops that reach it state {stated:.3f} and are right in {right:.3f} of {len(certain)}."
+                f"{words}, the {len(certain)} stops that reach it state {stated:.3f} and are right in {right:.3f}."
             )
     number, wrong = misread(measured.main)
     if wrong:
