@@ -3,8 +3,9 @@
     touches of some objects in this world  →  stiffness of pad and skin  →  hypotheses about bodies of this stiffness
                                            →  temperature of the ratios, where the shapes of the objects are known
 
-The reader stays as it is. It must know stiffness, as those do that were trained on a randomised scene
-(:mod:`activetouch.randomisation`): one set-up has one stiffness, which all its touches tell together.
+The reader stays as it is. Those that were trained on a randomised scene (:mod:`activetouch.randomisation`) know
+stiffness: one set-up has one stiffness, which all its touches tell together. For other readers only the temperature is
+fitted: where touches tell less than the sensor takes them to tell, the belief becomes more modest.
 """
 
 from __future__ import annotations
@@ -68,6 +69,11 @@ def stiffness_posterior(
         InvalidArgument: the sensor cannot tell, or there are no objects.
     """
     model = require_adaptable(sensor)
+    if not sensor.reader.card.knows_stiffness:
+        raise InvalidArgument(
+            "touches read by this reader do not tell stiffness; it takes one trained on a collection of "
+            "collect --randomised. With known shapes, the temperature can be adapted"
+        )
     if not len(touches) or touches.features is None:
         raise InvalidArgument("adaptation needs touches with embeddings of at least one object")
     found = np.array([_log_likelihood(sensor, model, touches, shapes, value) for value in GRID])
@@ -76,14 +82,25 @@ def stiffness_posterior(
 
 def adapted(
     sensor: TactileSensor, touches: TouchBatch, shapes: ArrayLike | None = None
-) -> tuple[TactileSensor, StiffnessPosterior]:
+) -> tuple[TactileSensor, StiffnessPosterior | None]:
     """A sensor whose hypotheses have the stiffness of this world; with known shapes, its temperature is refitted too.
 
-    Args, and errors: see :func:`stiffness_posterior`.
+    Args:
+        sensor: with a joint model.
+        touches: of S objects, one sequence each.
+        shapes: index of the shape of each object, ``(S,)``; None where nobody knows them.
+
+    Returns:
+        The sensor, and what the touches told about the stiffness; None for a reader that does not know stiffness.
+
+    Raises:
+        InvalidArgument: the sensor cannot adapt, there are no objects, or their shapes are unknown and the reader does
+            not know stiffness.
     """
-    model, found = require_adaptable(sensor), stiffness_posterior(sensor, touches, shapes)
-    table = HypothesisTable(sensor.reader, sensor.scene, LogUniform(*found.interval))
-    model = model.with_hypotheses(table)
+    model, found = require_adaptable(sensor), None
+    if sensor.reader.card.knows_stiffness or shapes is None:
+        found = stiffness_posterior(sensor, touches, shapes)
+        model = model.with_hypotheses(HypothesisTable(sensor.reader, sensor.scene, LogUniform(*found.interval)))
     if shapes is not None:
         model = model.refitted(touches, shapes)
     return replace(sensor, model=model), found
@@ -95,11 +112,9 @@ def require_adaptable(sensor: TactileSensor) -> RigidBodyModel:
     Raises:
         InvalidArgument: it cannot.
     """
-    if not isinstance(sensor.model, RigidBodyModel) or not sensor.reader.card.knows_stiffness:
+    if not isinstance(sensor.model, RigidBodyModel):
         raise InvalidArgument(
-            f"this sensor cannot adapt: its observation model is {sensor.model.name!r}, and its reader "
-            f"{'knows' if sensor.reader.card.knows_stiffness else 'does not know'} stiffness. It takes the model "
-            "'rigid body' and a reader trained on a collection of collect --randomised"
+            f"this sensor cannot adapt: its observation model is {sensor.model.name!r}, and it takes 'rigid body'"
         )
     return sensor.model
 

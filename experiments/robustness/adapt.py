@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,13 +38,15 @@ _BEFORE, _KNOWN, _UNKNOWN = "before", "known shapes", "unknown shapes"
 class Adapt:
     """Fit a sensor to the world that it is in: same reader, touches of a few objects, less than a minute.
 
-    From touches of some objects it finds the stiffness of the set-up, and, where their shapes are known, how far to
-    trust touches. The table says what each number of objects is worth, on other objects of the same world, with known
-    and with unknown shapes. Writes the sensor with the largest number, known shapes, into a folder.
+    From touches of some objects it finds the stiffness of the set-up, if the reader knows stiffness (``coarse-robust``,
+    for example), and, where their shapes are known, how far to trust touches. The table says what each number of
+    objects is worth, on other objects of the same world, with known and with unknown shapes. Writes the sensor with the
+    largest number, known shapes, into a folder.
 
     For example:
 
-        activetouch adapt --scene coarse --condition "stiffness × 0.7"
+        activetouch adapt --scene coarse --sensor coarse-robust --condition "stiffness × 0.7"
+        activetouch adapt --scene coarse --condition "noise × 2" --searches 25
         activetouch adapt --scene my_lab:scene --sensor coarse --objects 10 --out runs/sensor-my-lab
         activetouch compare --scene my_lab:scene --sensor runs/sensor-my-lab
     """
@@ -84,19 +87,23 @@ class Adapt:
         for number in sorted(self.objects):
             first = np.flatnonzero(touched["adapt"].numbers < number * len(scene.shapes))
             batch, shapes = _in_all_poses(touched["adapt"]).sequences(first), touched["adapt"].shapes[first]
-            for what, known in ((_UNKNOWN, None), (_KNOWN, shapes)):
+            ways = [(_UNKNOWN, None)] if sensor.reader.card.knows_stiffness else []
+            for what, known in (*ways, (_KNOWN, shapes)):
+                started = time.perf_counter()
                 fitted, stiffness = adapted(sensor, batch, known)
-                rows.append(_row(what, number, stiffness, fitted, touched["test"]))
-        headings = ("adapted to", "objects a shape", "stiffness", "accuracy", "stated", ("NLL", ".3f"))
+                seconds = time.perf_counter() - started
+                rows.append(_row(what, number, stiffness, fitted, touched["test"], seconds))
+        headings = ("adapted to", "objects", "stiffness", "accuracy", "stated", ("NLL", ".3f"), ("time [s]", ".1f"))
         console = plain_console()
-        title = f"{self.choice.scene}: all touches of an object, {self.test} other objects of every shape"
+        title = f"{self.choice.scene}: adapted to objects of every shape; all touches of each of {self.test} others"
         console.print(Table(title, headings, rows).rich())
         if self.searches:
             models = {_BEFORE: sensor.model, f"{most} objects a shape": fitted.model}
-            found = search_scores(sensor, models, {"": scene}, self.choice.named, self.searches, self.seed, self.jobs)
-            console.print(_searches_table({model: scores for (_, model), scores in found.items()}).rich())
+            played = search_scores(sensor, models, {"": scene}, self.choice.named, self.searches, self.seed, self.jobs)
+            console.print(_searches_table({model: scores for (_, model), scores in played.items()}).rich())
         sensor.reader.save(out / READER_FILE)
-        write_observation_model(out, fitted.model, scene_fields(scene), stiffness=stiffness.interval)
+        found = None if stiffness is None else stiffness.interval
+        write_observation_model(out, fitted.model, scene_fields(scene), stiffness=found)
         print(f"wrote {out}")
 
     def _scene(self) -> Scene:
@@ -125,7 +132,12 @@ def _in_all_poses(touched: ClassifierOutputs) -> TouchBatch:
 
 
 def _row(
-    what: str, number: int, stiffness: StiffnessPosterior | None, sensor: TactileSensor, tested: ClassifierOutputs
+    what: str,
+    number: int,
+    stiffness: StiffnessPosterior | None,
+    sensor: TactileSensor,
+    tested: ClassifierOutputs,
+    seconds: float | None = None,
 ) -> tuple[Any, ...]:
     """One row of the table: how good the belief of a sensor is after all touches of unseen objects."""
     num_objects, probs = len(tested.shapes), np.exp(log_posteriors(sensor.model, _in_all_poses(tested)))
@@ -138,6 +150,7 @@ def _row(
         interval(right / num_objects, *wilson_interval(right, num_objects)),
         f"{probs.max(axis=1).mean():.3f}",
         negative_log_likelihood(probs, tested.shapes),
+        seconds,
     )
 
 

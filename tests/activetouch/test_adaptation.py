@@ -11,6 +11,7 @@ from activetouch.distributions import Constant
 from belief import Touch
 from belief.errors import InvalidArgument
 from belief.touch_batch import TouchBatch
+from experiments.robustness.conditions import CONDITIONS
 
 STIFFNESS, NUM_OBJECTS = 0.7, 24
 
@@ -55,6 +56,21 @@ def test_an_adapted_sensor_has_bodies_of_that_stiffness_and_keeps_the_rest(senso
     assert found.interval[0] > GRID[0]
 
 
+def test_without_stiffness_the_temperature_still_adapts():
+    sensor = TactileSensor.shipped("coarse")
+    noisy = CONDITIONS["noise × 4"](sensor.scene)
+    rng, sequences = np.random.default_rng(1), []
+    for number in range(NUM_OBJECTS):
+        thing = noisy.sample_object(number % 4, rng)
+        images = np.stack([noisy.press(thing, pose, rng).image for pose in range(6)])
+        sequences.append(sensor.read(images, list(range(6))))
+    fitted, stiffness = adapted(sensor, TouchBatch.of(sequences), np.arange(NUM_OBJECTS) % 4)
+    assert stiffness is None
+    assert fitted.model.temperature > 1.5 * sensor.model.temperature
+    assert fitted.model.hypotheses is sensor.model.hypotheses
+    assert fitted.model.conflict is not None
+
+
 def test_without_information_every_stiffness_stays_possible():
     low, high = StiffnessPosterior(np.full(len(GRID), -np.log(len(GRID)))).interval
     assert low <= GRID[0]
@@ -62,8 +78,10 @@ def test_without_information_every_stiffness_stays_possible():
 
 
 def test_what_cannot_adapt_is_refused(sensor, touched):
-    with pytest.raises(InvalidArgument, match="does not know stiffness"):
-        adapted(TactileSensor.shipped("coarse"), *touched)
+    with pytest.raises(InvalidArgument, match="do not tell stiffness"):
+        adapted(TactileSensor.shipped("coarse"), touched[0])
+    with pytest.raises(InvalidArgument, match="cannot adapt"):
+        adapted(TactileSensor.shipped("coarse-independent"), *touched)
     with pytest.raises(InvalidArgument, match="at least one object"):
         stiffness_posterior(sensor, touched[0].sequences(slice(0, 0)))
 

@@ -36,7 +36,7 @@ def test_an_adapted_sensor_is_written_and_can_be_loaded(tmp_path, capsys):
     [
         ({"condition": "stiffness × 0.8"}, UnknownName, "stiffness × 0.7"),
         ({"choice": SceneChoice("paper"), "condition": "noise × 2"}, BadArgument, "does not apply to paper"),
-        ({"sensor": Path("coarse")}, InvalidArgument, "does not know stiffness"),
+        ({"sensor": Path("coarse-independent")}, InvalidArgument, "cannot adapt"),
     ],
 )
 def test_what_cannot_be_adapted_is_refused_before_a_press(settings, error, words, tmp_path):
