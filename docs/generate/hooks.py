@@ -26,7 +26,7 @@ NAV: dict[str, list[str]] = {
     "Learn": ["start.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
     "Look up": ["commands.md", "columns.md", "environments.md", "extending.md", "scale.md"],
     "Understand": ["world.md", "perception.md", "calibration.md", "planners.md", "ppo.md", "architecture.md"],
-    "Check": ["results.md", "perception/robustness.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "limits.md"],
+    "Check": ["results.md", "robustness.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "limits.md"],
 }
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 
