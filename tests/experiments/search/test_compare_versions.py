@@ -60,7 +60,9 @@ def table(monkeypatch):
 
 def held_by(request):
     """The largest comparison in the folder of a run, and what else it holds."""
-    return request._largest(*request._filled())
+    problem, holdings, asked = request._filled()
+    (chosen, reference, bounds), notes = request._largest(holdings, asked)
+    return holdings.compare(problem, chosen, reference, request.seed, bounds), notes
 
 
 def test_an_edited_decider_in_the_same_folder_gives_the_new_numbers(tmp_path, monkeypatch, table, capsys):
