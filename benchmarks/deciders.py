@@ -28,7 +28,7 @@ from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, make_decider, search_lockstep
 from planners.pomdp_py_adapter import Pouct, RandomRollout
-from planners.registry import TRAINED
+from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
 
 NUM_OBJECTS, TOUCH_COST = 4, 0.02
@@ -77,7 +77,7 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
     """Name, number of episodes and builder of each decider that needs no trained policies."""
     found: list[tuple[str, int, Callable[[], Decider]]] = [
         (name, episodes, lambda name=name: make_decider(name, table))
-        for name in ("point_based", *(n for n in DECIDERS if n not in (*TRAINED, *TREES, "point_based")))
+        for name in ("point_based", *(n for n in DECIDERS if n not in (*NEED_FILES, *TREES, "point_based")))
     ]
     for simulations, number in zip((100, 1000, 10_000), trees, strict=True):
         for name in TREES:
