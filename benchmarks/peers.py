@@ -8,6 +8,7 @@ other load. Planners play the same searches, with touches drawn from the table t
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -137,7 +138,13 @@ def measure_planners(searches: int) -> None:
     print("best expected return: between {:.3f} and {:.3f}".format(*deciders.bounds(table)))
 
 
-def measure_calibration(number: int) -> None:
+def measure_calibration() -> None:
+    """One temperature fitted to few touches, and to many."""
+    for number in (560, 100_000):
+        _measure_fit(number)
+
+
+def _measure_fit(number: int) -> None:
     """One temperature fitted to the same over-confident logits."""
     logits, labels = calibration.touches(number)
     raw = TemperatureScaling().predict_proba(logits)
@@ -192,16 +199,25 @@ def report(found: dict[str, np.ndarray], scale: float, unit: str) -> None:
         print(f"{name:<28}{scale * np.median(times):10.3f} {unit}{ratio:12.3g} times the time of {OURS}", flush=True)
 
 
-def main(searches: int) -> None:
-    """Measure and print everything."""
+PARTS: dict[str, Callable[[int], None]] = {
+    "calibration": lambda _: measure_calibration(),
+    "beliefs": lambda _: measure_beliefs(),
+    "depths": lambda _: measure_depths(),
+    "planners": measure_planners,
+}
+
+
+def main() -> None:
+    """Measure and print what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--searches", type=int, default=40, help="of each planner")
+    asked = parser.parse_args()
     known = ", ".join(f"{name} {version(name) if has(name) else 'not installed'}" for name in PEERS)
     print(f"Python {sys.version.split()[0]}, numpy {np.__version__}, MuJoCo {mujoco.__version__}; {known}")
-    for number in (560, 100_000):
-        measure_calibration(number)
-    measure_beliefs()
-    measure_depths()
-    measure_planners(searches)
+    for part in asked.parts:
+        PARTS[part](asked.searches)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 40)
+    main()
