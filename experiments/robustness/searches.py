@@ -14,7 +14,7 @@ from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.world import touch_many
 from belief import SearchProblem, Touch
-from belief.observation_model import ArrayModel
+from belief.observation_model import ArrayModel, ObservationModel
 from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import sample_arrangement
@@ -121,9 +121,6 @@ def _search_all(
         rng = arrangement_rng(seed_of_episode)
         worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
 
-    def touches(pending: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
-        return touch_many(sensor, pending)[0]
-
     if abstain is not None:
         parts = [slice(first, None, SET_UPS) for first in range(min(SET_UPS, len(seeds)))]
         by_robot = search_in_turn(
@@ -133,27 +130,63 @@ def _search_all(
             [targets[part] for part in parts],
             sensor.model,
             [seeds[part] for part in parts],
-            touches,
+            partial(_read_together, sensor),
         )
         return key, {"abstaining": _abstention(by_robot)}
-    played = [
-        episode
-        for part in (slice(first, first + _TOGETHER) for first in range(0, len(seeds), _TOGETHER))
-        for episode in search_lockstep(
-            worlds[part], decider, problem, targets[part], sensor.model, seeds[part], touches
-        )
-    ]
-    won, confirmed = sum(episode.success for episode in played), calibration_of_confirmations(played)
+    played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
+    confirmed = calibration_of_confirmations(played)
     overall = None if confirmed is None else confirmed.overall
-    wrong = sum(_is_wrong(episode) for episode in played)
     return key, {
-        "number": len(played),
-        "success": won / len(played),
-        "interval": clopper_pearson_interval(won, len(played)),
-        "touches": float(np.mean([episode.num_touches for episode in played])),
+        **success_scores(played),
         "stated": None if overall is None else overall.mean_stated,
         "achieved": None if overall is None else overall.share_right,
-        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
+    }
+
+
+def played_together(
+    sensor: TactileSensor,
+    worlds: Sequence[TouchWorld],
+    decider: Decider,
+    problem: SearchProblem,
+    targets: Sequence[int],
+    model: ObservationModel,
+    seeds: Sequence[Sequence[int]],
+) -> list[Episode]:
+    """Searches in lockstep, some at a time, whose images the sensor reads together.
+
+    Args:
+        sensor: reads the touches; its observation model is not used.
+        worlds: of each search.
+        decider: chooses the actions.
+        problem: each search.
+        targets: index of each target.
+        model: likelihood of touches.
+        seeds: of each search.
+    """
+    played: list[Episode] = []
+    for first in range(0, len(seeds), _TOGETHER):
+        part = slice(first, first + _TOGETHER)
+        touches = partial(_read_together, sensor)
+        played += search_lockstep(worlds[part], decider, problem, targets[part], model, seeds[part], touches)
+    return played
+
+
+def _read_together(sensor: TactileSensor, pending: Sequence[TouchRequest[TouchWorld]]) -> Sequence[Touch]:
+    return touch_many(sensor, pending)[0]
+
+
+def success_scores(played: Sequence[Episode]) -> dict[str, Any]:
+    """``number`` of searches, ``success`` with ``interval``, ``touches`` a search, and ``wrong`` with its interval.
+
+    ``wrong`` is the fraction of searches with a wrong confirmation.
+    """
+    number, won, wrong = len(played), sum(episode.success for episode in played), sum(map(_is_wrong, played))
+    return {
+        "number": number,
+        "success": won / number,
+        "interval": clopper_pearson_interval(won, number),
+        "touches": float(np.mean([episode.num_touches for episode in played])),
+        "wrong": [wrong / number, *clopper_pearson_interval(wrong, number)],
     }
 
 

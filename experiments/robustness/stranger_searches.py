@@ -19,20 +19,18 @@ from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import WorldObject
 from activetouch.shapes import EXTENDED_SHAPES
-from activetouch.world import TouchTime, touch_many
-from belief import Composition, Counts, SearchProblem, Touch
+from activetouch.world import TouchTime
+from belief import Composition, Counts, SearchProblem
 from belief.observation_model import ObservationModel
 from belief.observation_model.strangers import StrangerModel
 from belief.seeding import arrangement_rng
-from belief.statistics import clopper_pearson_interval
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
-from planners import Outcome, make_decider, search_lockstep
-from planners.search import TouchRequest
+from experiments.robustness.searches import played_together, success_scores
+from planners import Outcome, make_decider
 
 KNOWS, IGNORES = "knows of strangers", "knows known shapes only"
 _DECIDER = "information_gain"
-_TOGETHER = 25  # searches in lockstep
 
 
 class WorldWithStrangers(TouchWorld):
@@ -104,23 +102,11 @@ def _search_all(
         used, problem = sensor.model, replace(problem, shape_labels=known, composition=Composition.INDEPENDENT)
     decider = make_decider(_DECIDER, used.outcome_table(), used)
 
-    def touches(pending: Sequence[TouchRequest[WorldWithStrangers]]) -> Sequence[Touch]:
-        return touch_many(sensor, pending)[0]
-
-    played = []
-    for first in range(0, len(seeds), _TOGETHER):
-        part = slice(first, first + _TOGETHER)
-        targets = [target for _, target, _ in seeds[part]]
-        played += search_lockstep(worlds[part], decider, problem, targets, used, seeds[part], touches)
-    won = sum(episode.success for episode in played)
+    targets = [target for _, target, _ in seeds]
+    played = played_together(sensor, worlds, decider, problem, targets, used, seeds)
     confirmed = [episode.confirmed_shape for episode in played if episode.outcome is Outcome.CONFIRMED]
-    wrong = sum(episode.outcome is Outcome.CONFIRMED and not episode.success for episode in played)
     return KNOWS if knows else IGNORES, {
-        "number": len(played),
-        "success": won / len(played),
-        "interval": clopper_pearson_interval(won, len(played)),
-        "wrong": [wrong / len(played), *clopper_pearson_interval(wrong, len(played))],
+        **success_scores(played),
         "taken": sum(shape == len(known) for shape in confirmed) / len(played),
-        "touches": float(np.mean([episode.num_touches for episode in played])),
         "no_touch": max(1.0 / bag.total, 1.0 - present),
     }
