@@ -38,10 +38,6 @@ class Hypotheses(Protocol):
     """What the evidence needs of its model; see :class:`~belief.observation_model.rigid_body.RigidBodyModel`."""
 
     @property
-    def shape_labels(self) -> tuple[str, ...]:
-        """Names of the K shapes."""
-
-    @property
     def num_poses(self) -> int:
         """P."""
 
