@@ -27,6 +27,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import fields as dataclass_fields
 from functools import cached_property
+from math import log
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ _QUANTILES = 40  # in each half of a distribution
 _POWERS = np.array([[0.0, 0.8, 0.5, 0.0], [0.0, 0.0, 0.0, 0.4], [0.0, 0.8, 0.5, 0.0]])
 """Exponents κ of bets (1 - κ) p^-κ: on a high novelty, a low one, and a high misfit. A strategy is a column of the
 first two rows with one of the first three columns of the third."""
+_LOG_KEPT = np.log1p(-_POWERS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,22 +188,21 @@ class ObjectConflict:
         step, test = self.num_touches, self.test
         if step >= test.num_touches:
             return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
-        novelty = test.novelty.score(np.asarray(embedding, np.float64)[None])[0]
-        found = np.clip([novelty, misfit], -_WIDEST, _WIDEST)
-        centred = found - test.medians[:, step]
-        logs, sums = np.zeros(3), self.sums.copy()
-        for kind in (NOVELTY, MISFIT):
+        novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
+        logs, sums, p_values = [0.0, 0.0, 0.0], self.sums.tolist(), [1.0, 1.0]
+        for kind, score in ((NOVELTY, novelty), (MISFIT, misfit)):
             if step < kind:
                 continue
-            rest = centred[kind] - _share(test.correlations[kind], step - kind) * self.sums[kind]
-            high, low = np.log(test.p_values(kind, step, rest))
-            logs[2 * kind] = high
+            centred = _limited(score, -_WIDEST, _WIDEST) - test.medians.item(kind, step)
+            share = _share(test.correlations.item(kind), step - kind)
+            high, low = test.p_values(kind, step, centred - share * sums[kind])
+            p_values[kind], logs[2 * kind] = high, log(high)
             if kind == NOVELTY:
-                logs[1] = low
+                logs[1] = log(low)
             values = test.quantiles[kind, step]
-            sums[kind] += np.clip(centred[kind], values[0], values[-1])
-        p_values = np.exp(logs[[0, 2]])
-        return ObjectConflict(test, step + 1, frozen(sums), frozen(p_values), frozen(self.log_bets + _bets(logs, step)))
+            sums[kind] += _limited(centred, values.item(0), values.item(-1))
+        log_bets = self.log_bets + _bets(np.array(logs), step)
+        return ObjectConflict(test, step + 1, frozen(np.array(sums)), frozen(np.array(p_values)), frozen(log_bets))
 
 
 def log_conflict(log_bets: Iterable[Floats]) -> float:
@@ -271,7 +272,7 @@ def _bets(logs: Floats, step: int) -> Floats:
         logs: of the p-values of a high novelty, a low novelty and a high misfit, ``(3,)``.
         step: number of earlier touches; the first has no misfit.
     """
-    each = np.log1p(-_POWERS) - _POWERS * logs[:, None]  # (3, 4)
+    each = _LOG_KEPT - _POWERS * logs[:, None]  # (3, 4)
     misfit = each[2, :3] if step else np.zeros(3)
     return np.asarray((each[0] + each[1])[:, None] + misfit).ravel()
 
@@ -286,6 +287,10 @@ def _correlation(scores: Floats) -> float:
     if alone <= 0.0:
         return 0.0
     return float(np.clip((limited.sum(axis=1).var() / alone - 1.0) / (number - 1), 0.0, 0.9))
+
+
+def _limited(value: float, least: float, most: float) -> float:
+    return min(max(value, least), most)
 
 
 def _share(correlation: float, number: int) -> float:

@@ -62,10 +62,10 @@ class Novelty(FrozenArrays):
         """Log of 1 plus the squared distance to each shape, at most 1e3, ``(n, C)`` for embeddings ``(n, D)``."""
         centre, means = self._white
         with np.errstate(over="ignore", invalid="ignore"):
-            points = (np.clip(embeddings, -_LARGEST, _LARGEST) - centre) @ self.whitening
+            points = (np.minimum(np.maximum(embeddings, -_LARGEST), _LARGEST) - centre) @ self.whitening
             away = points[:, None] - means
             found = np.log1p(np.square(away).sum(axis=2))
-        return np.minimum(np.nan_to_num(found, nan=_WIDEST), _WIDEST)
+        return np.fmin(found, _WIDEST)  # also in place of NaN
 
     @cached_property
     def _white(self) -> tuple[Floats, Floats]:

@@ -23,27 +23,30 @@ def log_means(log_weights: Floats) -> Floats:
     [-1.204, -690.082]
     """
     largest = log_weights.max(axis=-1, keepdims=True)
-    return np.asarray(largest[..., 0] + np.log(np.exp(log_weights - largest).mean(axis=-1)))
+    shares = log_weights - largest
+    return np.asarray(largest[..., 0] + np.log(np.exp(shares, out=shares).sum(axis=-1) / shares.shape[-1]))
 
 
-def misfit(before: Floats, scores: Floats32, after: Floats) -> Floats:
+def misfit(scores: Floats32, before: Floats, after: Floats) -> Floats:
     """How much worse the weights before a touch predict it than the touch itself does, ``(...)``.
 
     That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | before) p(o | i), over all hypotheses i.
 
     Args:
-        before: log weights of the hypotheses, largest 0, ``(..., K, N)``.
-        scores: of the touch.
-        after: the sum of the two.
+        scores: of the touch, ``(..., K, N)``.
+        before: log mean weight of each shape's hypotheses before the touch, ``(..., K)``.
+        after: the same of the weights with the scores added.
 
     >>> scores = np.array([[4.0, 0.0]], np.float32)
-    >>> [round(abs(float(misfit(logs, scores, logs + scores))), 1) for logs in np.array([[[0.0, -4.0]], [[-4.0, 0.0]]])]
+    >>> logs = np.array([[[0.0, -4.0]], [[-4.0, 0.0]]])
+    >>> [round(abs(float(misfit(scores, log_means(some), log_means(some + scores)))), 1) for some in logs]
     [0.0, 3.3]
     """
-    most, top = scores.max(axis=(-2, -1)), after.max(axis=(-2, -1))
-    shares = np.exp(scores - most[..., None, None])
-    alone = np.log(np.square(shares).sum(axis=(-2, -1))) - np.log(shares.sum(axis=(-2, -1))) + most
-    return np.asarray(alone - _log_total(after, top) - top + _log_total(before, np.zeros_like(top)))
+    flat = scores.reshape(*scores.shape[:-2], -1)
+    most = flat.max(axis=-1)
+    shares = np.exp(flat - most[..., None])
+    alone = np.log(np.square(shares).sum(axis=-1)) - np.log(shares.sum(axis=-1)) + most
+    return np.asarray(alone - _log_total(after) + _log_total(before))
 
 
 def bounded_softmax(scores: Floats32) -> Floats32:
@@ -91,7 +94,7 @@ def some_hypotheses(log_weights: Floats, number: int) -> tuple[NDArray[np.int64]
     return chosen, np.full(chosen.shape, 1.0 / number)
 
 
-def _log_total(log_weights: Floats, largest: Floats) -> Floats32:
-    """Log of the sum of exponentials over the last two axes, less ``largest``, in single precision."""
-    relative = (log_weights - largest[..., None, None]).astype(np.float32)
-    return np.asarray(np.log(np.exp(relative).sum(axis=(-2, -1))))
+def _log_total(logs: Floats) -> Floats:
+    """Log of the sum of exponentials over the last axis."""
+    largest = logs.max(axis=-1)
+    return np.asarray(largest + np.log(np.exp(logs - largest[..., None]).sum(axis=-1)))

@@ -345,9 +345,8 @@ class RigidBodyModel(ArrayModel):
     def _start(self) -> RigidBodyEvidence:
         """One for all objects, so that what it has computed is computed once."""
         conflict = None if self.conflict is None else self.conflict.start()
-        return RigidBodyEvidence(
-            self, frozen(np.zeros((len(self.shape_labels), self.num_hypotheses))), conflict=conflict
-        )
+        zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
+        return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), conflict=conflict)
 
     def log_weights(self, batch: TouchBatch) -> Floats:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
@@ -370,7 +369,7 @@ class RigidBodyModel(ArrayModel):
         for first in range(0, len(batch), size):
             block = slice(first, first + size)
             for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
-                found[block, step] = misfit(before, scores, before + scores)
+                found[block, step] = misfit(scores, log_means(before), log_means(before + scores))
         return found
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:

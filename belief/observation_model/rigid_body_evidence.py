@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.conflict import ObjectConflict, log_conflict
-from belief.frozen import frozen
+from belief.frozen import Kind, frozen
 from belief.observation_model.log_weights import log_means, misfit, some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
 from belief.observation_model.repeat_discount import drift_share, effective_touches
@@ -91,7 +91,8 @@ class RigidBodyEvidence:
 
     Attributes:
         model: whose hypotheses they are.
-        log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only.
+        log_weights: log p(all touches | hypothesis) up to a constant, ``(K, N)``, read-only; the largest is 0.
+        log_likelihood: log p(all touches | shape) up to the same constant, ``(K,)``, read-only.
         num_touches: how many touches it holds.
         in_pose: for every pose in which the object was touched, the number of touches and the sum of their scores,
             ``(K, N)`` up to a constant; empty where the model discounts neither repeats nor drift.
@@ -100,6 +101,7 @@ class RigidBodyEvidence:
 
     model: Hypotheses
     log_weights: Floats
+    log_likelihood: Floats
     num_touches: int = 0
     in_pose: Mapping[int, tuple[int, Floats]] = field(default_factory=dict)
     conflict: ObjectConflict | None = None
@@ -113,29 +115,26 @@ class RigidBodyEvidence:
         embedding, correlation, drift = self.model.embedding_of(touch), self.model.correlation, self.model.drift
         pose = int(touch.pose)
         scores = self.model.scores(pose, embedding)[0]
-        log_weights, in_pose, conflict = self.log_weights + scores, self.in_pose, self.conflict
+        log_weights, log_likelihood, largest = _relative(self.log_weights + scores)
+        in_pose, conflict = self.in_pose, self.conflict
         if conflict is not None:
-            conflict = conflict.update(embedding[0], float(misfit(self.log_weights, scores, log_weights)))
+            surprise = misfit(scores, self.log_likelihood, log_likelihood + largest)
+            conflict = conflict.update(embedding[0], float(surprise))
         if correlation or drift:
             number, before = in_pose.get(pose, (0, 0.0))
-            total = before + scores.astype(np.float64)
-            in_pose = {**in_pose, pose: (number + 1, frozen(total - total.max()))}
+            total = np.add(before, scores, dtype=np.float64) if number else scores
+            in_pose = {**in_pose, pose: (number + 1, _read_only(total))}
             if number or drift:
                 shares = effective_touches([n for n, _ in in_pose.values()], correlation)
                 shares = shares * drift_share(shares.sum(), drift)
-                log_weights = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
-        log_weights -= log_weights.max()
-        return RigidBodyEvidence(self.model, frozen(log_weights), self.num_touches + 1, in_pose, conflict)
+                together = sum(m / n * some for m, (n, some) in zip(shares, in_pose.values(), strict=True))
+                log_weights, log_likelihood, _ = _relative(together)
+        return RigidBodyEvidence(self.model, log_weights, log_likelihood, self.num_touches + 1, in_pose, conflict)
 
     @property
     def log_bets(self) -> Floats | None:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`."""
         return None if self.conflict is None else self.conflict.log_bets
-
-    @cached_property
-    def log_likelihood(self) -> Floats:
-        """Log p(all these touches | shape) up to a constant, ``(K,)``, read-only; zeros for no touches."""
-        return frozen(log_means(self.log_weights))
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> OutcomeMixture | SharedMixture:
         """See :class:`~belief.observation_model.evidence.ObjectEvidence`.
@@ -181,3 +180,19 @@ class RigidBodyEvidence:
         if conflict is None:
             return Diagnostics(frozen(effective), most_likely, frozen(np.ones(2)), 0.0)
         return Diagnostics(frozen(effective), most_likely, conflict.p_values, log_conflict([conflict.log_bets]))
+
+
+def _relative(log_weights: Floats) -> tuple[Floats, Floats, float]:
+    """Log weights ``(K, N)`` and log mean weights of shapes ``(K,)`` less the largest log weight, and this one.
+
+    Overwrites the log weights and makes them read-only.
+    """
+    largest = log_weights.max()
+    log_weights -= largest
+    return _read_only(log_weights), _read_only(log_means(log_weights)), largest
+
+
+def _read_only(array: NDArray[Kind]) -> NDArray[Kind]:
+    """The array itself, which nobody else holds, made read-only: a copy would cost a tenth of an update."""
+    array.flags.writeable = False
+    return array
