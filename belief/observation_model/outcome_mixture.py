@@ -37,7 +37,9 @@ class OutcomeMixture(FrozenArrays):
 
     Attributes:
         weights: p(hypothesis | shape, touches so far), ``(K, H)``; rows sum to one.
-        probs: p(outcome | pose, shape, hypothesis), ``(P, K, H, M)``; the last axis sums to one.
+        probs: p(outcome | pose, shape, hypothesis) of first touches, ``(P, K, H, M)``; the last axis sums to one.
+        new: how much the next touch in each pose tells, as a fraction of a first touch in it, ``(P,)``; None for all.
+            The last outcome is then that it tells nothing new.
 
     Raises:
         ValueError: arrays that do not fit, a negative or NaN entry, or a row that does not sum to one.
@@ -53,6 +55,7 @@ class OutcomeMixture(FrozenArrays):
 
     weights: Floats
     probs: NDArray[np.floating]
+    new: Floats | None = None
 
     def __post_init__(self) -> None:
         if self.probs.ndim != 4 or self.probs.size == 0 or self.weights.shape != self.probs.shape[1:3]:
@@ -68,7 +71,8 @@ class OutcomeMixture(FrozenArrays):
     @cached_property
     def table(self) -> OutcomeTable:
         """p(outcome | pose, shape), averaged over the hypotheses."""
-        return OutcomeTable((self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0])
+        found = (self.weights.astype(self.probs.dtype)[:, None] @ self.probs)[:, :, 0]
+        return OutcomeTable(found if self.new is None else with_nothing_new(found, self.new))
 
     def two_touches(self, pose: int, factors: Floats) -> NDArray[np.float32]:
         """Sums over shapes of factor times p(outcomes of the next two touches | shape), the first in a given pose.
@@ -80,7 +84,7 @@ class OutcomeMixture(FrozenArrays):
         Returns:
             ``(J, M, P, M)``, in single precision: outcome of the first touch, then pose and outcome of the second.
         """
-        num_poses, _, _, num_outcomes = self.probs.shape
+        num_poses, num_outcomes = len(self.probs), self._weighted.shape[2] // len(self.probs)
         first = slice(pose * num_outcomes, (pose + 1) * num_outcomes)
         found = np.zeros((len(factors), num_outcomes, num_poses * num_outcomes), np.float32)
         largest = np.abs(factors).max(axis=0)
@@ -95,7 +99,8 @@ class OutcomeMixture(FrozenArrays):
     def _weighted(self) -> NDArray[np.float32]:
         """Outcome probabilities times the root of the weight, ``(K, H, P M)``, in single precision."""
         num_shapes, num_hypotheses = self.weights.shape
-        rows = self.probs.astype(np.float32).transpose(1, 2, 0, 3).reshape(num_shapes, num_hypotheses, -1)
+        of_next = self.probs if self.new is None else with_nothing_new(self.probs, self.new)
+        rows = of_next.astype(np.float32).transpose(1, 2, 0, 3).reshape(num_shapes, num_hypotheses, -1)
         rows *= np.sqrt(self.weights)[..., None].astype(np.float32)
         rows[rows < _NEGLIGIBLE] = 0.0
         return rows

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from belief.conflict import ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
 from belief.observation_model.log_weights import log_means, misfit, some_hypotheses
-from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
+from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
@@ -149,8 +149,7 @@ class RigidBodyEvidence:
             chosen, weights = some_hypotheses(self.log_weights, num_hypotheses)
             views, new = self.model.views, self._new if self.in_pose else None
             if views is None:
-                probs = self.model.outcome_probs(chosen, num_outcomes)
-                self._mixtures[key] = OutcomeMixture(weights, probs if new is None else with_nothing_new(probs, new))
+                self._mixtures[key] = OutcomeMixture(weights, self.model.outcome_probs(chosen, num_outcomes), new)
             else:
                 outcomes = self.model.shared_outcomes(num_outcomes)
                 self._mixtures[key] = SharedMixture(weights, chosen, outcomes, views, new)

@@ -130,8 +130,7 @@ class SharedMixture(FrozenArrays):
     @cached_property
     def _whole(self) -> OutcomeMixture:
         """The same with the outcomes of every pose."""
-        probs: NDArray[Any] = self.views.of_all_poses(self.outcomes, self.chosen)
-        return OutcomeMixture(self.weights, probs if self.new is None else with_nothing_new(probs, self.new))
+        return OutcomeMixture(self.weights, self.views.of_all_poses(self.outcomes, self.chosen), self.new)
 
 
 def _merged(chosen: NDArray[np.int64], weights: Floats) -> tuple[NDArray[np.int64], Floats]:
