@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -25,8 +24,9 @@ from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
+from benchmarks.timed import Timed
 from experiments.sensor_choice import independent_sensor
-from planners import DECIDERS, Decider, Decision, Episode, InformationState, make_decider, search_lockstep
+from planners import DECIDERS, Decider, Episode, make_decider, search_lockstep
 from planners.pomdp_py_adapter import Pouct, RandomRollout
 from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
@@ -52,20 +52,6 @@ class Row:
     over_point_based: float
     over_low: float
     over_high: float
-
-
-class Timed:
-    """A decider whose decisions are timed."""
-
-    def __init__(self, decider: Decider) -> None:
-        self._decider, self.seconds = decider, list[float]()
-
-    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """The answer of the decider."""
-        started = time.process_time()  # other processes do not count
-        decision = self._decider.decide(info, rng)
-        self.seconds.append(time.process_time() - started)
-        return decision
 
 
 def tables() -> dict[str, OutcomeTable]:
@@ -110,7 +96,7 @@ def measure(name: str, table: OutcomeTable, arguments: argparse.Namespace) -> li
         right = sum(episode.success for episode in episodes)
         mean, error = float(returns.mean()), float(returns.std(ddof=1) / np.sqrt(number))
         success, touches = (right / number, *wilson_interval(right, number)), [one.num_touches for one in episodes]
-        milliseconds = 1e3 * float(np.median(timed.seconds))
+        milliseconds = float(np.median(np.concatenate(list(timed.milliseconds.values()))))
         row = Row(name, label, number, mean, error, *success, float(np.mean(touches)), milliseconds, over, low, high)
         rows.append(row)
         print(

@@ -9,8 +9,6 @@ processor time of one choice among 26 places on one thread.
 from __future__ import annotations
 
 import argparse
-import time
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,26 +18,11 @@ from activetouch import TactileSensor
 from belief import Probe, SearchProblem
 from belief.statistics import paired_bootstrap, wilson_interval
 from benchmarks.difficulty import VARIANTS, play, prepared
-from planners import Decider, Decision, InformationState, make_decider
+from benchmarks.timed import Timed
+from planners import make_decider
 
 SETTINGS = ((1, 128), (4, 128), (16, 32), (16, 128), (64, 32), (64, 128), (128, 256), (512, 512))
 _STOP = "confirm=0.98,reject=0.02,max_touches=26"
-
-
-@dataclass
-class Timed:
-    """A decider whose choices of a touch are timed."""
-
-    decider: Decider
-    milliseconds: list[float] = field(default_factory=list)
-
-    def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
-        """The decision of the decider."""
-        started = time.process_time()
-        decision = self.decider.decide(info, rng)
-        if isinstance(decision.action, Probe):
-            self.milliseconds.append(1e3 * (time.process_time() - started))
-        return decision
 
 
 def main() -> None:
@@ -67,7 +50,7 @@ def main() -> None:
         right = sum(episode.success for episode in episodes)
         low, high = wilson_interval(right, arguments.searches)
         fewer = paired_bootstrap(first, touches, np.random.default_rng(arguments.seed))
-        median, most = np.quantile(timed.milliseconds, [0.5, 0.9])
+        median, most = np.quantile(timed.milliseconds[Probe], [0.5, 0.9])
         print(
             f"{label:<21}  {median:11.2f}  {most:15.2f}  {right / arguments.searches:.3f} [{low:.3f}, {high:.3f}]  "
             f"{touches.mean():7.2f}  {fewer[0]:.2f} [{fewer[1]:.2f}, {fewer[2]:.2f}]",
