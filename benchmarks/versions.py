@@ -2,13 +2,14 @@
 
 Run: git worktree add ../before ece93d3
      python benchmarks/versions.py ../before                    the parts of a touch
+     python benchmarks/versions.py ../before --only "live touch"    some of these
      python benchmarks/versions.py ../before --commands         whole commands; some minutes
      python benchmarks/versions.py ../before --images           how far forces and images of the same presses agree
 
 Each version has a process of its own. The two take turns in short rounds, so that other load and changes of the
 processor's speed affect both; a ratio is taken within each round, and the table shows the median and the quartiles over
-rounds. Times are processor seconds of one thread. Commands are timed as whole processes with their workers, set-up
-included.
+rounds. Times are processor seconds of one thread. Commands are timed as whole processes with one worker, start-up and
+report included.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ _PLAN = "--plan.train 250 --plan.calibration 1 --plan.test 1"
 COMMANDS = {
     "compare --scene many, 2 of 12 targets": "compare --scene many --episodes 25 --targets cone torus --out {out}",
     "compare --scene many --episodes 25": "compare --scene many --episodes 25 --out {out}",
-    "compare --scene gel (make search before)": "compare --scene gel --out {out}",
-    "compare --scene coarse (make search now)": "compare --scene coarse --out {out}",
+    "compare --scene gel": "compare --scene gel --out {out}",
+    "compare --scene coarse (make search)": "compare --scene coarse --out {out}",
     "collect, quasistatic": f"collect --fidelity quasistatic {_PLAN} --out {{out}}",
     "collect, dynamic": f"collect {_PLAN} --out {{out}}",
 }
@@ -147,9 +148,11 @@ def row(name: str, before: list[float], after: list[float], unit: str) -> None:
     )
 
 
-def compare_parts(before: Path, rounds: int) -> None:
+def compare_parts(before: Path, rounds: int, chosen: list[str]) -> None:
     versions = [Version(before), Version(HERE)]
     for name in versions[1].names:
+        if chosen and not any(word in name for word in chosen):
+            continue
         times: list[list[float]] = [[], []]
         for round_ in range(rounds + 1):
             for version, found in zip(versions, times, strict=True):
@@ -175,7 +178,14 @@ def compare_commands(before: Path, rounds: int, chosen: list[str]) -> None:
 def _seconds(folder: Path, arguments: str, plans: Path) -> float:
     """Processor seconds of a command and its workers."""
     with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, "-m", "experiments.cli", *arguments.format(out=Path(out) / "run").split()]
+        command = [
+            sys.executable,
+            "-m",
+            "experiments.cli",
+            *arguments.format(out=Path(out) / "run").split(),
+            "--jobs",
+            "1",
+        ]
         started = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
             command,
@@ -193,6 +203,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before", nargs="?", type=Path, help="folder of the earlier version")
     parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--only", nargs="*", default=[], help="time the parts whose names hold one of these words")
     parser.add_argument("--commands", nargs="*", help="time whole commands; words of their names select some")
     parser.add_argument("--images", action="store_true", help="compare forces and images instead of times")
     parser.add_argument("--press-all", action="store_true", help=argparse.SUPPRESS)
@@ -211,7 +222,7 @@ def main() -> None:
         return
     print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
     if arguments.commands is None:
-        compare_parts(arguments.before, arguments.rounds)
+        compare_parts(arguments.before, arguments.rounds, arguments.only)
     else:
         compare_commands(arguments.before, arguments.rounds, arguments.commands)
 
