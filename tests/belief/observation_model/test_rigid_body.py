@@ -2,6 +2,7 @@
 
 import copy
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -299,6 +300,22 @@ def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
     assert made == [N]
     for one in (model, sent):
         assert not one.table.flags.writeable
+
+
+def test_outcomes_that_are_too_many_to_keep_are_computed_for_the_asked_hypotheses_alone(world, rng, monkeypatch):
+    model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
+    kept = model.outcome_probs(chosen, 20)
+    monkeypatch.setattr("belief.observation_model.rigid_body._MOST_OUTCOMES", 0)
+    np.testing.assert_allclose(model.outcome_probs(chosen, 20), kept, rtol=1e-5)
+    assert kept.shape == (P, K, 7, 20)
+
+
+def test_a_copy_in_another_process_scores_touches_alike_to_the_last_bit(world, rng):
+    model = world.model(rng)
+    sent = pickle.loads(pickle.dumps(model))
+    felt = world.touch(0, 1, 2, rng).features[None]
+    np.testing.assert_array_equal(sent.scores(2, felt), model.scores(2, felt))
+    assert sent.table.strides == model.table.strides
 
 
 def test_hypotheses_that_do_not_fit_are_refused_at_first_use(world, rng):
