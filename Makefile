@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check docs environment development sensor places robust-sensor independent-sensor policies figures reproduce clean
+.PHONY: search test check types others docs environment development sensor places robust-sensor independent-sensor policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse $(ARGS)
@@ -20,10 +20,16 @@ search: environment
 test: check
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
+# Types take as long as all other checks together, so these run beside them.
 check: development
+	@$(MAKE) --no-print-directory -j2 types others
+
+types:
+	$(BIN)/mypy
+
+others:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BUILD_DOCS)
 
@@ -39,17 +45,19 @@ development: $(VENV)/ready-dev
 
 INSTALL = $(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt $(PIP_ARGS) -e
 
-$(VENV)/ready: pyproject.toml constraints.txt
+$(VENV)/bin/python:
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || \
 		{ echo "Python 3.11 or newer is needed; say which: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/ready: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(INSTALL) . --no-compile
 	@$(BIN)/activetouch compare --help > /dev/null
 	@touch $@
 
-$(VENV)/ready-dev: $(VENV)/ready
+$(VENV)/ready-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	$(INSTALL) ".[dev]" --no-compile
-	@touch $@
+	@touch $(VENV)/ready $@
 
 # The shipped sensor of a scene from nothing: touches, reader, observation model; make sensor SCENE=coarse for another
 # (half an hour on two cores).

@@ -25,11 +25,12 @@ def folder(tmp_path):
 
 @pytest.mark.mujoco
 def test_the_command_runs_beside_own_folders_and_names_them(folder):
-    short = ("--episodes", "1", "--deciders", "threshold", "--targets", "cone", "--jobs", "2")
+    short = ("--scene", "coarse", "--fidelity", "quasistatic", "--episodes", "1", "--deciders", "threshold")
+    short += ("--targets", "cone", "--jobs", "2")
     done = run(folder, "-m", "activetouch", "compare", *short)
     assert done.returncode == 0, done.stderr
     assert f"{folder / 'planners'} and {folder / 'experiments'}: not used" in done.stderr
-    assert (folder / "runs" / "compare" / "report.html").exists()
+    assert (folder / "runs" / "compare-coarse" / "report.html").exists()
 
 
 def test_functions_that_need_a_hidden_package_name_the_folder(folder):

@@ -1,10 +1,8 @@
 """A user's own decider, scene and renderer run from the command line; the package is not touched."""
 
 import json
-import os
 import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -39,22 +37,12 @@ def episodes(folder):
     return [json.loads(line) for line in (folder / "episodes.jsonl").read_text().splitlines()]
 
 
-SHORT = ("--targets", "cube", "--episodes", "1", "--jobs", "1", "--out", "run")
+SHORT = ("--fidelity", "quasistatic", "--targets", "cube", "--episodes", "1", "--jobs", "1", "--out", "run")
 
 
-def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(tmp_path):
+def test_the_example_of_a_decider_is_compared_by_its_name_with_settings(activetouch, tmp_path):
     name = "own_decider:EveryPose(poses=2, confirm=0.99)"
-    shutil.copy(ROOT / "examples" / "own_decider.py", tmp_path)
-    subprocess.run(
-        [
-            *(sys.executable, "-m", "experiments.cli", "compare", "--scene", "coarse"),
-            *("--deciders", name, "random_confirm", *SHORT),
-        ],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        check=True,
-    )
+    activetouch("own_decider", "compare", "--scene", "coarse", "--deciders", name, "random_confirm", *SHORT)
     found = episodes(tmp_path / "run")
     assert [line["decider"] for line in found] == [name, "random_confirm"]
     assert found[0]["steps"][0]["action"] != found[1]["steps"][0]["action"]  # it probes, the other does not

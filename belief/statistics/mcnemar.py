@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import bdtr
 
 from belief.statistics.inputs import checked_outcomes
 
@@ -61,8 +62,8 @@ def mcnemar_test(first_correct: ArrayLike, second_correct: ArrayLike) -> McNemar
     fewer, discordant = min(first_only, second_only), first_only + second_only
     if discordant == 0:
         return McNemar(len(first), 0, 0, 1.0, 1.0)
-    from scipy import stats  # which takes a quarter of a second
-
-    p_value = float(stats.binomtest(fewer, discordant).pvalue)
-    seen = float(stats.binom.pmf(fewer, discordant, 0.5)) * (1 if first_only == second_only else 2)  # on both sides
-    return McNemar(len(first), first_only, second_only, p_value, p_value - seen / 2)
+    at_most = float(bdtr(fewer, discordant, 0.5))
+    below = float(bdtr(fewer - 1, discordant, 0.5)) if fewer else 0.0
+    if first_only == second_only:
+        return McNemar(len(first), first_only, second_only, 1.0, 1.0 - (at_most - below) / 2)
+    return McNemar(len(first), first_only, second_only, 2 * at_most, at_most + below)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from belief.files import atomic_path
 # Colour-blind safe (Okabe and Ito 2008).
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 INK = "#010203"
-"""Placeholder for the text colour; :func:`svg` replaces it by ``currentColor``."""
+"""Placeholder for the text colour, which is ``currentColor`` on pages."""
 STYLE: Any = {
     "font.size": 10.0,
     "font.family": "sans-serif",
@@ -49,23 +50,7 @@ def figure(size: tuple[float, float], *paths: Path, dpi: int = 130) -> Iterator[
         yield drawn
         for path in paths:
             with atomic_path(path) as temporary:
-                drawn.savefig(temporary, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else None)
-            drawn.set_layout_engine("none")  # all files have the layout of the first, which takes half of the time
-
-
-def svg(drawn: Figure, prefix: str = "") -> str:
-    """A figure as inline SVG; its text has the page's colour.
-
-    Args:
-        drawn: the figure.
-        prefix: prefix of its ids, unique on the page.
-    """
-    buffer = io.StringIO()
-    with matplotlib.rc_context(STYLE):
-        drawn.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :].replace(INK, "currentColor")
-    return re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{prefix}-", text) if prefix else text
+                temporary.write_bytes(_saved(drawn, path.suffix[1:], dpi))
 
 
 @dataclass(frozen=True)
@@ -88,11 +73,13 @@ class Picture:
 
     def inline(self) -> list[str]:
         """Every panel as SVG; the page shows the legend."""
+        if len(self.panels) == 1 and not self.legend:
+            return [_on_page(self._files["svg"], f"{self.name}0")]
         found = []
         for number, draw in enumerate(self.panels):
             with figure(self.size) as drawn:
                 draw(drawn.subplots())
-                found.append(svg(drawn, f"{self.name}{number}"))
+                found.append(_on_page(_saved(drawn, "svg"), f"{self.name}{number}"))
         return found
 
     def write(self, folder: Path) -> None:
@@ -101,12 +88,35 @@ class Picture:
         Raises:
             CannotWrite: The disk is full, or the folder is not writable.
         """
+        for suffix, content in self._files.items():
+            with atomic_path(folder / f"{self.name}.{suffix}") as temporary:
+                temporary.write_bytes(content)
+
+    @cached_property
+    def _files(self) -> dict[str, bytes]:
+        """All panels side by side with the legend, by suffix; drawn once, which takes most of the time of a report."""
         (width, height), count = self.size, len(self.panels)
         columns = 4 * count - 1 if count > 1 else 2
-        size = (max(width * count, 5.2), height + 0.3 * np.ceil(len(self.legend) / columns))
-        with figure(size, *(folder / f"{self.name}.{suffix}" for suffix in ("svg", "png"))) as drawn:
+        width = max(width * count, 5.2) if self.legend else width * count
+        with figure((width, height + 0.3 * np.ceil(len(self.legend) / columns))) as drawn:
             for draw, axes in zip(self.panels, drawn.subplots(1, count, squeeze=False)[0], strict=True):
                 draw(axes)
             if self.legend:
                 lines = [Line2D([], [], color=colour, linewidth=3) for colour in self.legend.values()]
                 drawn.legend(lines, list(self.legend), loc="outside upper center", ncols=columns, frameon=False)
+            return {suffix: _saved(drawn, suffix) for suffix in ("svg", "png")}
+
+
+def _saved(drawn: Figure, suffix: str, dpi: int = 130) -> bytes:
+    """A figure as the content of a file; once saved, it keeps its layout, which takes half of the time."""
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format=suffix, dpi=dpi, metadata={"Date": None} if suffix == "svg" else None)
+    drawn.set_layout_engine("none")
+    return buffer.getvalue()
+
+
+def _on_page(svg: bytes, prefix: str) -> str:
+    """A figure as inline SVG: without a background, its text in the page's colour, its ids unique on the page."""
+    text = svg.decode()
+    text = text[text.index("<svg") :].replace(INK, "currentColor").replace('"fill: #ffffff"', '"fill: none"')
+    return re.sub(r'( id="|href="#|url\(#)', rf"\g<1>{prefix}-", text)

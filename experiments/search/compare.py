@@ -23,6 +23,7 @@ from experiments.search.resume import play_missing, shard_sizes
 from experiments.search.run_folder import BOUND, ORACLE, RunFolder
 from experiments.search.setting import Setting, known_model, require_abstain
 from experiments.search.shards import made_by
+from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
 from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict_sentences
@@ -179,8 +180,10 @@ class Compare:
             )
             return None
         comparison, report, notes = self.report()
-        console.print(terminal_table(comparison, console.width).rich())
-        for sentence in [*verdict_sentences(comparison), *notes]:
+        names, said = short_names(comparison.deciders)
+        spoken = comparison.renamed(names)
+        console.print(terminal_table(spoken, console.width).rich())
+        for sentence in [*said, *verdict_sentences(spoken), *notes]:
             console.print(textwrap.fill(sentence, 78))
         console.print(f"report: {report}", soft_wrap=True)
         return comparison

@@ -23,6 +23,7 @@ from experiments.search.frames import Frame, action_words, replay
 from experiments.search.replay_figures import coloured
 from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting, load_sensor
+from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison
 from experiments.search.tables import comparison_tables
 from experiments.search.verdict import verdict_sentences
@@ -62,12 +63,14 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
     Raises:
         CannotWrite: The disk is full, or the folder is not writable.
     """
+    for table in comparison_tables(comparison):
+        table.write_csv(folder / "tables" / f"{table.name}.csv")
+    names, said = short_names(comparison.deciders)
+    comparison = comparison.renamed(names)
     drawn = {picture.name: picture for picture in pictures(comparison)}
     shown = {table.name: table for table in comparison_tables(comparison)}
     for picture in drawn.values():
         picture.write(folder / "figures")
-    for table in shown.values():
-        table.write_csv(folder / "tables" / f"{table.name}.csv")
     sections = [
         Section(
             title,
@@ -91,7 +94,7 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
         "report.html",
         comparison=comparison,
         composition=getattr(comparison.problem.composition, "value", comparison.problem.composition),
-        verdict=[*shift_sentences(setting.shift), *verdict_sentences(comparison)],
+        verdict=[*shift_sentences(setting.shift), *said, *verdict_sentences(comparison)],
         stories=stories,
         left_out=left_out,
         run=run.read_run(),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -154,6 +155,29 @@ class Comparison:
         problem = self.problem
         best = np.maximum(problem.prior_probs, problem.prior_absent_probs)
         return float(np.mean([best[problem.shape_labels.index(target)] for target in self.targets]))
+
+    def renamed(self, names: Mapping[str, str]) -> Comparison:
+        """The same comparison with other names of the deciders."""
+
+        def by_pair(found: Mapping[tuple[str, str], Any]) -> dict[tuple[str, str], Any]:
+            return {(names[decider], target): value for (decider, target), value in found.items()}
+
+        def by_name(found: Mapping[str, Any]) -> dict[str, Any]:
+            return {names[decider]: value for decider, value in found.items()}
+
+        return replace(
+            self,
+            episodes=by_pair(self.episodes),
+            cells=by_pair(self.cells),
+            differences=by_name(self.differences),
+            positions=by_name(self.positions),
+            calibration=by_name(self.calibration),
+            regret=by_name(self.regret),
+            gap=by_name(self.gap),
+            prob_best=by_name(self.prob_best),
+            selective=by_name(self.selective),
+            reference=names[self.reference],
+        )
 
     def of(self, decider: str) -> list[Episode]:
         """All episodes of a decider, target by target; every decider has the same ones in the same order."""

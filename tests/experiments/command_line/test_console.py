@@ -44,7 +44,7 @@ def test_no_command_prints_with_a_console_of_its_own():
 @pytest.mark.torch
 def test_a_comparison_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
     out = tmp_path / "[/green]" / "[bold]"
-    setting = Setting(SceneChoice("coarse"))
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"))
     Compare(deciders=("random_confirm",), targets=("cone",), episodes=1, setting=setting, out=out, jobs=1).run()
     assert "[/green]/[bold]" in capsys.readouterr().out
     assert (out / "report.html").exists()
@@ -55,6 +55,9 @@ def test_a_collection_in_a_folder_named_like_markup_ends_well(tmp_path, capsys):
     out = tmp_path / "[/green]"
     Collect(SceneChoice("coarse"), out=out, plan=PlanArguments(train=1, calibration=0, test=0), jobs=1).run()
     assert "[/green] is complete" in capsys.readouterr().out
+
+
+FEW = ("--targets", "cone", "--fidelity", "quasistatic", "--episodes", "1", "--jobs", "1")
 
 
 def run(arguments, where, **environment):
@@ -73,7 +76,7 @@ def run(arguments, where, **environment):
     "arguments",
     [
         ["compare", "--help"],
-        ["compare", "--scene", "coarse", "--deciders", "random_confirm", "--episodes", "1", "--jobs", "1"],
+        [*("compare", "--scene", "coarse", "--deciders", "random_confirm"), *FEW],
         ["touch", "--shape", "größe–λ"],
         ["nonsense–λ"],
     ],

@@ -19,7 +19,7 @@ from experiments.search.run_folder import ORACLE, RunFolder, ShardKey
 from experiments.search.setting import Setting
 from experiments.search.shards import ShardTask, WorkerMismatch, portrait
 
-COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=2)
+COARSE = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=1)
 SMALL = {
     "deciders": ("threshold", "random_confirm"),
     "targets": ("sphere",),

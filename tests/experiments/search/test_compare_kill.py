@@ -22,7 +22,7 @@ OPTIONS = [
     *SMALL["targets"],
     "--episodes",
     "60",
-    *("--scene", "coarse", "--fidelity", "quasistatic", "--num-objects", "2"),
+    *("--scene", "coarse", "--fidelity", "quasistatic", "--num-objects", "1"),
 ]
 
 
@@ -39,7 +39,7 @@ def shards(folder):
 
 
 def finish(folder):
-    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=2)
+    setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), num_objects=1)
     Compare(**SMALL, setting=setting, out=folder, jobs=1).play()
     return (folder / "episodes.jsonl").read_bytes()
 

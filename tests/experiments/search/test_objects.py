@@ -79,7 +79,7 @@ def command(folder, *deciders, **how):
         out=folder,
         jobs=1,
         setting=Setting(SceneChoice("coarse")),
-        **{"episodes": 2, **how},
+        **{"episodes": 1, **how},
     )
 
 
@@ -106,7 +106,7 @@ def test_python_and_the_command_line_play_the_same_episodes(folder, tmp_path):
     command(tmp_path / "command", *names).run()
     fixed = SequentialDecider(PosteriorThresholds(confirm=0.9), FixedOrder())
     deciders = {names[0]: fixed, names[1]: "own_parts:Mine(touches=3)"}
-    found = activetouch.compare("coarse", deciders, episodes=2, targets=["sphere"], out=tmp_path / "python", jobs=2)
+    found = activetouch.compare("coarse", deciders, episodes=1, targets=["sphere"], out=tmp_path / "python", jobs=2)
     assert found.deciders == list(names)
     for file in ("episodes.jsonl", "tables/returns.csv"):
         assert (tmp_path / "python" / file).read_bytes() == (tmp_path / "command" / file).read_bytes()
@@ -121,13 +121,13 @@ def test_a_scene_and_a_sensor_that_a_program_made_are_compared_in(tmp_path):
     found = activetouch.compare(
         replace(gel, scene=shifted, num_objects=2),
         ["random_confirm"],
-        episodes=2,
+        episodes=1,
         targets=["cone"],
         sensor=TactileSensor.shipped("coarse"),
         out=tmp_path,
         jobs=1,
     )
-    assert found.cells["random_confirm", "all"].num_episodes == 2
+    assert found.cells["random_confirm", "all"].num_episodes == 1
     line = json.loads((tmp_path / "episodes.jsonl").read_text().splitlines()[0])
     assert len(line["arrangement"]) == 2
 

@@ -87,7 +87,7 @@ FRAME = """<!doctype html><script>addEventListener("message", (event) => { docum
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
     """The report of a few searches."""
-    folder, setting = tmp_path_factory.mktemp("report"), Setting(SceneChoice(scene="coarse"))
+    folder, setting = tmp_path_factory.mktemp("report"), Setting(SceneChoice("coarse", fidelity="quasistatic"))
     comparison = Compare(
         deciders=("information_gain", "threshold"),
         targets=("cone",),

@@ -180,13 +180,13 @@ import numpy as np
 from experiments.search.run_folder import RunFolder, Seconds, Shard, ShardKey
 
 folder, order, lines = Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3].splitlines(keepends=True)
-for number in np.random.default_rng(order).permutation(30).tolist():
+for number in np.random.default_rng(order).permutation(20).tolist():
     RunFolder(folder).write(ShardKey("threshold", "hex-nut", number), Shard(lines, Seconds(1.0, 2.0, 3.0, 40), "v1"))
 """
 
 
 def test_two_writers_at_once_leave_every_shard_once_and_whole(tmp_path):
-    keys = [ShardKey("threshold", "hex-nut", number) for number in range(30)]
+    keys = [ShardKey("threshold", "hex-nut", number) for number in range(20)]
     folder = a_run(tmp_path, keys=())
     command = [sys.executable, "-c", WRITER, str(tmp_path)]
     writers = [subprocess.Popen([*command, order, "".join(LINES)], cwd=ROOT) for order in "01"]

@@ -1,0 +1,67 @@
+"""Every command line of README and docs is one that the command accepts as it stands."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from experiments.cli import REGISTRY, _parsed
+
+ROOT = Path(__file__).parent.parent
+PAGES = ["README.md", "CONTRIBUTING.md", *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/*.md"))]
+
+
+def command_lines(text):
+    """Command lines of shell blocks, and those in single backticks that leave nothing open."""
+    blocks = re.findall(r"```sh\n(.*?)```", text, flags=re.S)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    prose = re.sub(r"```.*?```", "", text, flags=re.S)
+    lines += [
+        " ".join(code.split()) for code in re.findall(r"`([^`]+)`", prose) if "…" not in code and "..." not in code
+    ]
+    lines = [f"activetouch {line}" if line.partition(" --")[0] in REGISTRY else line for line in lines]
+    return [line for line in lines if re.match(r"(activetouch|make|python (-m )?benchmarks)\b", line)]
+
+
+COMMANDS = sorted({(page, line) for page in PAGES for line in command_lines((ROOT / page).read_text())})
+
+
+def test_the_pages_hold_commands_of_every_group():
+    used = {line.split()[1] for _, line in COMMANDS if line.startswith("activetouch ") and len(line.split()) > 1}
+    assert len(used & set(REGISTRY)) >= 18
+
+
+@pytest.mark.parametrize("line", sorted({line for _, line in COMMANDS if line.startswith("activetouch ")}))
+def test_a_command_of_the_pages_is_accepted(line, capsys):
+    line = line.replace(" FORMAT", " csv").replace(" COMMAND", " compare")
+    name, *options = shlex.split(line, comments=True)[1:]
+    if not options or "--config" in options:  # which reads the file of a run
+        assert name in REGISTRY or name in ("--help", "--version")
+        return
+    try:
+        _parsed([name, *options])
+    except SystemExit as end:
+        said = capsys.readouterr().err
+        if end.code and not said.lstrip().startswith("Missing"):  # a page may name an option alone
+            pytest.fail(said)
+
+
+MAKE = (ROOT / "Makefile").read_text()
+
+
+@pytest.mark.parametrize("line", sorted({line for _, line in COMMANDS if line.startswith(("make", "python"))}))
+def test_a_target_or_an_option_that_the_pages_name_exists(line):
+    words = shlex.split(line, comments=True)
+    if words[0] == "make":
+        for word in words[1:]:
+            name, given, _ = word.partition("=")
+            assert re.search(
+                rf"^{re.escape(name)} *\??=|\$\({re.escape(name)}\)" if given else rf"^{name}:", MAKE, re.M
+            )
+        return
+    target = words[2] if words[1] == "-m" else words[1]
+    file = ROOT / (target.replace(".", "/") + ".py" if words[1] == "-m" else target)
+    source = file.read_text()
+    for option in re.findall(r"--[a-z-]+", line):
+        assert option in source or option[2:].replace("-", "_") in source, option
