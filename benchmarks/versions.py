@@ -23,6 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent.parent
 PER_ROUND, NUM_PRESSES = 48, 300
+SEARCH, SEARCHES, NUM_TARGETS = "searches of compare", 5, 4
 _PLAN = "--plan.train 250 --plan.calibration 1 --plan.test 1"
 COMMANDS = {
     "compare --scene many, 2 of 12 targets": "compare --scene many --episodes 25 --targets cone torus --out {out}",
@@ -58,6 +60,8 @@ def cases() -> dict[str, Callable[[int], object]]:
             found[f"{name}: quasistatic press and image"] = _press(replace(scene, press_model=Quasistatic()), things)
         images = np.stack([scene.press(thing, 0, rng).image for thing in things])
         found[f"{name}: one image read"] = _read(sensor, images)
+        if name != "paper":
+            found[f"{name}: {SEARCH}"] = _search(name)
     return found
 
 
@@ -73,16 +77,38 @@ def _read(sensor: Any, images: np.ndarray[Any, Any]) -> Callable[[int], object]:
     return lambda index: sensor.read(images[index : index + 1], [0])
 
 
+def _search(scene: str) -> Callable[[int], object]:
+    """Plays the searches of one target as ``activetouch compare`` does: its four deciders and the oracle."""
+    from experiments.scene_choice import SceneChoice
+    from experiments.search.oracle import solved_by_full_information
+    from experiments.search.setting import Setting, play_episodes
+
+    setting, numbers = Setting(SceneChoice(scene)), range(SEARCHES)
+
+    def play(target: int) -> None:
+        shared: list[Any] = []  # images of touches that several deciders make, in versions that keep them
+        with suppress(ImportError):
+            from experiments.search.touch_memo import TouchMemo
+
+            shared.append(TouchMemo())
+        for decider in ("point_based", "information_gain", "threshold", "random_confirm"):
+            play_episodes(setting, decider, target, 1, numbers, *shared)
+        solved_by_full_information(setting, target, 1, numbers, *shared)
+
+    return play
+
+
 def serve() -> None:
     """Time a case for each line of the standard input, and answer with milliseconds per call."""
     known = cases()
     print("|".join(known), flush=True)
     for line in sys.stdin:
-        function = known[line.strip()]
+        name = line.strip()
+        number = NUM_TARGETS if SEARCH in name else PER_ROUND
         started = time.process_time()
-        for index in range(PER_ROUND):
-            function(index)
-        print(1e3 * (time.process_time() - started) / PER_ROUND, flush=True)
+        for index in range(number):
+            known[name](index)
+        print(1e3 * (time.process_time() - started) / number, flush=True)
 
 
 def press_all() -> None:
