@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.ticker import NullFormatter
 
 from experiments.reporting.style import INK, PALETTE, Picture
 from experiments.search.selective import RANKINGS
@@ -191,7 +190,9 @@ def _whiskers(
 def _plain_numbers(axis: Axis) -> None:
     """Label a logarithmic axis with 0.01, not with powers, which take a tenth of a report's time to typeset."""
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter(NullFormatter())
+    low, high = axis.get_view_interval()
+    between = "235" if high < 10 * low else ""  # also 0.2, 0.3 and 0.5 where less than a decade is shown
+    axis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in between else "")
 
 
 def _style(index: int) -> dict[str, Any]:
