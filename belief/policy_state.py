@@ -1,7 +1,8 @@
-"""State vectors of learned policies: the paper's state, and a state with the posterior.
+"""State vectors of learned policies: the paper's state, and states with the posterior.
 
 The paper's state holds the classifier's last output, the last action and the time (paper §5.8). The posterior state
-holds the posterior over shapes, the number of touches in each pose and the time.
+holds the posterior over shapes, the number of touches in each pose and the time. Sensors of one rigid body also know
+what the next touch tells: the gains state has the expected gain of each pose, and the goal state the target, too.
 
 >>> here = Situation(
 ...     frame_probs=np.array([[0.7, 0.3]]),
@@ -14,6 +15,10 @@ holds the posterior over shapes, the number of touches in each pose and the time
 [[0.7, 0.3, 0.0, 1.0, 0.0, 0.0, 0.5]]
 >>> posterior_state(here, target=0).round(2).tolist()             # posterior, certainty, uses, time
 [[0.9, 0.1, 0.5, 0.0, 0.67, 0.5]]
+>>> from dataclasses import replace
+>>> known = replace(here, gains=np.log([[2.0, 1.0]]))
+>>> goal_state(known, target=0)[:, 6:].round(2).tolist()           # after the posterior state: gains, target
+[[1.0, 0.0, 1.0, 0.0]]
 """
 
 from __future__ import annotations
@@ -24,15 +29,26 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import xlogy
 
+from belief.errors import ActiveTouchError
+from belief.observation_model.evidence import ObjectEvidence
 from belief.problem import Floats
 
 TOUCH_LIMIT = 12
 """T_max, default limit of touches per object; the paper gives no number."""
 NO_ACTION = -1
 """Value of ``previous`` before the first action."""
+GAIN_OUTCOMES, GAIN_HYPOTHESES = 128, 64
+"""Outcomes and hypotheses of each shape, at most, by which :func:`expected_gains` are computed."""
+GOAL, WITH_GAINS = "goal", ("gains", "goal")
+"""The state that has the target; the states that have gains."""
 _SCALE = 4.0  # log-odds of 4 (55 to 1) become tanh 1 = 0.76
+
+
+class NoGains(ActiveTouchError, ValueError):
+    """A state needs the expected gain of each pose, and the evidence has none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +61,8 @@ class Situation:
         previous: last action, ``(B,)``: a pose, P for CONFIRM, P + 1 for REJECT, :data:`NO_ACTION` for none.
         uses: touches of the current object in each pose, ``(B, P)``.
         time: number of touches divided by the touch limit, ``(B,)``.
+        gains: expected information of the next touch in each pose about the target [nats], ``(B, P)``; None if no state
+            needs it.
     """
 
     frame_probs: Floats
@@ -52,6 +70,7 @@ class Situation:
     previous: NDArray[np.int64]
     uses: NDArray[np.int64]
     time: Floats
+    gains: Floats | None = None
 
 
 def frame_probs(logits: NDArray[np.floating]) -> Floats:
@@ -66,14 +85,14 @@ def frame_probs(logits: NDArray[np.floating]) -> Floats:
     return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
 
 
-def paper_state(situation: Situation, target: int) -> Floats:
+def paper_state(situation: Situation, target: ArrayLike) -> Floats:
     """The paper's ``[p_t, e(a_{t-1}), t/T_max]`` (§5.8), ``(B, K + P + 3)``, in [0, 1]; ``target`` has no effect."""
     num_actions = situation.uses.shape[1] + 2
     one_hot = (situation.previous[:, None] == np.arange(num_actions)).astype(np.float64)
     return np.concatenate([situation.frame_probs, one_hot, situation.time[:, None]], axis=1)
 
 
-def posterior_state(situation: Situation, target: int) -> Floats:
+def posterior_state(situation: Situation, target: ArrayLike) -> Floats:
     """Posterior, :func:`certainty` of the target, n/(n + 1) for the n uses of each pose, and time; in [-1, 1].
 
     Returns:
@@ -84,17 +103,101 @@ def posterior_state(situation: Situation, target: int) -> Floats:
     return np.concatenate([np.exp(situation.log_probs), sure, worn, situation.time[:, None]], axis=1)
 
 
-def certainty(log_probs: Floats, target: int) -> Floats:
+def gains_state(situation: Situation, target: ArrayLike) -> Floats:
+    """:func:`posterior_state`, and the gain of each pose as a fraction of one bit; in [-1, 1].
+
+    Returns:
+        ``(B, K + 2 P + 2)``.
+
+    Raises:
+        NoGains: the situation has no gains.
+
+    >>> half = np.array([[0.5, 0.5]])
+    >>> here = Situation(half, np.log(half), np.array([NO_ACTION]), np.array([[0]]), np.zeros(1), np.array([[0.5]]))
+    >>> gains_state(here, target=0).round(2).tolist()                        # the gain last: 0.5 nats of 0.69
+    [[0.5, 0.5, 0.0, 0.0, 0.0, 0.72]]
+    """
+    if situation.gains is None:
+        raise NoGains("this state needs the expected gain of each pose: give the situation its gains")
+    return np.concatenate([posterior_state(situation, target), situation.gains / np.log(2.0)], axis=1)
+
+
+def goal_state(situation: Situation, target: ArrayLike) -> Floats:
+    """:func:`gains_state`, and the target, one-hot: the state of one policy for all targets, ``(B, 2 K + 2 P + 2)``."""
+    is_target = np.asarray(target)[..., None] == np.arange(situation.log_probs.shape[1])
+    goals = np.broadcast_to(is_target, situation.log_probs.shape).astype(np.float64)
+    return np.concatenate([gains_state(situation, target), goals], axis=1)
+
+
+def certainty(log_probs: Floats, target: ArrayLike) -> Floats:
     """tanh(ℓ/4) of the target's log-odds ℓ, ``(...)``: -1 for certainly another shape, 1 for certainly the target.
+
+    Args:
+        log_probs: ``(..., K)``.
+        target: index of one target for all rows, or of each, ``(...)``.
 
     >>> certainty(np.log([[0.5, 0.5], [0.99, 0.01]]), target=0).round(2).tolist()
     [0.0, 0.82]
     """
-    others = np.delete(log_probs, target, axis=-1)
-    return np.asarray(np.tanh((log_probs[..., target] - np.logaddexp.reduce(others, axis=-1)) / _SCALE))
+    is_target = np.asarray(target)[..., None] == np.arange(log_probs.shape[-1])
+    own = np.where(is_target, log_probs, 0.0).sum(axis=-1)
+    others = np.logaddexp.reduce(np.where(is_target, -np.inf, log_probs), axis=-1)
+    return np.asarray(np.tanh((own - others) / _SCALE))
 
 
-Encoding: TypeAlias = Callable[[Situation, int], Floats]
+def expected_gains(evidence: ObjectEvidence | None, log_probs: Floats, target: int) -> Floats:
+    """Expected information of the next touch in each pose about "this is the target" [nats], ``(P,)``.
 
-ENCODINGS: Mapping[str, Encoding] = MappingProxyType({"paper": paper_state, "posterior": posterior_state})
+    It is what the decider ``information_gain`` chooses by.
+
+    Args:
+        evidence: about the current object.
+        log_probs: log posterior of the object, ``(K,)``.
+        target: index.
+
+    Raises:
+        NoGains: the evidence does not know what the next touch tells.
+
+    >>> expected_gains(None, np.log([0.5, 0.5]), 0)                          # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    belief.policy_state.NoGains: the gain of each pose needs a sensor whose belief is about one rigid body...
+    """
+    mixture = None if evidence is None else evidence.outcome_mixture(GAIN_OUTCOMES, GAIN_HYPOTHESES)
+    if mixture is None:
+        raise NoGains(
+            "the gain of each pose needs a sensor whose belief is about one rigid body, such as the shipped sensor of "
+            "a scene; sensors of independent touches have the states 'paper' and 'posterior'"
+        )
+    return target_gains(np.exp(log_probs), mixture.table.probs, target)
+
+
+def target_gains(probs: Floats, tables: NDArray[np.floating], target: ArrayLike) -> Floats:
+    """Mutual information of "this is the target" and the outcome in each pose [nats], of rows with tables of their own.
+
+    Args:
+        probs: belief, ``(..., K)``.
+        tables: p(outcome | pose, shape), ``(..., P, K, M)``.
+        target: index of one target for all rows, or of each, ``(...)``.
+
+    Returns:
+        ``(..., P)``, in [0, log 2].
+
+    >>> target_gains(np.array([0.5, 0.5]), np.array([np.eye(2), np.full((2, 2), 0.5)]), 0).round(3).tolist()
+    [0.693, 0.0]
+    """
+    is_target = (np.asarray(target)[..., None] == np.arange(probs.shape[-1])).astype(np.float64)
+    shares = np.stack([probs * is_target, probs * (1.0 - is_target)], axis=-2)  # (..., 2, K)
+    joint = shares[..., None, :, :] @ tables  # (..., P, 2, M)
+    known, total = xlogy(joint, joint).sum(axis=(-2, -1)), joint.sum(axis=-2)
+    sides = shares.sum(axis=-1)
+    gains = known - xlogy(total, total).sum(axis=-1) - xlogy(sides, sides).sum(axis=-1)[..., None]
+    return np.asarray(np.clip(gains, 0.0, np.log(2.0)))
+
+
+Encoding: TypeAlias = Callable[[Situation, ArrayLike], Floats]
+
+ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
+    {"paper": paper_state, "posterior": posterior_state, "gains": gains_state, "goal": goal_state}
+)
 """State encodings by name."""

@@ -26,6 +26,7 @@ from activetouch.world import (
     sensor_shift,
 )
 from belief.errors import ActiveTouchError
+from belief.policy_state import WITH_GAINS
 from experiments.scene_choice import (
     SceneChoice,
     bank_folder,
@@ -90,14 +91,22 @@ def sensor_commands(choice: SceneChoice) -> str:
     )
 
 
-def policy_commands(scene: str, sensor: Path) -> str:
-    """The commands that train policies for a sensor and copy them into its folder, one per line."""
+def policy_commands(scene: str, sensor: Path, state: str | None = None) -> str:
+    """The commands that train policies for a sensor and copy them into its folder, one per line.
+
+    Args:
+        scene: name of the scene.
+        sensor: folder of the sensor.
+        state: of the policies, for one that needs a bank of its own (:data:`belief.policy_state.WITH_GAINS`).
+    """
     repeats, bank, out = repeats_folder(scene), bank_folder(scene), Path(f"runs/ppo-{scene}")
+    if state in WITH_GAINS:
+        bank, out = (path.with_name(f"{path.name}-joint") for path in (bank, out))
     return "\n".join(
         (
             command("collect", "--scene", scene, *REPEATS, out=repeats),
             command("touch-bank", scene=scene, data=repeats, sensor=sensor, out=bank),
-            command("train-ppo", scene=scene, bank=bank, sensor=sensor, out=out),
+            command("train-ppo", scene=scene, bank=bank, sensor=sensor, recipes=state, out=out),
             shlex.join(["cp", "-r", str(out / POLICIES), str(sensor)]),
         )
     )
@@ -116,11 +125,16 @@ def require_policies(decider: str, targets: Sequence[str], scene: str, sensor: P
         MissingPolicy: There is no policy for a target; the message names the commands that train it.
         BadPolicy: A policy is damaged or belongs to another decider.
     """
+    state = trained_state(decider)
     try:
-        if (state := trained_state(decider)) is not None:
+        if state is not None:
             for target in targets:
                 load_ppo_policy(sensor / POLICIES, state, target)
     except (MissingPolicy, BadPolicy) as error:
+        if state in WITH_GAINS:
+            raise type(error)(
+                f"{error}. To train policies for a sensor of one rigid body:\n{policy_commands(scene, sensor, state)}"
+            ) from error
         ready = independent_sensor(scene)
         if ready != sensor and (ready / POLICIES).is_dir():
             raise type(error)(f"{error}. The sensor {ready.name} has policies: add --sensor {ready.name}") from error

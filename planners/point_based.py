@@ -11,6 +11,9 @@ pose is chosen by one exact step of look-ahead. The value of a repeated pose is 
 touch's information that a repeat adds:
 
     Q(p) = -λ + w_p ∑_o p(o | b, p) V_{t+1}(b_o) + (1 - w_p) V_{t+1}(b)
+
+With ``given="body"`` and a belief about one rigid body, p(o | b, p) is that of the next touch given the touches so far,
+which tells more than a first touch: how the object lies is then partly known (decision 0059).
 """
 
 from __future__ import annotations
@@ -18,13 +21,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from belief import Composition, Confirm, Probe, Reject, SearchProblem
+from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
+from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
 from planners.solve.plan_cache import solve_once
@@ -47,11 +53,21 @@ class PointBased:
         table: p(outcome | pose, shape).
         repeats: discounts the value of repeated poses.
         rounds: number of simulated searches in each round of planning.
+        given: "shape" for the table of first touches, or "body" for what the evidence says of the next touch, where it
+            is about one rigid body (decision 0059).
+
+    Raises:
+        InvalidArgument: ``given`` is something else.
     """
 
     table: OutcomeTable
     repeats: RepeatDiscount = field(default_factory=LeastUsedFirst)
     rounds: Sequence[int] = ROUNDS
+    given: Literal["body", "shape"] = "shape"
+
+    def __post_init__(self) -> None:
+        if self.given not in ("body", "shape"):
+            raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
         """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
@@ -84,11 +100,18 @@ class PointBased:
         reject = float(values[vectors.actions == num_poses + 1].max())
         scores = {"target_prob": info.target_prob, "value": value, "value_confirm": confirm, "value_reject": reject}
         stop = Decision(Confirm() if confirm > reject else Reject(), scores)
-        if vectors.actions[best] >= num_poses or _all_touches_used(info):
+        if _all_touches_used(info):
             return stop
-        if touches == 0:
-            return Decision(Probe(int(vectors.actions[best])), scores)
-        probes = policy.probe_values(number, belief, touches, self.repeats.weights(info.uses))
+        evidence = None if self.given == "shape" else info.evidence
+        mixture = None if evidence is None else evidence.outcome_mixture(OUTCOMES, HYPOTHESES)
+        if mixture is None:
+            if vectors.actions[best] >= num_poses:
+                return stop
+            if touches == 0:
+                return Decision(Probe(int(vectors.actions[best])), scores)
+            probes = policy.probe_values(number, belief, touches, self.repeats.weights(info.uses))
+        else:
+            probes = policy.probe_values(number, belief, touches, np.ones(num_poses), mixture.table.probs)
         scores |= {
             f"value_{label}": float(q) for label, q in zip(problem.pose_labels, probes, strict=True) if q > -np.inf
         }

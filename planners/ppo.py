@@ -1,4 +1,4 @@
-"""Searching by trained policies (paper §5.8): one network a target, run by numpy alone.
+"""Searching by trained policies (paper §5.8): one network a target or one for all, run by numpy alone.
 
 A policy is a small multilayer perceptron in one safetensors file: float32 weights, and in the header a card and a
 SHA-256 of it all. Loading runs no code from the file.
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from belief import Confirm, Probe, Reject
 from belief.errors import ActiveTouchError, CorruptFile
 from belief.files import array_digest, sealed_json, unsealed_json
-from belief.policy_state import ENCODINGS, NO_ACTION, Situation, frame_probs
+from belief.policy_state import ENCODINGS, GOAL, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
 
@@ -47,7 +47,7 @@ class PolicyCard:
 
     Attributes:
         state: what it sees, a key of :data:`belief.policy_state.ENCODINGS`.
-        target: shape it looks for.
+        target: shape it looks for; empty for one that observes the target (the state "goal").
         shape_labels, pose_labels: of the scene it was trained on.
         touch_limit: T_max, touches of one object.
         training: how it was trained, for people.
@@ -80,7 +80,8 @@ class Policy:
 
     def __post_init__(self) -> None:
         card, num_shapes, num_poses = self.card, len(self.card.shape_labels), len(self.card.pose_labels)
-        if card.state not in ENCODINGS or card.target not in card.shape_labels or card.touch_limit < 1:
+        knows_target = card.target == "" if card.state == GOAL else card.target in card.shape_labels
+        if card.state not in ENCODINGS or not knows_target or card.touch_limit < 1:
             raise BadPolicy(f"a policy needs a known state, a target among its shapes and a touch limit, got {card}")
         one = Situation(
             np.full((1, num_shapes), 1.0 / num_shapes),
@@ -88,6 +89,7 @@ class Policy:
             np.array([NO_ACTION]),
             np.zeros((1, num_poses), np.int64),
             np.zeros(1),
+            np.zeros((1, num_poses)),
         )
         sizes = [ENCODINGS[card.state](one, 0).shape[1]]
         for weight, bias in zip(self.weights, self.biases, strict=True):
@@ -151,10 +153,10 @@ class Policy:
 def policy_file(state: str, target: str) -> str:
     """Name of a policy's file in its folder.
 
-    >>> policy_file("paper", "cone")
-    'paper-cone.safetensors'
+    >>> policy_file("paper", "cone"), policy_file("goal", "cone")
+    ('paper-cone.safetensors', 'goal.safetensors')
     """
-    return f"{state}-{target}.safetensors"
+    return f"{state}.safetensors" if state == GOAL else f"{state}-{target}.safetensors"
 
 
 def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
@@ -177,7 +179,7 @@ def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:
         policy = Policy.from_bytes(path.read_bytes())
     except BadPolicy as error:
         raise BadPolicy(f"{path}: {error}") from error
-    if (policy.card.state, policy.card.target) != (state, target):
+    if (policy.card.state, policy.card.target) != (state, "" if state == GOAL else target):
         raise BadPolicy(f"{path} is for the target {policy.card.target!r} and the state {policy.card.state!r}")
     return policy
 
@@ -240,7 +242,10 @@ class PPODecider:
 
     def scores(self, info: InformationState, policy: Policy) -> Floats:
         """What a policy thinks of the poses, CONFIRM and REJECT, ``(P + 2,)``."""
-        situation = situation_of(info.history, info.belief.log_probs, info.problem.num_poses, policy.card.touch_limit)
+        log_probs = info.belief.log_probs
+        situation = situation_of(info.history, log_probs, info.problem.num_poses, policy.card.touch_limit)
+        if self.state in WITH_GAINS:
+            situation = replace(situation, gains=expected_gains(info.evidence, log_probs, info.target)[None])
         return np.asarray(policy.scores(ENCODINGS[self.state](situation, info.target))[0])
 
 

@@ -81,9 +81,14 @@ def _pomcp(table: OutcomeTable, simulations: int = 1000) -> Decider:
     return decider
 
 
-def _point_based(table: OutcomeTable, model: ObservationModel | None, rounds: Sequence[int] = ROUNDS) -> Decider:
+def _point_based(
+    table: OutcomeTable,
+    model: ObservationModel | None,
+    rounds: Sequence[int] = ROUNDS,
+    given: Literal["body", "shape"] = "shape",
+) -> Decider:
     """Point-based value iteration on the whole search: the default planner."""
-    return PointBased(table, repeat_discount(model), rounds)
+    return PointBased(table, repeat_discount(model), rounds, given)
 
 
 def _value_of_one_touch(table: OutcomeTable, model: ObservationModel | None, max_touches: int | None = None) -> Decider:
@@ -106,6 +111,16 @@ def _ppo(policies: Path | None) -> Decider:
 def _ppo_posterior(policies: Path | None) -> Decider:
     """PPO policies on the posterior, one per target."""
     return PPODecider(policies, "posterior")
+
+
+def _ppo_gains(policies: Path | None) -> Decider:
+    """PPO policies on the joint belief and the gain of each pose, one per target."""
+    return PPODecider(policies, "gains")
+
+
+def _ppo_goal(policies: Path | None) -> Decider:
+    """One PPO policy for all targets, on the joint belief and the gain of each pose."""
+    return PPODecider(policies, "goal")
 
 
 def confident_ppo(policies: Path | None, confirm: float = 0.99, reject: float = 0.01, max_touches: int = 12) -> Decider:
@@ -173,6 +188,8 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
         ),
         "ppo": _ppo,
         "ppo_posterior": _ppo_posterior,
+        "ppo_gains": _ppo_gains,
+        "ppo_goal": _ppo_goal,
         "ppo_confident": confident_ppo,
         "pouct": _pouct,
         "pomcp": _pomcp,
@@ -181,7 +198,9 @@ DECIDERS: Mapping[str, Builder] = MappingProxyType(
 )
 """Builders of deciders by name."""
 
-TRAINED: Mapping[str, str] = MappingProxyType({"ppo": "paper", "ppo_posterior": "posterior", "ppo_confident": "paper"})
+TRAINED: Mapping[str, str] = MappingProxyType(
+    {"ppo": "paper", "ppo_posterior": "posterior", "ppo_gains": "gains", "ppo_goal": "goal", "ppo_confident": "paper"}
+)
 """Deciders that follow trained policies, with the state of these (a key of :data:`belief.policy_state.ENCODINGS`)."""
 
 NEED_FILES: frozenset[str] = frozenset({*TRAINED, "best_order"})

@@ -15,7 +15,7 @@ from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, RecordedPre
 from activetouch.world import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, TouchHistory
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
-from belief.policy_state import NO_ACTION, Situation, frame_probs, paper_state
+from belief.policy_state import NO_ACTION, Situation, expected_gains, frame_probs, paper_state
 from belief.seeding import arrangement_rng, checked_key, touch_rng
 
 State = NDArray[np.float32]
@@ -109,6 +109,15 @@ class TouchEnv(gymnasium.Env[State, int]):
             np.bincount(poses, minlength=problem.num_poses)[None],
             np.array([self._num_touches / problem.touch_limit]),
         )
+
+    @property
+    def gains(self) -> NDArray[np.float64]:
+        """Expected information of the next touch in each pose about the target [nats], ``(P,)``.
+
+        Raises:
+            NoGains: the observation model is none of one rigid body.
+        """
+        return expected_gains(self._scene.evidence(self._object_index), self.belief.log_probs, self.target)
 
     def observe(self, state: NDArray[np.float64]) -> State:
         """The observation ``(S,)`` from an encoded situation ``(1, S)``."""

@@ -7,13 +7,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from activetouch.envs.base import BadOption
+from activetouch.envs.joint_evidence import JointBankEvidence, weighed_touches
 from activetouch.envs.priors import ObjectPriors, TargetProb
-from activetouch.envs.running_evidence import evidence_of
+from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
 from belief.bayes import update
 from belief.errors import UnknownName
 from belief.observation_model import ArrayModel
-from belief.policy_state import ENCODINGS, NO_ACTION, TOUCH_LIMIT, Situation, certainty, frame_probs
+from belief.policy_state import (
+    ENCODINGS,
+    GOAL,
+    NO_ACTION,
+    TOUCH_LIMIT,
+    WITH_GAINS,
+    Situation,
+    certainty,
+    frame_probs,
+)
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -32,12 +43,12 @@ class BankEpisodes:
     """B parallel episodes of :class:`activetouch.envs.object_test.ObjectTestEnv` on recorded touches.
 
     The first R touches of an object in a pose come from R different rounds of the bank, starting at a random one; then
-    the rounds repeat.
+    the rounds repeat. With gains they start at the first, so that equal touches, which take long to weigh, come again.
 
     Args:
         bank: the touches.
         model: the observation model.
-        target: label of the target shape.
+        target: label of the target shape; None to draw one for every episode, which the state "goal" observes.
         num_envs: B.
         state: encoding of the observations, a key of :data:`belief.policy_state.ENCODINGS`.
         touch_cost: λ.
@@ -48,19 +59,22 @@ class BankEpisodes:
 
     Attributes:
         objects: index of each episode's object in the bank, ``(B,)``.
+        targets: index of its target shape, ``(B,)``.
         uses: number of its touches in each pose, ``(B, P)``.
         log_probs: its log posterior, ``(B, K)``.
 
     Raises:
         UnknownName: the target or the state is unknown.
+        BadOption: a target is drawn and not observed, or the other way round.
         LabelMismatch: bank and model have different shapes or poses.
+        NoGains: the state has gains, and the model is no joint model or the bank has no features.
     """
 
     def __init__(
         self,
         bank: TouchBank,
         model: ArrayModel,
-        target: str,
+        target: str | None,
         num_envs: int,
         state: str = "paper",
         touch_cost: float = 0.02,
@@ -69,28 +83,38 @@ class BankEpisodes:
         beta: float = 0.0,
         discount: float = 1.0,
     ) -> None:
-        if target not in bank.shape_labels:
+        if target is not None and target not in bank.shape_labels:
             raise UnknownName("target", target, list(bank.shape_labels))
         if state not in ENCODINGS:
             raise UnknownName("state", state, list(ENCODINGS))
+        if (target is None) != (state == GOAL):
+            raise BadOption(f"the state {GOAL!r} goes with target=None, got {state!r} and target={target!r}")
         bank.require_labels(model.shape_labels, model.num_poses)
         self.bank, self.num_envs, self.touch_limit, self.state = bank, num_envs, touch_limit, state
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
-        self.num_poses, self.target = len(bank.pose_labels), bank.shape_labels.index(target)
+        self.num_poses = len(bank.pose_labels)
+        only = 0 if target is None else bank.shape_labels.index(target)
+        self.targets, self._draws_target = np.full(num_envs, only), target is None
         self._encode, self._touch_cost, self._beta, self._discount = ENCODINGS[state], touch_cost, beta, discount
-        self._priors = ObjectPriors.of(len(bank.shape_labels), self.target, target_prob)
+        self._priors = ObjectPriors.of(len(bank.shape_labels), only, target_prob)
         self._of_shape = [np.flatnonzero(bank.shapes == shape) for shape in range(len(bank.shape_labels))]
         self._frames = frame_probs(bank.logits)  # (N, R, P, K)
-        self._evidence = evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
+        self._evidence: BankEvidence = (
+            JointBankEvidence(weighed_touches(bank, model), num_envs, touch_limit)
+            if state in WITH_GAINS
+            else evidence_of(bank.logits, model, num_envs, touch_limit, bank.features)
+        )
         shape = (num_envs, len(bank.shape_labels))
         self.objects, self.uses = np.zeros(num_envs, np.int64), np.zeros((num_envs, self.num_poses), np.int64)
         self._log_priors = np.tile(np.log(self._priors.probs(self._priors.middle)), (num_envs, 1))
         self.log_probs = self._log_priors.copy()
+        self._gains = np.zeros((num_envs, self.num_poses))
         self._first_rounds = np.zeros_like(self.uses)
         self._frame_probs = np.full(shape, 1.0 / shape[1])
         self._previous = np.full(num_envs, NO_ACTION)
         self._num_touches = np.zeros(num_envs, np.int64)
-        self._potential = self._potential_of(self.log_probs)
+        self._potential = self._potential_of(np.arange(num_envs))
+        self._ask_gains(np.arange(num_envs))
 
     @property
     def num_touches(self) -> Ints:
@@ -105,26 +129,29 @@ class BankEpisodes:
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The state of the episodes, by name; writing into these arrays restores a state."""
-        names = ("objects", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
-        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential")}
+        names = ("objects", "targets", "uses", "log_probs", "_log_priors", "_first_rounds", "_frame_probs", "_previous")
+        own = {name.lstrip("_"): getattr(self, name) for name in (*names, "_num_touches", "_potential", "_gains")}
         return own | {f"evidence.{name}": array for name, array in self._evidence.arrays.items()}
 
     def reset(self, rows: Ints, rng: np.random.Generator) -> None:
         """Start new random episodes in these rows."""
+        if self._draws_target:
+            self.targets[rows] = rng.integers(len(self._of_shape), size=len(rows))
         target_probs = self._priors.draw(rng, len(rows))
-        shapes = _choose(self._priors.probs(target_probs), rng)
+        shapes = _choose(self._priors.probs(target_probs, self.targets[rows]), rng)
         place = rng.random(len(rows))
         objects = np.empty(len(rows), np.int64)
         for shape, members in enumerate(self._of_shape):
             here = shapes == shape
             objects[here] = members[(place[here] * len(members)).astype(np.int64)]
-        first_rounds = rng.integers(self.bank.num_rounds, size=(len(rows), self.num_poses))
+        starts = 1 if self.state in WITH_GAINS else self.bank.num_rounds
+        first_rounds = rng.integers(starts, size=(len(rows), self.num_poses))
         self.begin(rows, objects, first_rounds, target_probs)
 
     def begin(
         self, rows: Ints, objects: Ints, first_rounds: Ints | int = 0, target_probs: ArrayLike | None = None
     ) -> None:
-        """Start episodes with given objects.
+        """Start episodes with given objects, and the targets that :attr:`targets` holds.
 
         Args:
             rows: of the batch, ``(n,)``.
@@ -133,22 +160,24 @@ class BankEpisodes:
             target_probs: priors of the target, ``(n,)``; by default the middle of the range.
         """
         start = self._priors.middle if target_probs is None else target_probs
-        self._log_priors[rows] = np.log(self._priors.probs(start))
+        probs = np.broadcast_to(np.asarray(start, np.float64), (len(rows),))
+        self._log_priors[rows] = np.log(self._priors.probs(probs, self.targets[rows]))
         self.objects[rows], self._first_rounds[rows] = objects, first_rounds
         self.uses[rows] = 0
         self.log_probs[rows], self._frame_probs[rows] = self._log_priors[rows], 1.0 / self.log_probs.shape[1]
         self._previous[rows], self._num_touches[rows] = NO_ACTION, 0
-        self._potential[rows] = self._potential_of(self.log_probs[rows])
+        self._potential[rows] = self._potential_of(rows)
         self._evidence.forget(rows)
+        self._ask_gains(rows)
 
     def situation(self) -> Situation:
         """The inputs of a policy."""
         time = self._num_touches / self.touch_limit
-        return Situation(self._frame_probs, self.log_probs, self._previous, self.uses, time)
+        return Situation(self._frame_probs, self.log_probs, self._previous, self.uses, time, self._gains)
 
     def observe(self) -> NDArray[np.float32]:
         """The observations, ``(B, S)``."""
-        return self._encode(self.situation(), self.target).astype(np.float32)
+        return self._encode(self.situation(), self.targets).astype(np.float32)
 
     def action_masks(self) -> Bools:
         """Valid actions, ``(B, P + 2)``."""
@@ -163,11 +192,11 @@ class BankEpisodes:
         rows = np.flatnonzero(allowed)
         if rows.size:
             self._touch(rows, actions[rows])
-        is_target = self._shapes[self.objects] == self.target
+        is_target = self._shapes[self.objects] == self.targets
         success = ~probes & ((actions == self.num_poses) == is_target)
         reward = np.where(probes, -self._touch_cost, np.where(success, 1.0, -1.0))
         if self._beta:
-            potential = np.where(probes, self._potential_of(self.log_probs), 0.0)
+            potential = np.where(probes, self._potential_of(np.arange(self.num_envs)), 0.0)
             reward = reward + self._beta * (self._discount * potential - self._potential)
             self._potential = potential
         self._previous = np.where(probes & ~allowed, self._previous, actions)
@@ -181,9 +210,15 @@ class BankEpisodes:
         self.uses[rows, poses] += 1
         self._num_touches[rows] += 1
         self.log_probs, _ = update(self._log_priors, self._evidence.log_likelihoods())
+        self._ask_gains(rows)
 
-    def _potential_of(self, log_probs: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.abs(certainty(log_probs, self.target))
+    def _ask_gains(self, rows: Ints) -> None:
+        """Set the gains of rows that were touched or begun."""
+        if isinstance(self._evidence, JointBankEvidence):
+            self._gains[rows] = self._evidence.gains(rows, self.log_probs[rows], self.targets[rows])
+
+    def _potential_of(self, rows: Ints) -> NDArray[np.float64]:
+        return np.abs(certainty(self.log_probs[rows], self.targets[rows]))
 
 
 def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:

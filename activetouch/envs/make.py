@@ -13,7 +13,7 @@ from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import Touches
 from activetouch.envs.vector import BankVectorEnv
-from activetouch.envs.wrappers import PosteriorState
+from activetouch.envs.wrappers import GainState, PosteriorState
 from activetouch.world import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief.errors import UnknownName
 from belief.policy_state import TOUCH_LIMIT
@@ -59,7 +59,7 @@ def vector_test(
         touch_cost: λ.
         touch_limit: T_max.
         target_prob: prior of the target, or a range from which every test draws its own.
-        state: ``"paper"`` or ``"posterior"``, the observation.
+        state: ``"paper"`` or ``"posterior"``, the observation; with live touches of one rigid body also ``"gains"``.
         touches: another source of touches; tests are then played one after the other.
         render_mode: None or ``"rgb_array"``, with which presses are live, because recorded touches have no picture.
         max_episode_steps: at least ``touch_limit + 1``; a test ends by itself.
@@ -74,7 +74,7 @@ def vector_test(
             f"max_episode_steps={touch_limit + 1} or more"
         )
     if touches is not None or render_mode is not None:
-        wrap = {"paper": lambda env: env, "posterior": PosteriorState}
+        wrap = {"paper": lambda env: env, "posterior": PosteriorState, "gains": GainState}
         if state not in wrap:
             raise UnknownName("state", state, list(wrap))
         given = (scene, target, touch_cost, touch_limit, target_prob, touches, render_mode)

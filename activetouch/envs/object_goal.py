@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from activetouch.envs.base import State
+from activetouch.envs.base import State, live_or_given
 from activetouch.envs.object_test import ObjectTestEnv
-from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.touch_source import Touches
-from belief.policy_state import TOUCH_LIMIT
 
 
 class ObjectGoalEnv(ObjectTestEnv):
@@ -49,18 +48,9 @@ class ObjectGoalEnv(ObjectTestEnv):
     * v0: first version
     """
 
-    def __init__(
-        self,
-        scene: str = "gel",
-        touch_cost: float = 0.02,
-        touch_limit: int = TOUCH_LIMIT,
-        target_prob: TargetProb = 0.5,
-        touches: Touches | None = None,
-        render_mode: str | None = None,
-    ) -> None:
-        first = None if touches is None else touches.model.shape_labels[0]
-        super().__init__(scene, first or "cone", touch_cost, touch_limit, target_prob, touches, render_mode)
-        self._target_prob = target_prob
+    def __init__(self, scene: str = "gel", *, touches: Touches | None = None, **settings: Any) -> None:
+        source = live_or_given(touches, scene)
+        super().__init__(scene, source.model.shape_labels[0], touches=source, **settings)
 
     @property
     def _observation_size(self) -> int:
@@ -73,7 +63,7 @@ class ObjectGoalEnv(ObjectTestEnv):
 
     def _sample_arrangement(self, rng: np.random.Generator) -> tuple[int, ...]:
         self.target = int(rng.integers(self.problem.num_shapes))
-        self._priors = ObjectPriors.of(self.problem.num_shapes, self.target, self._target_prob)
+        self._priors = replace(self._priors, target=self.target)
         return super()._sample_arrangement(rng)
 
     def _info(self, success: bool) -> dict[str, Any]:

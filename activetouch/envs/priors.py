@@ -57,8 +57,12 @@ class ObjectPriors:
             return np.full(number, self.low)
         return rng.uniform(self.low, self.high, number)
 
-    def probs(self, target_probs: ArrayLike) -> Floats:
+    def probs(self, target_probs: ArrayLike, targets: ArrayLike | None = None) -> Floats:
         """Probabilities of all shapes, ``(..., K)``, from the target's, ``(...)``.
+
+        Args:
+            target_probs: ``(...)``.
+            targets: index of each test's target, ``(...)``; by default all have the same.
 
         Raises:
             ValueError: a probability is not in (0, 1).
@@ -66,5 +70,6 @@ class ObjectPriors:
         target = np.asarray(target_probs, np.float64)[..., None]
         if not ((target > 0.0) & (target < 1.0)).all():
             raise ValueError(f"the target's probability must be in (0, 1), got {target_probs!r}")
-        is_target = np.arange(self.num_shapes) == self.target
+        chosen = np.asarray(self.target if targets is None else targets)
+        is_target = np.arange(self.num_shapes) == chosen[..., None]
         return np.where(is_target, target, (1.0 - target) / (self.num_shapes - 1))

@@ -7,6 +7,7 @@ Only one wrapper may replace the observation; :class:`BeliefShaping` can be insi
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, cast
 
 import gymnasium
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from activetouch.envs.base import TouchEnv
 from belief.errors import ActiveTouchError
-from belief.policy_state import certainty, posterior_state
+from belief.observation_model.evidence import start
+from belief.policy_state import certainty, expected_gains, gains_state, posterior_state
 
 _SMALLEST = 36  # pixels; the convolutions of common libraries need this many
 
@@ -70,6 +72,30 @@ class PosteriorState(gymnasium.ObservationWrapper, RecordConstructorArgs):
         """The state in place of the paper's."""
         env = _touch_env(self.env)
         return env.observe(posterior_state(env.situation, env.target))
+
+
+class GainState(PosteriorState):
+    """The posterior and the expected gain of each pose as observation, a ``Box(-1, 1)`` of K + 2 P + 2 numbers.
+
+    It contains :func:`belief.policy_state.gains_state` and, in a whole search, the fraction of objects left; with a
+    target that is drawn at reset it is :func:`belief.policy_state.goal_state`.
+
+    Raises:
+        NoGains: the touches are of a sensor whose belief is not about one rigid body.
+    """
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        super().__init__(env)
+        own = _touch_env(env)
+        labels = own.problem.shape_labels
+        expected_gains(start(own.touches.model), np.full(len(labels), -np.log(len(labels))), 0)  # raises
+        size = cast(spaces.Box, self.observation_space).shape[0] + own.problem.num_poses
+        self.observation_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+
+    def observation(self, observation: Any) -> NDArray[np.float32]:
+        """The state in place of the paper's."""
+        env = _touch_env(self.env)
+        return env.observe(gains_state(replace(env.situation, gains=env.gains[None]), env.target))
 
 
 class RawImage(gymnasium.ObservationWrapper, RecordConstructorArgs):

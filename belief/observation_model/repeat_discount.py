@@ -59,6 +59,23 @@ def drift_share(num_touches: ArrayLike, drift: float) -> Floats:
     return np.asarray(1.0 / (1.0 + np.maximum(n - 1.0, 0.0) * drift))
 
 
+def new_shares(num_touches: ArrayLike, correlation: float, drift: float) -> Floats:
+    """By how much one more touch in each pose raises the effective number of touches of an object, ``(..., P)``.
+
+    Args:
+        num_touches: in each pose so far, ``(..., P)``.
+        correlation: ρ of two touches in one pose.
+        drift: κ of two touches in any poses.
+
+    >>> new_shares([0, 1], correlation=0.5, drift=0.0).round(2).tolist()
+    [1.0, 0.33]
+    """
+    here, after = (effective_touches(np.asarray(num_touches) + more, correlation) for more in (0.0, 1.0))
+    before = here.sum(axis=-1, keepdims=True)
+    more = effective_touches(before - here + after, drift) - effective_touches(before, drift)
+    return np.clip(more, 0.0, 1.0)
+
+
 class Repeats(NamedTuple):
     """G groups of at most n ≤ 12 touches of one object in one pose, padded to length n.
 

@@ -26,7 +26,7 @@ from belief.conflict import ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
 from belief.observation_model.log_weights import log_means, misfit, some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.repeat_discount import drift_share, effective_touches
+from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
 from belief.observation_model.views import SharedMixture, Views
 from belief.problem import Floats, Touch
 from belief.validation import require_count
@@ -161,10 +161,7 @@ class RigidBodyEvidence:
         counts = np.zeros(self.model.num_poses)
         for pose, (number, _) in self.in_pose.items():
             counts[pose] = number
-        here, after = (effective_touches(n, self.model.correlation) for n in (counts, counts + 1.0))
-        before = here.sum()
-        more = effective_touches(before - here + after, self.model.drift)
-        return np.clip(more - effective_touches(before, self.model.drift), 0.0, 1.0)
+        return new_shares(counts, self.model.correlation, self.model.drift)
 
     @cached_property
     def _mixtures(self) -> dict[tuple[int, int], OutcomeMixture | SharedMixture]:

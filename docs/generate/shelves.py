@@ -88,6 +88,16 @@ DECIDERS = {
         f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
         "Other scenes and costs than those it was trained with.",
     ),
+    "ppo_gains": Said(
+        "As `ppo_posterior`, for sensors of one rigid body: the network also sees the gain of each pose that `information_gain` chooses by.",
+        f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
+        "Other scenes and costs than those it was trained with, and sensors of independent touches, for which there are no such gains.",
+    ),
+    "ppo_goal": Said(
+        "As `ppo_gains`, with one network for all targets, which sees the target.",
+        f"{_TARGET} `confirm`, `reject`: probabilities that the policy gives these actions.",
+        "As `ppo_gains`.",
+    ),
     "ppo_confident": Said(
         f"The poses of `ppo`, stopped by posterior thresholds. {_THRESHOLDS}",
         f"{_TARGET} `overruled`: the policy would have stopped.",

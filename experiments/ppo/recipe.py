@@ -106,6 +106,13 @@ class PPORecipe:
 _POSTERIOR = PPORecipe(state="posterior", beta=0.0, target_prob=(0.05, 0.95))
 
 PPO_RECIPES: Mapping[str, PPORecipe] = MappingProxyType(
-    {"paper": PPORecipe(), "posterior": _POSTERIOR, "posterior_masked": replace(_POSTERIOR, masked=True)}
+    {
+        "paper": PPORecipe(),
+        "posterior": _POSTERIOR,
+        "posterior_masked": replace(_POSTERIOR, masked=True),
+        "gains": replace(_POSTERIOR, state="gains", steps=60_000),
+        "goal": replace(_POSTERIOR, state="goal", steps=100_000),
+    }
 )
-"""Recipes by name: the paper's state and shaping; the posterior at many priors (decision 0024); the same with masks."""
+"""Recipes by name: the paper's state and shaping; the posterior at many priors (decision 0024); the same with masks;
+the gains of all poses beside the posterior; the same with the target, for one policy of all targets (decision 0058)."""

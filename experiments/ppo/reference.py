@@ -74,7 +74,7 @@ def thresholds(confirm: float, reject: float) -> Callable[[BankEpisodes], NDArra
     """A policy that decides when the posterior of the target passes a threshold, or at the touch limit."""
 
     def choose(episodes: BankEpisodes) -> NDArray[np.int64]:
-        prob = np.exp(episodes.log_probs[:, episodes.target])
+        prob = np.exp(episodes.log_probs[np.arange(episodes.num_envs), episodes.targets])
         has_to = episodes.num_touches >= episodes.touch_limit
         actions = episodes.uses.argmin(axis=1)
         actions = np.where((prob <= reject) | (has_to & (prob < 0.5)), episodes.num_poses + 1, actions)

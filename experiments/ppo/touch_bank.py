@@ -13,7 +13,7 @@ from activetouch.world import READER_FILE
 from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
-from experiments.sensor_choice import independent_sensor, open_collection, require_collection
+from experiments.sensor_choice import independent_sensor, open_collection, require_collection, sensor_folder
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection for training and for evaluation of policies."""
@@ -38,7 +38,7 @@ class MakeTouchBank:
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     sensor: Path | None = None
-    """Folder of the sensor; the scene's shipped sensor of independent touches by default."""
+    """Folder of the sensor, or name of a shipped one; the scene's of independent touches by default."""
     out: Path | None = None
     """Folder of the banks, one per split; data/SCENE-bank by default."""
     anyway: bool = False
@@ -53,7 +53,7 @@ class MakeTouchBank:
 
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        sensor = self.sensor if self.sensor is not None else independent_sensor(self.scene)
+        sensor = independent_sensor(self.scene) if self.sensor is None else sensor_folder(self.sensor, self.scene)
         out = self.out if self.out is not None else bank_folder(self.scene)
         require_writable(out)
         manifest = open_collection(data, self.scene, repeats=True)

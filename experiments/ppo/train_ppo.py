@@ -1,4 +1,4 @@
-"""``activetouch train-ppo``: PPO policies from touch banks, one per target."""
+"""``activetouch train-ppo``: PPO policies from touch banks, one per target or one for all."""
 
 from __future__ import annotations
 
@@ -17,17 +17,21 @@ from activetouch.scene_description import require_scene
 from activetouch.world import fitted_model
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_writable, write_text
+from belief.observation_model.registry import JOINT_MODELS
+from belief.policy_state import GOAL, WITH_GAINS
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
 from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import command, independent_sensor, tell_shift
+from experiments.sensor_choice import command, independent_sensor, load_quietly, sensor_folder, tell_shift
 from planners.ppo import policy_file
 
 if TYPE_CHECKING:
     from experiments.ppo.training import Score, Training
 
+ALL = "all"
+"""What stands for the target of a policy for all of them."""
 _PROB = Within(0.0, 1.0, open_low=True, open_high=True)
 RecipeName: TypeAlias = Literal[tuple(PPO_RECIPES)]  # type: ignore[valid-type]
 
@@ -64,10 +68,15 @@ class TrainPPO:
     the seed is chosen on the objects of training. The deciders ppo, ppo_posterior and ppo_confident read
     SENSOR/policies: copy OUT/policies there. If tensorboard is installed, the folder of each training has SB3's log.
 
+    The recipes gains and goal, for ppo_gains and ppo_goal, need a sensor whose belief is about one rigid body, and a
+    bank that its reader wrote. Goal is one policy for all targets.
+
     For example:
 
         activetouch touch-bank --scene coarse
         activetouch train-ppo --scene coarse
+        activetouch touch-bank --scene coarse --sensor coarse --out data/coarse-joint-bank
+        activetouch train-ppo --scene coarse --sensor coarse --bank data/coarse-joint-bank --recipes gains goal
         activetouch train-ppo --scene coarse --targets cone --recipes posterior_masked --seeds 1 --out runs/ppo-masked
     """
 
@@ -76,11 +85,11 @@ class TrainPPO:
     bank: Path | None = None
     """Folder of the touch banks; data/SCENE-bank by default."""
     sensor: Path | None = None
-    """Folder of the observation model; the scene's shipped sensor of independent touches by default."""
+    """Folder of the sensor, or name of a shipped one; the scene's of independent touches by default."""
     out: Path | None = None
     """Folder for trainings and policies; runs/ppo-SCENE by default."""
     targets: tuple[str, ...] = ()
-    """Shapes to train for; all by default."""
+    """Shapes to train for, except of the recipe goal; all by default."""
     recipes: tuple[RecipeName, ...] = ("paper", "posterior")
     """Recipes of training, at most one per state."""
     change: PPOChanges = field(default_factory=PPOChanges)
@@ -109,12 +118,12 @@ class TrainPPO:
             curves[index] = curve
             training, last = trainings[index], curve[-1]
             print(
-                f"{training.recipe.state} {training.target} seed {training.seed}: return {last.mean_return:.3f}, "
-                f"success {last.success:.3f}, {last.touches:.2f} touches"
+                f"{training.recipe.state} {training.target or ALL} seed {training.seed}: "
+                f"return {last.mean_return:.3f}, success {last.success:.3f}, {last.touches:.2f} touches"
             )
         groups: dict[tuple[str, str], list[int]] = {}
         for index, training in enumerate(trainings):
-            groups.setdefault((training.recipe.state, training.target), []).append(index)
+            groups.setdefault((training.recipe.state, training.target or ALL), []).append(index)
         found: dict[str, dict[str, list[list[Score]]]] = {}
         chosen: dict[int, list[Score]] = {}
         for (state, target), members in groups.items():
@@ -123,7 +132,9 @@ class TrainPPO:
             with atomic_path(out / "policies" / policy_file(state, target)) as temporary:
                 temporary.write_bytes((trainings[best].folder / POLICY).read_bytes())
             found.setdefault(state, {})[target] = [curves[index] for index in members]
-        self._compare_with_references(trainings, chosen, out)
+        compared = {index: curve for index, curve in chosen.items() if trainings[index].recipe.state not in WITH_GAINS}
+        if compared:  # references are those of sensors of independent touches
+            self._compare_with_references(trainings, compared, out)
         write_text(out / "curves.json", json.dumps(found, indent=1) + "\n")
         draw_curves(found, out / "curves.svg")
         print(f"wrote {out / 'policies'} and the learning curves, {out / 'curves.svg'}")
@@ -136,6 +147,7 @@ class TrainPPO:
         rows = []
         for index, curve in chosen.items():
             one = trainings[index]
+            assert one.target is not None, "only policies on the joint belief are for all targets"
             against = reference(one.bank, one.test_bank, one.model, one.target, one.recipe)
             last, best = curve[-1], against.score
             rows.append({"state": one.recipe.state, "target": one.target, **last._asdict(), **asdict(against)})
@@ -161,8 +173,10 @@ class TrainPPO:
         from experiments.ppo.training import Training
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
-        sensor = self.sensor if self.sensor is not None else independent_sensor(self.scene)
+        sensor = independent_sensor(self.scene) if self.sensor is None else sensor_folder(self.sensor, self.scene)
         model, fitted_to, _ = fitted_model(sensor)
+        if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
+            model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model
         remedy = "Make it again with: " + command("touch-bank", scene=self.scene, sensor=sensor, out=folder)
         try:
             bank, test_bank = TouchBank.open(folder / TRAINING), TouchBank.open(folder / TEST)
@@ -177,10 +191,11 @@ class TrainPPO:
         for target in self.targets:
             if target not in bank.shape_labels:
                 raise UnknownName("target", target, list(bank.shape_labels))
+        each = list(dict.fromkeys(self.targets or bank.shape_labels))
         return [
-            Training(bank, test_bank, model, target, recipe, seed, out / f"{name}-{target}-{seed}")
+            Training(bank, test_bank, model, target, recipe, seed, out / f"{name}-{target or ALL}-{seed}")
             for name, recipe in recipes.items()
-            for target in dict.fromkeys(self.targets or bank.shape_labels)
+            for target in ([None] if recipe.state == GOAL else each)
             for seed in range(self.seeds)
         ]
 

@@ -27,6 +27,7 @@ from activetouch.perception.sealed_tensors import read_tensors
 from belief.errors import ActiveTouchError, CorruptFile, MissingPackage
 from belief.files import array_digest, atomic_path
 from belief.observation_model import ArrayModel
+from belief.policy_state import WITH_GAINS
 from experiments.ppo.recipe import PPORecipe
 from planners.ppo import BadPolicy, Policy, PolicyCard
 
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 STATE, LEARNER, POLICY = "state.safetensors", "learner.zip", "policy.safetensors"
 _EVALUATIONS = 12  # per training
 _EPISODES = 2000  # per evaluation
+_WEIGHED_EPISODES = 500  # the same where every touch is weighed by a joint model
 
 
 class OtherTraining(ActiveTouchError, ValueError):
@@ -65,7 +67,7 @@ class Training:
     Attributes:
         bank, test_bank: touches to learn from, and touches of other objects for evaluation.
         model: observation model that updates the belief.
-        target: label of the shape sought.
+        target: label of the shape sought; None for a policy of all shapes.
         recipe: settings of PPO and of the task.
         seed: seed of weights and episodes.
         folder: folder of the training.
@@ -74,7 +76,7 @@ class Training:
     bank: TouchBank
     test_bank: TouchBank
     model: ArrayModel
-    target: str
+    target: str | None
     recipe: PPORecipe
     seed: int
     folder: Path
@@ -83,7 +85,7 @@ class Training:
     def card(self) -> PolicyCard:
         """Card of the policy."""
         labels, summary = (self.bank.shape_labels, self.bank.pose_labels), f"{self.recipe}, seed {self.seed}"
-        return PolicyCard(self.recipe.state, self.target, *labels, self.recipe.touch_limit, summary)
+        return PolicyCard(self.recipe.state, self.target or "", *labels, self.recipe.touch_limit, summary)
 
     def run(self) -> list[Score]:
         """Finish the training and return the learning curve on the test bank.
@@ -111,11 +113,16 @@ class Training:
 
         def report(steps: int) -> None:
             if not curve or (steps > curve[-1].steps and steps >= len(curve) * every):
-                policy = policy_of(learner, self.card)
-                curve.append(evaluate(policy, self._episodes(self.test_bank, _EPISODES, self.recipe.test_prob), steps))
+                policy, number = policy_of(learner, self.card), self._evaluated
+                curve.append(evaluate(policy, self._episodes(self.test_bank, number, self.recipe.test_prob), steps))
                 write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
 
-        learner.learn(self.recipe.steps - done, _callback(report), reset_num_timesteps=False, tb_log_name=self.target)
+        learner.learn(
+            self.recipe.steps - done,
+            _callback(report),
+            reset_num_timesteps=False,
+            tb_log_name=self.target or self.recipe.state,
+        )
         every = 0.0  # so that the last point is on the curve
         report(learner.num_timesteps)
         with atomic_path(self.folder / LEARNER) as temporary:
@@ -130,7 +137,13 @@ class Training:
             policy = Policy.from_bytes(path.read_bytes())
         except BadPolicy as error:
             raise CorruptFile(f"{path}: {error}; delete {self.folder} and start again") from error
-        return evaluate(policy, self._episodes(self.bank, 2 * _EPISODES, self.recipe.target_prob), self.recipe.steps)
+        return evaluate(
+            policy, self._episodes(self.bank, 2 * self._evaluated, self.recipe.target_prob), self.recipe.steps
+        )
+
+    @property
+    def _evaluated(self) -> int:
+        return _WEIGHED_EPISODES if self.recipe.state in WITH_GAINS else _EPISODES
 
     def _episodes(self, bank: TouchBank, num_envs: int, target_prob: TargetProb, *shaping: float) -> BankEpisodes:
         recipe = self.recipe
@@ -189,6 +202,9 @@ class Training:
         settings = {"recipe": asdict(self.recipe), "target": self.target, "seed": self.seed}
         banks = {"bank": self.bank, "test bank": self.test_bank}
         digests = {name: array_digest({"logits": bank.logits, "shapes": bank.shapes}) for name, bank in banks.items()}
+        if self.recipe.state in WITH_GAINS:
+            features = {name: bank.features for name, bank in banks.items() if bank.features is not None}
+            digests["features"] = array_digest(features)
         model = hashlib.sha256(self.model.to_json().encode()).hexdigest()
         return json.loads(json.dumps({**settings, **digests, "observation model": model}))
 

@@ -148,14 +148,23 @@ class SearchPolicy:
         vectors, beliefs = self._stage(object_index, belief, num_touches)
         return float(vectors.value(beliefs)[0])
 
-    def probe_values(self, object_index: int, belief: Floats, num_touches: int, weights: Floats) -> Floats:
+    def probe_values(
+        self,
+        object_index: int,
+        belief: Floats,
+        num_touches: int,
+        weights: Floats,
+        outcome_probs: NDArray[np.floating] | None = None,
+    ) -> Floats:
         """Value of one more touch in each pose, by one exact step of look-ahead, ``(P,)``.
 
         ``weights (P,)`` are the probabilities that a touch gives new information; the value is -inf for weight zero.
-        Other arguments are those of :meth:`action`.
+        ``outcome_probs``, p(outcome | pose, shape) ``(P, K, M)``, are those of the next touch given the ones before; by
+        default those of the problem. Other arguments are those of :meth:`action`.
         """
-        after = self.at(object_index, num_touches + 1)
-        joint = np.moveaxis(belief[:, None] * self.search.likelihoods(object_index), 2, 1)  # (P, M, n)
+        after, table = self.at(object_index, num_touches + 1), self.search.outcome_probs
+        probs = (table if outcome_probs is None else outcome_probs)[:, self.search.stages[object_index].shapes]
+        joint = np.moveaxis(belief[:, None] * probs, 2, 1)  # (P, M, n)
         informed = (joint @ after.alphas.T).max(axis=2).sum(axis=1)
         repeated = float((after.alphas @ belief).max())
         values = weights * informed + (1.0 - weights) * repeated - self.search.touch_cost

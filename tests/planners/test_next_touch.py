@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from belief import Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
+from belief.errors import InvalidArgument
 from belief.observation_model.rigid_body import RigidBodyModel
 from planners import InformationState, make_decider
 from planners.next_touch import next_touch
@@ -88,9 +89,32 @@ def test_a_pose_is_not_repeated_where_the_body_would_feel_the_same(rng):
         table, weights = next_touch(info, model.outcome_table(), LeastUsedFirst())
         assert (weights == 1.0).all()
         assert table.information(info.belief.probs)[pose] == pytest.approx(0.0, abs=1e-6)
-        for name in ("information_gain", "shape_information_gain", "repeat_aware", "value_of_information"):
+        names = (
+            "information_gain",
+            "shape_information_gain",
+            "repeat_aware",
+            "value_of_information",
+            "point_based(given='body')",
+        )
+        for name in names:
             action = make_decider(name, model.outcome_table(), model).decide(info, rng).action
             assert action != Probe(pose)
+
+
+def test_a_plan_of_first_touches_stops_where_the_second_touch_would_tell_all(rng):
+    # The first pose tells only how the body lies; the second tells the shape to one who knows how it lies.
+    lies, shapes = np.arange(2)[None, :], np.arange(2)[:, None]
+    marks = np.stack(np.broadcast_arrays(lies, lies ^ shapes))  # (P, K, N)
+    hypotheses = 60.0 * np.eye(2, dtype=np.float32)[marks]
+    model = RigidBodyModel(("a", "b"), hypotheses, 2, 1.0, np.tile(np.eye(2), (2, 1, 1)), np.zeros((2, 2, 2)))
+    problem = SearchProblem(("a", "b"), ("first", "second"), 2, "independent", touch_cost=0.02)
+    scene = SceneBelief(problem, model)
+    scene.update(0, [Touch(0, np.zeros(2), np.eye(2)[1])])
+    info, table = InformationState.of(problem, 0, scene, 0), model.outcome_table()
+    assert make_decider("point_based(given='body')", table, model).decide(info, rng).action == Probe(1)
+    assert make_decider("point_based", table, model).decide(info, rng).action in (Confirm(), Reject())
+    with pytest.raises(InvalidArgument, match="given must be"):
+        make_decider("point_based(given='all')", table, model)
 
 
 @pytest.mark.parametrize("depth", [1, 2])

@@ -7,30 +7,31 @@ import numpy as np
 import pytest
 from safetensors.numpy import save
 
-from belief import Confirm, Probe, Reject, SearchProblem, Touch
+from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.categorical import Belief
-from belief.policy_state import ENCODINGS
+from belief.policy_state import ENCODINGS, GOAL, WITH_GAINS, NoGains
 from belief.synthetic import SyntheticWorld
 from planners import make_decider, search
 from planners.decider import InformationState
 from planners.episode import Outcome
 from planners.ppo import BadPolicy, MissingPolicy, Policy, PolicyCard, PPODecider, load_ppo_policy, policy_file
 
+SIZES = {"paper": 10, "posterior": 9, "gains": 12, "goal": 16}
 SHAPES, POSES = tuple(f"shape_{k}" for k in range(4)), ("p0", "p1", "p2")
 
 
 def random_policy(rng, state="paper", target="shape_0", hidden=8, touch_limit=5):
-    sizes = [4 + 3 + (3 if state == "paper" else 2), hidden, hidden, 5]
+    sizes = [SIZES[state], hidden, hidden, 5]
     pairs = list(itertools.pairwise(sizes))
     weights = tuple(rng.normal(size=(out, inn)).astype(np.float32) for inn, out in pairs)
     biases = tuple(rng.normal(size=out).astype(np.float32) for _, out in pairs)
+    target = "" if state == GOAL else target
     return Policy(PolicyCard(state, target, SHAPES, POSES, touch_limit, "not at all"), weights, biases)
 
 
 def constant_policy(scores, state="paper", touch_limit=5):
-    size = 4 + 3 + (3 if state == "paper" else 2)
     card = PolicyCard(state, "shape_0", SHAPES, POSES, touch_limit)
-    return Policy(card, (np.zeros((5, size), np.float32),), (np.array(scores, np.float32),))
+    return Policy(card, (np.zeros((5, SIZES[state]), np.float32),), (np.array(scores, np.float32),))
 
 
 def write(folder, policy):
@@ -135,20 +136,28 @@ def test_confident_stopping_takes_the_policys_poses_and_nothing_else(tmp_path, m
 
 
 @pytest.mark.parametrize("state", list(ENCODINGS))
-def test_a_policy_sees_in_a_search_what_it_saw_in_training(state, rng, model):
+def test_a_policy_sees_in_a_search_what_it_saw_in_training(state, rng, model, body):
     # The environment's own observation, after the same touches of one object, gives the same scores.
+    from activetouch.envs.object_goal import ObjectGoalEnv
     from activetouch.envs.object_test import ObjectTestEnv
     from activetouch.envs.touch_source import SampledTouches
-    from activetouch.envs.wrappers import PosteriorState
+    from activetouch.envs.wrappers import GainState, PosteriorState
 
-    env = ObjectTestEnv(touches=SampledTouches(model, POSES), target="shape_0", touch_limit=5)
-    env = PosteriorState(env) if state == "posterior" else env
+    touches = SampledTouches(body if state in WITH_GAINS else model, POSES)
+    env = (
+        ObjectGoalEnv(touches=touches, touch_limit=5)
+        if state == GOAL
+        else ObjectTestEnv(touches=touches, target="shape_0", touch_limit=5)
+    )
+    env = {"posterior": PosteriorState, **dict.fromkeys(WITH_GAINS, GainState)}.get(state, lambda bare: bare)(env)
     policy = random_policy(rng, state)
     for seed in range(5):
         observation, _ = env.reset(seed=seed)
         for _ in range(5):
             inner = env.unwrapped
-            info = InformationState(inner.problem, 0, inner.belief, inner.history)
+            scene = SceneBelief(inner.problem, touches.model, inner.belief)  # of its prior; only the evidence is read
+            scene.update(0, inner.history)
+            info = InformationState(inner.problem, inner.target, inner.belief, inner.history, scene=scene.view())
             decider = PPODecider(None, state)
             decider_scores = decider.scores(info, policy)
             np.testing.assert_allclose(decider_scores, policy.scores(observation[None])[0], atol=1e-4)
@@ -162,4 +171,23 @@ def test_touches_with_extreme_logits_give_finite_scores(rng, problem):
         info = InformationState(problem, 0, belief, (Touch(1, np.array(logits)),))
         for state in ENCODINGS:
             policy = random_policy(rng, state)
-            assert np.isfinite(PPODecider(None, state).scores(info, policy)).all()
+            if state in WITH_GAINS:  # without evidence of one body
+                with pytest.raises(NoGains, match="one rigid body"):
+                    PPODecider(None, state).scores(info, policy)
+            else:
+                assert np.isfinite(PPODecider(None, state).scores(info, policy)).all()
+
+
+def test_one_policy_serves_all_targets_and_is_found_by_each(tmp_path, body, problem):
+    rng = np.random.default_rng(3)
+    write(tmp_path, random_policy(rng, GOAL))
+    decider = make_decider("ppo_goal", body.outcome_table(), body, tmp_path)
+    assert {decider.files(target) for target in SHAPES} == {(tmp_path / "goal.safetensors",)}
+    for target in range(4):
+        episode = search(SyntheticWorld(body, (0, 1, 2, 3)), decider, problem, target, body, (0, target))
+        assert episode.outcome in (Outcome.CONFIRMED, Outcome.EXHAUSTED)
+    (tmp_path / "gains-shape_0.safetensors").write_bytes((tmp_path / "goal.safetensors").read_bytes())
+    with pytest.raises(BadPolicy, match="is for the target ''"):
+        load_ppo_policy(tmp_path, "gains", "shape_0")
+    with pytest.raises(BadPolicy, match="known state"):
+        Policy(PolicyCard(GOAL, "shape_0", SHAPES, POSES, 5), (), ())

@@ -11,7 +11,7 @@ from activetouch.envs import IDS, MOST_STEPS
 from activetouch.envs.base import BadOption
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
-from activetouch.envs.wrappers import BeliefShaping, PosteriorState
+from activetouch.envs.wrappers import BeliefShaping, GainState, PosteriorState
 from belief.errors import UnknownName
 
 TEST, GOAL = "activetouch/ObjectTest-v0", "activetouch/ObjectTestGoal-v0"
@@ -70,8 +70,11 @@ def test_an_episode_ends_by_its_touch_limit_before_the_time_limit(name, sampled)
     assert env.step(0)[2:4] == (False, True)
 
 
-@pytest.mark.parametrize("wrap", [lambda env: env, PosteriorState, lambda env: BeliefShaping(env, 0.1, 0.99)])
-def test_the_target_is_drawn_and_observed(wrap, sampled):
+@pytest.mark.parametrize(
+    "wrap", [lambda env: env, PosteriorState, GainState, lambda env: BeliefShaping(env, 0.1, 0.99)]
+)
+def test_the_target_is_drawn_and_observed(wrap, model, body):
+    sampled = SampledTouches(body if wrap is GainState else model, ("p0", "p1", "p2"))
     env = wrap(gymnasium.make(GOAL, touches=sampled).unwrapped)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*different from the unwrapped version.*")

@@ -18,12 +18,13 @@ from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.object_search import ObjectSearchEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
-from activetouch.envs.wrappers import BeliefShaping, NoImage, PosteriorState, RawImage, WrappedTwice
+from activetouch.envs.wrappers import BeliefShaping, GainState, NoImage, PosteriorState, RawImage, WrappedTwice
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import aimed
 from belief import Confirm, Probe, Reject, SceneBelief, Unsure
 from belief.errors import UnknownName
 from belief.observation_model.rigid_body import RigidBodyModel
+from belief.policy_state import NoGains
 from belief.seeding import arrangement_rng
 from belief.synthetic import SyntheticWorld
 from planners import Decision, InformationState, Outcome, make_decider, search
@@ -32,6 +33,7 @@ pytestmark = pytest.mark.torch
 WRAPPERS = {
     "bare": lambda env: env,
     "posterior": PosteriorState,
+    "gains": GainState,
     "image": RawImage,
     "shaped": lambda env: BeliefShaping(env, beta=0.1, discount=0.99),
 }
@@ -308,6 +310,8 @@ def test_what_cannot_be_is_refused_by_name(sampled):
         RawImage(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(TypeError, match="this wrapper"):
         PosteriorState(gymnasium.make("CartPole-v1"))
+    with pytest.raises(NoGains, match="independent touches"):
+        GainState(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(ValueError, match="beta"):
         BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0"), np.nan, 1.0)
     env = ObjectTestEnv(touches=sampled, target="shape_0")

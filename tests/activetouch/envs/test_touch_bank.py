@@ -8,11 +8,12 @@ from scipy.special import log_softmax
 from activetouch import TactileSensor
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.object_goal import ObjectGoalEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import LiveTouches, SampledTouches
 from activetouch.envs.vector import BankVectorEnv
-from activetouch.envs.wrappers import BeliefShaping, PosteriorState
+from activetouch.envs.wrappers import BeliefShaping, GainState, PosteriorState
 from activetouch.errors import LabelMismatch
 from belief import Touch
 from belief.calibration import TemperatureScaling
@@ -21,6 +22,7 @@ from belief.files import sealed_json, unsealed_json
 from belief.observation_model import RatioModel
 from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, kinds
 from belief.observation_model.selection import OBSERVATION_MODELS
+from belief.policy_state import NoGains
 
 POSES = ("p0", "p1", "p2")
 
@@ -41,16 +43,18 @@ def ratio(model, bank):
 
 def recorded(env, num_objects, num_rounds):
     """The touches that ``env`` makes in the episodes (index, 7), all poses round by round."""
-    logits, shapes = [], []
+    logits, shapes, features = [], [], []
     for index in range(num_objects):
         env.reset(options={"seed": (index, 7)})
         shapes.append(env.arrangement[0])
         for pose in [*range(env.problem.num_poses)] * num_rounds:
             env.step(pose)
         logits.append([touch.logits for touch in env.history])
+        features += [touch.features for touch in env.history if touch.features is not None]
     by_round = (num_objects, num_rounds, env.problem.num_poses, -1)
     labels = (tuple(env.problem.shape_labels), tuple(env.problem.pose_labels))
-    return TouchBank(np.array(logits, np.float32).reshape(by_round), np.array(shapes), *labels)
+    read = np.array(features).reshape(by_round) if features else None
+    return TouchBank(np.array(logits, np.float32).reshape(by_round), np.array(shapes), *labels, read)
 
 
 def assert_same_episodes(env, target, bank, model, state, **settings):
@@ -97,6 +101,49 @@ def test_episodes_by_arrays_are_those_of_the_environment(state, kind, target_pro
     env = PosteriorState(env) if state == "posterior" else env
     ends = assert_same_episodes(env, "shape_0", bank, used, state, target_prob=target_prob, beta=0.3, discount=0.9)
     assert ends == {(3, True), (3, False), (4, True), (4, False), ("truncated", False)}
+
+
+@pytest.mark.parametrize(("env_of", "state"), [(ObjectTestEnv, "gains"), (ObjectGoalEnv, "goal")])
+def test_the_gains_of_a_bank_are_those_of_the_environment(env_of, state, body):
+    # The bank weighs many objects at once in single precision; the environment asks the evidence of one.
+    goal, task = env_of is ObjectGoalEnv, {"touches": SampledTouches(body, POSES), "target_prob": (0.05, 0.95)}
+    if not goal:
+        task["target"] = "shape_1"
+    bank = recorded(env_of(**task, touch_limit=30), num_objects=40, num_rounds=10)
+    env, rng = GainState(env_of(**task)), np.random.default_rng(5)
+    episodes = BankEpisodes(bank, body, None if goal else "shape_1", 1, state, target_prob=(0.05, 0.95))
+    seen = []
+    for index in range(bank.num_objects):
+        live, info = env.reset(options={"seed": (index, 7)})
+        episodes.targets[:] = env.unwrapped.target
+        episodes.begin(np.array([0]), np.array([index]), target_probs=info["target_prob"])
+        for pose in rng.integers(3, size=8).tolist():
+            assert live.shape == (4 + 2 * 3 + 2 + 4 * goal,)
+            np.testing.assert_allclose(episodes.observe()[0], live, atol=2e-3)  # a hypothesis at a limit may be drawn
+            seen.append(np.abs(episodes.observe()[0] - live).mean())  # or not; seldom
+            live, *_ = env.step(pose)
+            episodes.step(np.array([pose]))
+    assert np.mean(seen) < 1e-5
+
+
+def test_a_drawn_target_is_every_shape_and_has_the_prior(body, rng):
+    env = ObjectTestEnv(touches=SampledTouches(body, POSES), target="shape_0", touch_limit=30)
+    bank = recorded(env, num_objects=60, num_rounds=2)
+    episodes = BankEpisodes(bank, body, None, 4000, "goal", target_prob=0.5)
+    episodes.reset(np.arange(4000), rng)
+    assert np.bincount(episodes.targets).min() > 850
+    is_target = np.asarray(bank.shapes)[episodes.objects] == episodes.targets
+    assert abs(is_target.mean() - 0.5) < 0.04
+    np.testing.assert_allclose(np.exp(episodes.log_probs)[np.arange(4000), episodes.targets], 0.5)
+    np.testing.assert_array_equal(episodes.observe()[:, -4:].argmax(axis=1), episodes.targets)
+
+
+def test_gains_without_a_joint_model_and_a_target_that_nobody_sees_are_refused(bank, model):
+    with pytest.raises(NoGains, match="touch-bank --sensor"):
+        BankEpisodes(bank, model, "shape_0", 2, "gains")
+    for target, state in ((None, "posterior"), ("shape_0", "goal")):
+        with pytest.raises(BadOption, match="goes with target=None"):
+            BankEpisodes(bank, model, target, 2, state)
 
 
 # All that calibration chooses from, and all that files can hold; none is listed by hand.

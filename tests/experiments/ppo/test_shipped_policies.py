@@ -7,8 +7,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from activetouch.world import MODELS, POLICIES, load_observation_model
-from belief import Belief, Probe, SearchProblem
+from activetouch import TactileSensor
+from activetouch.world import MODELS, POLICIES
+from belief import Belief, Probe, SceneBelief, SearchProblem
 from experiments.scene_choice import SceneChoice
 from experiments.search.setting import Setting
 from experiments.search.shards import identity, made_by
@@ -16,19 +17,22 @@ from planners import InformationState
 from planners.ppo import MissingPolicy, Policy, PPODecider, policy_file
 
 LABELS = ("sphere", "cube", "cylinder", "cone")
-SCENES = sorted(path.parent.name for path in MODELS.glob(f"*/{POLICIES}"))
+STATES = {
+    folder.parent.name: sorted({file.stem.partition("-")[0] for file in folder.iterdir()})
+    for folder in MODELS.glob(f"*/{POLICIES}")
+}
 
 
-def test_three_scenes_come_with_policies():
-    assert SCENES == ["coarse-independent", "gel-independent", "paper-independent"]
+def test_these_sensors_come_with_policies():
+    independent = {f"{scene}-independent": ["paper", "posterior"] for scene in ("coarse", "gel", "paper")}
+    assert independent == STATES
 
 
-@pytest.mark.parametrize("state", ["paper", "posterior"])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize(("scene", "state"), [(scene, state) for scene, states in STATES.items() for state in states])
 def test_an_untouched_object_of_a_search_is_probed(scene, state):
     # At the priors of a search of four: all shapes alike, or those that are left after one or two were rejected for
     # certain; and at one half. A touch costs .02 there and is worth far more on every one of these scenes.
-    model = load_observation_model(MODELS / scene)
+    model = TactileSensor.shipped(scene).model
     labels, rng = model.shape_labels, np.random.default_rng(0)
     pose_labels = ("front", "z45", "z90", "y45", "y90", "corner")
     problem, decider = SearchProblem(labels, pose_labels, 4), PPODecider(MODELS / scene / POLICIES, state)
@@ -39,7 +43,8 @@ def test_an_untouched_object_of_a_search_is_probed(scene, state):
         ]
         beliefs.append(np.where(np.arange(4) == target, 0.5, 1.0 / 6.0))
         for probs in beliefs:
-            info = InformationState(problem, target, Belief.from_probs(labels, probs))
+            view = SceneBelief(problem, model).view()
+            info = InformationState(problem, target, Belief.from_probs(labels, probs), scene=view)
             assert isinstance(decider.decide(info, rng).action, Probe), f"{scene}, {labels[target]} at {probs}"
 
 

@@ -120,6 +120,31 @@ def test_a_training_killed_and_started_again_ends_as_one_left_alone(
         assert (tmp_path / "parts" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
 
 
+@pytest.fixture
+def felt(body, rng):
+    """A bank of the joint model's own touches, with their embeddings."""
+    shapes, poses = np.arange(40) % 4, np.tile(np.arange(3), 2)
+    touches = [body.sample_batch(int(k), poses[None], rng) for k in shapes]
+    logits, features = (np.array([getattr(one, name)[0] for one in touches]) for name in ("logits", "features"))
+    arrays = logits.reshape(40, 2, 3, 4).astype(np.float32), shapes
+    return TouchBank(*arrays, body.shape_labels, POSES, features.reshape(40, 2, 3, 4))
+
+
+@pytest.mark.parametrize("state", ["gains", "goal"])
+def test_a_training_on_the_joint_belief_goes_on_where_it_was_stopped(state, felt, body, tmp_path, monkeypatch):
+    recipe, target = (
+        replace(TINY, state=state, beta=0.0, target_prob=(0.1, 0.9)),
+        None if state == "goal" else "shape_0",
+    )
+    whole, parts = (Training(felt, felt, body, target, recipe, 0, tmp_path / folder) for folder in ("whole", "parts"))
+    curve = whole.run()
+    interrupted(parts, monkeypatch, 2)
+    assert parts.run() == curve
+    assert (tmp_path / "parts" / POLICY).read_bytes() == (tmp_path / "whole" / POLICY).read_bytes()
+    card = Policy.from_bytes((tmp_path / "whole" / POLICY).read_bytes()).card
+    assert (card.state, card.target) == (state, target or "")
+
+
 def test_a_training_leaves_global_chance_and_the_temporary_folder_alone(bank, sharp, tmp_path, monkeypatch):
     temporary = tmp_path / "temporary"
     temporary.mkdir()

@@ -1,0 +1,154 @@
+"""The joint belief of many episodes on a touch bank: shape, and what the next touch tells."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from activetouch.envs.touch_bank import TouchBank
+from belief.observation_model import ArrayModel
+from belief.observation_model.log_weights import log_means, some_hypotheses
+from belief.observation_model.repeat_discount import new_shares, repeat_shares
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains, target_gains
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_AT_ONCE = 32  # objects whose hypotheses are weighed at a time; they fit the cache
+
+
+class WeighedTouches:
+    """What sets of touches of a bank's objects say by a joint model; each set is weighed once.
+
+    It is what :class:`~belief.observation_model.rigid_body_evidence.RigidBodyEvidence` says, up to rounding.
+
+    Args:
+        bank: the touches, with features.
+        model: the joint model, with its hypotheses.
+
+    Raises:
+        NoGains: the model is no joint model, or the bank has no features.
+    """
+
+    def __init__(self, bank: TouchBank, model: ArrayModel) -> None:
+        if not isinstance(model, RigidBodyModel) or bank.features is None:
+            found = "without" if bank.features is None else "with"
+            raise NoGains(
+                "the gain of each pose needs a sensor whose belief is about one rigid body, and a bank with features "
+                f"that its reader wrote; got a {type(model).__name__} and a bank {found} features. Make one with: "
+                "activetouch touch-bank --sensor SENSOR"
+            )
+        self.model, self._features, self._num_rounds = model, bank.features, bank.num_rounds
+        num_shapes, number = len(model.shape_labels), model.num_hypotheses
+        probs = model.outcome_probs(np.tile(np.arange(number), (num_shapes, 1)), GAIN_OUTCOMES)  # (P, K, N, M)
+        self._outcomes = np.moveaxis(probs, 0, 2).reshape(num_shapes * number, -1)  # (K N, P M)
+        untouched = np.zeros((1, num_shapes, number), np.float32)
+        self.untouched: NDArray[np.float16] = self._tables_of(untouched)[0]
+        """p(outcome of the first touch | pose, shape), ``(P, K, M)``."""
+        self._known: dict[bytes, tuple[Floats, NDArray[np.float16]]] = {}
+
+    def of(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
+        """Log-likelihoods of the shapes, ``(n, K)``, and outcome tables of the next touch, ``(n, P, K, M)``.
+
+        Args:
+            objects: of the bank, ``(n,)``.
+            rounds: of their touches, as many for each, ``(n, t)``.
+            poses: of their touches, ``(n, t)``.
+        """
+        places = np.sort(poses * self._num_rounds + rounds, axis=1)  # the order of touches does not matter
+        keys = [row.tobytes() for row in np.concatenate([objects[:, None], places], axis=1)]
+        new = list({key: row for row, key in enumerate(keys) if key not in self._known}.values())
+        for first in range(0, len(new), _AT_ONCE):
+            block = np.array(new[first : first + _AT_ONCE])
+            found = self._weigh(objects[block], rounds[block], poses[block])
+            self._known |= zip((keys[row] for row in block), zip(*found, strict=True), strict=True)
+        log_likelihoods, tables = zip(*(self._known[key] for key in keys), strict=True)
+        return np.stack(log_likelihoods), np.stack(tables)
+
+    def _weigh(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
+        body, embeddings = self.model, np.asarray(self._features[objects[:, None], rounds, poses], np.float64)
+        shares = repeat_shares(poses, body.correlation, body.drift).astype(np.float32)
+        weights = np.zeros((len(objects), len(body.shape_labels), body.num_hypotheses), np.float32)
+        for step in range(poses.shape[1]):
+            for pose in np.unique(poses[:, step]).tolist():
+                here = np.flatnonzero(poses[:, step] == pose)
+                weights[here] += shares[here, step, None, None] * body.scores(pose, embeddings[here, step])
+        weights -= weights.max(axis=(1, 2), keepdims=True)
+        return log_means(weights.astype(np.float64)), self._tables_of(weights)
+
+    def _tables_of(self, log_weights: NDArray[np.float32]) -> NDArray[np.float16]:
+        count, num_shapes, number = log_weights.shape
+        some = [some_hypotheses(row, GAIN_HYPOTHESES) for row in log_weights]
+        chosen, shares = (np.stack(column) for column in zip(*some, strict=True))  # (n, K, H) each
+        columns = chosen + number * np.arange(num_shapes)[:, None]
+        ends = np.arange(0, chosen.size + 1, chosen.shape[2])
+        means = csr_array(
+            (shares.astype(np.float32).ravel(), columns.ravel(), ends), shape=(len(ends) - 1, len(self._outcomes))
+        )
+        found = (means @ self._outcomes).reshape(count, num_shapes, self.model.num_poses, -1)
+        return np.ascontiguousarray(found.swapaxes(1, 2), np.float16)
+
+
+@lru_cache(maxsize=2)
+def weighed_touches(bank: TouchBank, model: ArrayModel) -> WeighedTouches:
+    """The weighed touches of a bank, shared by all episodes on it."""
+    return WeighedTouches(bank, model)
+
+
+class JointBankEvidence:
+    """:class:`~activetouch.envs.running_evidence.BankEvidence` about one rigid body, with the gain of each pose.
+
+    Args:
+        weighed: the touches of the bank.
+        num_envs: B.
+        touch_limit: maximum number of touches of a row.
+    """
+
+    def __init__(self, weighed: WeighedTouches, num_envs: int, touch_limit: int) -> None:
+        self._weighed, self._counts = weighed, np.zeros(num_envs, np.int64)
+        self._touched = np.zeros((3, num_envs, touch_limit), np.int64)  # object, round, pose
+        self._found = np.zeros((num_envs, len(weighed.model.shape_labels)))
+        self._tables = np.repeat(weighed.untouched[None], num_envs, axis=0)
+
+    def add(self, rows: Ints, objects: Ints, rounds: Ints, poses: Ints) -> None:
+        """See :class:`BankEvidence`."""
+        self._touched[:, rows, self._counts[rows]] = objects, rounds, poses
+        self._counts[rows] += 1
+        for number in np.unique(self._counts[rows]).tolist():
+            some = rows[self._counts[rows] == number]
+            object_, round_, pose = self._touched[:, some, :number]
+            self._found[some], self._tables[some] = self._weighed.of(object_[:, 0], round_, pose)
+
+    def forget(self, rows: Ints) -> None:
+        """See :class:`BankEvidence`."""
+        self._counts[rows] = 0
+        self._found[rows] = 0.0
+        self._tables[rows] = self._weighed.untouched
+
+    def log_likelihoods(self) -> Floats:
+        """See :class:`BankEvidence`."""
+        return self._found.copy()
+
+    def gains(self, rows: Ints, log_probs: Floats, targets: Ints) -> Floats:
+        """Expected information of the next touch of these rows about their targets [nats], ``(n, P)``.
+
+        Args:
+            rows: of the batch, ``(n,)``.
+            log_probs: their log posteriors, ``(n, K)``.
+            targets: index of each row's target, ``(n,)``.
+        """
+        body, inside = self._weighed.model, np.arange(self._touched.shape[2]) < self._counts[rows, None]
+        poses = np.where(inside, self._touched[2, rows], -1)
+        uses = (poses[:, :, None] == np.arange(body.num_poses)).sum(axis=1)
+        new = new_shares(uses, body.correlation, body.drift)
+        return target_gains(np.exp(log_probs), self._tables[rows].astype(np.float64), targets) * new
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """See :class:`BankEvidence`."""
+        return {"touched": self._touched, "counts": self._counts, "found": self._found, "tables": self._tables}
