@@ -36,7 +36,7 @@ def main() -> None:
     sensor, model, shapes = prepared(TactileSensor.shipped("keyed"), variant)
     problem = SearchProblem(variant.shapes, sensor.scene.pose_labels, 4, "independent", touch_limit=4 * 26)
     drawn = Figure((8.0, 4.5), layout="constrained")
-    axes = drawn.add_subplot(xscale="log", xlabel="time of a choice [ms]", ylabel="touches of a search")
+    axes = drawn.add_subplot(xscale="log", xlabel="time of a choice [ms], labels: hypotheses of each shape × outcomes", ylabel="touches of a search")
     names = [(f"shape_information_gain(hypotheses={h},outcomes={m},{_STOP})", f"{h} × {m}") for h, m in SETTINGS]
     first = np.zeros(0)
     print(
@@ -61,8 +61,10 @@ def main() -> None:
             axes.axhspan(touches.mean() - error, touches.mean() + error, color="0.9", label=f"{label}, 95 %")
             continue
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
-        axes.annotate(label, (median, touches.mean()), (6, 4), textcoords="offset points", fontsize=8)
-    axes.set_ylim(0)
+        below = label.endswith("× 32")
+        axes.annotate(label, (median, touches.mean()), (5, -12 if below else 5), textcoords="offset points", fontsize=8)
+    axes.set(xticks=(2, 3, 4, 5, 6), xticklabels="23456", xlim=(1.6, 8), ylim=0)
+    axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     drawn.savefig(arguments.out, dpi=110)

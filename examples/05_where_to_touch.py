@@ -50,7 +50,7 @@ for row, (title, name) in enumerate(names.items()):
     globe.set(xticks=[], yticks=[], title=f"{len(sides)} places {title}")
     curve = drawn.add_subplot(2, 2, 2 * row + 2, xlabel="touches", ylabel=f"probability of {SHAPE}", ylim=(0, 1.05))
     curve.plot(certainty, "o-")
-    curve.set_xlim(0, 20)
+    curve.set_xlim(0, len(places))
 
 if sys.argv[-1].endswith(".png"):
     drawn.savefig(sys.argv[-1], dpi=110)
