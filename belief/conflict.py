@@ -1,7 +1,8 @@
 """A running test that touches come from the world that an observation model was fitted to.
 
 Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
-novelty of its embedding, and its misfit to the earlier touches of the object. The object's own
+novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
+as well before the touch (:mod:`belief.usual_misfit`). The object's own
 earlier scores predict a part of each score, which is subtracted, so that the p-values of one object are nearly
 independent. Bets against the p-values multiply over all touches of all objects of a search. In the world of the
 calibration objects the product has expectation 1, so it ever exceeds 1/α with probability at most α (Ville 1939;
@@ -38,6 +39,7 @@ from belief.array_fields import from_field, to_field
 from belief.frozen import FrozenArrays, frozen
 from belief.novelty import Novelty
 from belief.problem import Floats
+from belief.usual_misfit import UsualMisfit
 
 NOVELTY, MISFIT = 0, 1
 """Index of the two scores."""
@@ -61,20 +63,24 @@ class ConflictTest(FrozenArrays):
 
     Attributes:
         novelty: of an embedding.
-        medians: of both scores after 0, 1, … earlier touches of the object, ``(2, T)``.
+        usual_misfit: by number of earlier touches and by how certain the shape was.
+        medians: of the novelty after 0, 1, … earlier touches of the object, ``(T,)``.
         correlations: of the scores of two touches of one object, ``(2,)``.
         quantiles: of both scores less their prediction, increasing, ``(2, T, Q)``.
         num_objects: calibration objects.
     """
 
     novelty: Novelty
+    usual_misfit: UsualMisfit
     medians: Floats
     correlations: Floats
     quantiles: Floats
     num_objects: int
 
     @classmethod
-    def fit(cls, embeddings: Floats, misfits: Floats, shapes: ArrayLike) -> ConflictTest | None:
+    def fit(
+        cls, embeddings: Floats, misfits: Floats, shapes: ArrayLike, certainties: Floats | None = None
+    ) -> ConflictTest | None:
         """The test from sequences of touches, one of each calibration object.
 
         The novelty of each object is that to other objects.
@@ -83,6 +89,7 @@ class ConflictTest(FrozenArrays):
             embeddings: ``(S, T, D)``.
             misfits: to the earlier touches of the sequence, ``(S, T)``; those of first touches are not used.
             shapes: of the objects, ``(S,)``.
+            certainties: largest posterior of a shape before each touch, ``(S, T)``; the same for all by default.
 
         Returns:
             The test; None for fewer than 20 objects, which cannot tell what is rare.
@@ -96,9 +103,12 @@ class ConflictTest(FrozenArrays):
         for fold in range(_FOLDS):
             out = folds == fold
             novelties[out] = Novelty.fit(rows[~out], truth[~out]).score(rows[out])
-        scores = np.clip(np.stack([novelties.reshape(num_objects, length), misfits]), -_WIDEST, _WIDEST)
-        medians = _single(np.median(scores, axis=1))
-        centred = scores - medians[:, None]
+        scores = np.clip(novelties.reshape(num_objects, length), -_WIDEST, _WIDEST)
+        medians = _single(np.median(scores, axis=0))
+        before = np.ones_like(misfits) if certainties is None else certainties
+        usual = UsualMisfit.fit(misfits, before)
+        standardised = [usual.standardised(step, misfits[:, step], before[:, step]) for step in range(length)]
+        centred = np.stack([scores - medians, np.stack(standardised, axis=1)])
         correlations = np.array([_correlation(centred[NOVELTY]), _correlation(centred[MISFIT][:, 1:])])
         found = np.zeros((2, length, len(_ranks(num_objects))))
         for kind in (NOVELTY, MISFIT):
@@ -108,12 +118,12 @@ class ConflictTest(FrozenArrays):
                 values = np.sort(now - _share(correlations[kind], step - kind) * sums)[_ranks(num_objects) - 1]
                 sums += np.clip(now, values[0], values[-1])
                 found[kind, step] = values
-        return cls(Novelty.fit(rows, truth), medians, correlations, _single(found), num_objects)
+        return cls(Novelty.fit(rows, truth), usual, medians, correlations, _single(found), num_objects)
 
     @property
     def num_touches(self) -> int:
         """T, of an object that are tested."""
-        return self.medians.shape[1]
+        return len(self.medians)
 
     @cached_property
     def _kept_ranks(self) -> NDArray[np.int64]:
@@ -129,7 +139,7 @@ class ConflictTest(FrozenArrays):
         Args:
             kind: :data:`NOVELTY` or :data:`MISFIT`.
             step: number of earlier touches of the object, below T.
-            score: less its median and its prediction.
+            score: less its median and its prediction; a misfit in units of its width.
         """
         values, ranks, number = self.quantiles[kind, step], self._kept_ranks, self.num_objects
         margin = _RESOLUTION * (1.0 + abs(score))
@@ -143,6 +153,10 @@ class ConflictTest(FrozenArrays):
         """All parameters, as JSON types; arrays in single precision, as :meth:`fit` has rounded them."""
         arrays = {
             **{field.name: getattr(self.novelty, field.name) for field in dataclass_fields(Novelty)},
+            **{
+                f"misfit_{field.name}": getattr(self.usual_misfit, field.name)
+                for field in dataclass_fields(UsualMisfit)
+            },
             "medians": self.medians,
             "quantiles": self.quantiles,
         }
@@ -156,8 +170,11 @@ class ConflictTest(FrozenArrays):
     def from_fields(cls, fields: Mapping[str, Any]) -> ConflictTest:
         """The test of fields from :meth:`to_fields`."""
         novelty = Novelty(*(from_field(fields[field.name], "float32") for field in dataclass_fields(Novelty)))
+        usual = UsualMisfit(
+            *(from_field(fields[f"misfit_{field.name}"], "float32") for field in dataclass_fields(UsualMisfit))
+        )
         medians, quantiles = (from_field(fields[name], "float32") for name in ("medians", "quantiles"))
-        return cls(novelty, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
+        return cls(novelty, usual, medians, np.array(fields["correlations"]), quantiles, int(fields["num_objects"]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +184,7 @@ class ObjectConflict:
     Attributes:
         test: the distributions.
         num_touches: of the object.
-        sums: of both scores less their medians over all tested touches, ``(2,)``.
+        sums: of both scores over all tested touches: the novelty less its median, the misfit standardised, ``(2,)``.
         p_values: of the last touch, ``(2,)``: its novelty, and its misfit to earlier touches; ones without a test.
         log_bets: log wealth of every strategy, ``(12,)``.
     """
@@ -178,22 +195,24 @@ class ObjectConflict:
     p_values: Floats
     log_bets: Floats
 
-    def update(self, embedding: ArrayLike, misfit: float) -> ObjectConflict:
+    def update(self, embedding: ArrayLike, misfit: float, certainty: float = 1.0) -> ObjectConflict:
         """The test with one more touch.
 
         Args:
             embedding: ``(D,)``.
             misfit: to the earlier touches.
+            certainty: largest posterior of a shape before the touch, in [0, 1].
         """
         step, test = self.num_touches, self.test
         if step >= test.num_touches:
             return replace(self, num_touches=step + 1, p_values=frozen(np.ones(2)))
         novelty = float(test.novelty.score(np.asarray(embedding, np.float64)[None])[0])
+        unusual = _limited(novelty, -_WIDEST, _WIDEST) - test.medians.item(step)
+        standardised = float(test.usual_misfit.standardised(step, misfit, certainty))
         logs, sums, p_values = [0.0, 0.0, 0.0], self.sums.tolist(), [1.0, 1.0]
-        for kind, score in ((NOVELTY, novelty), (MISFIT, misfit)):
+        for kind, centred in ((NOVELTY, unusual), (MISFIT, standardised)):
             if step < kind:
                 continue
-            centred = _limited(score, -_WIDEST, _WIDEST) - test.medians.item(kind, step)
             share = _share(test.correlations.item(kind), step - kind)
             high, low = test.p_values(kind, step, centred - share * sums[kind])
             p_values[kind], logs[2 * kind] = high, log(high)

@@ -35,7 +35,7 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.log_weights import bounded_softmax, log_means, log_sums, misfit
+from belief.observation_model.log_weights import bounded_softmax, certainty, log_means, log_sums, misfit
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
@@ -367,18 +367,22 @@ class RigidBodyModel(ArrayModel):
                 weights[here] += shares[here, step, None, None] * ratios
         return weights
 
-    def misfits(self, batch: TouchBatch) -> Floats:
-        """How much worse the earlier touches of a sequence predict each touch than the touch itself does, ``(S, n)``.
+    def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:
+        """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it.
 
-        That is log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i), over the hypotheses i.
+        Returns:
+            Misfits, log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i) over the hypotheses i, and the
+            largest posterior of a shape, ``(S, n)`` each.
         """
-        found, length = np.empty(batch.poses.shape), max(1, batch.num_touches)
+        found, certainties, length = np.empty(batch.poses.shape), np.empty(batch.poses.shape), max(1, batch.num_touches)
         size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses * length))
         for first in range(0, len(batch), size):
             block = slice(first, first + size)
             for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
-                found[block, step] = misfit(scores, log_means(before), log_means(before + scores))
-        return found
+                log_likelihoods = log_means(before)
+                found[block, step] = misfit(scores, log_likelihoods, log_means(before + scores))
+                certainties[block, step] = certainty(log_likelihoods)
+        return found, certainties
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it.

@@ -56,8 +56,8 @@ class JointModel(Protocol):
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
 
-    def misfits(self, batch: TouchBatch) -> Floats:
-        """How much worse the earlier touches of a sequence predict each touch than the touch itself does."""
+    def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:
+        """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it."""
 
 
 _Joint = TypeVar("_Joint", bound=JointModel)
@@ -239,7 +239,8 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
 def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
     """The conflict test from one sequence of touches of each object."""
     assert touches.features is not None, "checked by the caller"
-    return ConflictTest.fit(touches.features.astype(np.float64), model.misfits(touches), shapes)
+    misfits, certainties = model.misfits(touches)
+    return ConflictTest.fit(touches.features.astype(np.float64), misfits, shapes, certainties)
 
 
 def _sequences(

@@ -77,6 +77,23 @@ def test_earlier_touches_of_the_object_are_predicted(test_of_200):
     assert (novel[novel[:, 0] <= 0.1, 1] <= 0.1).mean() < 0.17
 
 
+def test_going_on_with_little_known_objects_alone_is_no_conflict():
+    """A search touches those again whose shape is uncertain, and a touch of them always fits less well."""
+    rng = np.random.default_rng(6)
+    embeddings, misfits = sequences(rng, 2000, 4)
+    certainties = rng.uniform(size=misfits.shape)
+    misfits = (0.3 * misfits + 2.0) * (1.1 - certainties)
+    for told, fires in ((certainties, False), (np.full_like(certainties, 0.5), True)):
+        test = ConflictTest.fit(embeddings[:800], misfits[:800], np.arange(800) % 2, told[:800])
+        wealth = np.zeros(12)
+        for one in 800 + np.flatnonzero((certainties[800:, 1:] < 0.35).all(axis=1)):
+            state = test.start()
+            for values in zip(embeddings[one], misfits[one], told[one], strict=True):
+                state = state.update(*values)
+            wealth = wealth + state.log_bets
+        assert (log_conflict([wealth]) > THRESHOLD) == fires
+
+
 def test_after_the_last_tested_touch_nothing_changes(test_of_200):
     states = list(followed(test_of_200, np.full((40, D), 9.0), np.full(40, 9.0)))
     assert states[-1].log_bets is states[MOST_TOUCHES - 1].log_bets

@@ -34,6 +34,7 @@ from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
+from belief.usual_misfit import UsualMisfit
 from planners.pomdp.problem import SearchTouchProblem
 from planners.solve import TouchProblem
 
@@ -93,8 +94,9 @@ HOLDERS = {
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),
     "RiskCoverage": (lambda a, b: RiskCoverage(a, b, 0.1, (0.0, 0.2)), [np.array([0.5, 1.0]), np.array([0.0, 0.2])]),
     "Novelty": (Novelty, [ROWS, np.eye(2), np.zeros(4), np.ones(4)]),
+    "UsualMisfit": (UsualMisfit, [np.zeros((3, 1)), np.zeros((3, 2)), np.ones((3, 2))]),
     "ConflictTest": (
-        lambda a, b, c: ConflictTest(Novelty(ROWS, np.eye(2), b[0], b[0]), a, b[0], c, 20),
+        lambda a, b, c: ConflictTest(Novelty(ROWS, np.eye(2), b[0], b[0]), UsualMisfit(a, a, a), a[0], b[0], c, 20),
         [np.zeros((2, 3)), np.zeros((2, 2)), np.zeros((2, 3, 20))],
     ),
     "ReliabilityCurve": (lambda a: reliability_curve(a, TRUTH), [np.full((4, 2), 0.5)]),
