@@ -36,7 +36,8 @@ def main() -> None:
     sensor, model, shapes = prepared(TactileSensor.shipped("keyed"), variant)
     problem = SearchProblem(variant.shapes, sensor.scene.pose_labels, 4, "independent", touch_limit=4 * 26)
     drawn = Figure((8.0, 4.5), layout="constrained")
-    axes = drawn.add_subplot(xscale="log", xlabel="time of a choice [ms], labels: hypotheses of each shape × outcomes", ylabel="touches of a search")
+    times = "time of a choice [ms], labels: hypotheses of each shape × outcomes"
+    axes = drawn.add_subplot(xscale="log", xlabel=times, ylabel="touches of a search")
     names = [(f"shape_information_gain(hypotheses={h},outcomes={m},{_STOP})", f"{h} × {m}") for h, m in SETTINGS]
     first = np.zeros(0)
     print(
