@@ -49,10 +49,10 @@ def misfit(scores: Floats32, before: Floats, after: Floats) -> Floats:
     return np.asarray(alone - _log_total(after) + _log_total(before))
 
 
-def certainty(log_likelihood: Floats) -> Floats:
+def largest_posterior(log_likelihood: Floats) -> Floats:
     """Largest posterior of a shape under a uniform prior: over the last axis of log likelihoods ``(..., K)``.
 
-    >>> certainty(np.log([[0.5, 0.5], [0.2, 0.6]])).round(2).tolist()
+    >>> largest_posterior(np.log([[0.5, 0.5], [0.2, 0.6]])).round(2).tolist()
     [0.5, 0.75]
     """
     return np.asarray(1.0 / np.exp(log_likelihood - log_likelihood.max(axis=-1, keepdims=True)).sum(axis=-1))

@@ -35,7 +35,7 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.log_weights import bounded_softmax, certainty, log_means, log_sums, misfit
+from belief.observation_model.log_weights import bounded_softmax, largest_posterior, log_means, log_sums, misfit
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
@@ -381,7 +381,7 @@ class RigidBodyModel(ArrayModel):
             for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
                 log_likelihoods = log_means(before)
                 found[block, step] = misfit(scores, log_likelihoods, log_means(before + scores))
-                certainties[block, step] = certainty(log_likelihoods)
+                certainties[block, step] = largest_posterior(log_likelihoods)
         return found, certainties
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:

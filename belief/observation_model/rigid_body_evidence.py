@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from belief.conflict import ObjectConflict, log_conflict
 from belief.frozen import Kind, frozen
-from belief.observation_model.log_weights import certainty, log_means, misfit, some_hypotheses
+from belief.observation_model.log_weights import largest_posterior, log_means, misfit, some_hypotheses
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.repeat_discount import drift_share, effective_touches, new_shares
 from belief.observation_model.views import SharedMixture, Views
@@ -119,7 +119,7 @@ class RigidBodyEvidence:
         in_pose, conflict = self.in_pose, self.conflict
         if conflict is not None:
             surprise = misfit(scores, self.log_likelihood, log_likelihood + largest)
-            conflict = conflict.update(embedding[0], float(surprise), float(certainty(self.log_likelihood)))
+            conflict = conflict.update(embedding[0], float(surprise), float(largest_posterior(self.log_likelihood)))
         if correlation or drift:
             number, before = in_pose.get(pose, (0, 0.0))
             total = np.add(before, scores, dtype=np.float64) if number else scores
