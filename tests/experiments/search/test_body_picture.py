@@ -6,7 +6,9 @@ import pytest
 from activetouch.hypotheses import quaternions
 from activetouch.poses import turn
 from activetouch.shapes import SHAPES
+from belief.observation_model.log_weights import log_means
 from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from experiments.search.body_picture import Bodies
 
 N = 512
@@ -16,8 +18,7 @@ BODIES = Bodies(SHAPES, quaternions(N), np.ones(N))
 def evidence(log_weights):
     shape = (1, len(SHAPES), N, 1)
     model = RigidBodyModel(tuple(SHAPES), np.zeros(shape, np.float32), N, 1.0, np.zeros((1, 1, 1)), np.zeros((1, 1, 4)))
-    start = model.start()
-    return type(start)(model, log_weights)
+    return RigidBodyEvidence(model, log_weights, log_means(log_weights))
 
 
 def test_an_unknown_orientation_is_blurred_and_a_known_one_is_sharp():
