@@ -88,7 +88,9 @@ def test_the_page_of_results_states_what_the_record_says(scene):
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_independent_touches_are_stated_as_their_record_says(scene):
-    planned, greedy = (RECORDS[f"{scene}-independent"]["deciders"][name] for name in ("point_based", "information_gain"))
+    planned, greedy = (
+        RECORDS[f"{scene}-independent"]["deciders"][name] for name in ("point_based", "information_gain")
+    )
     best = f"{max(planned['return'], greedy['return']):.3f}"
     cells = [cell.strip() for cell in row("README.md", f"| `{scene}`").split("|")]
     said = [", ".join(stated(one, DIGITS.get(scene, 1))) for one in (planned, greedy)]
