@@ -14,7 +14,6 @@ import argparse
 import numpy as np
 
 from activetouch import TactileSensor
-from belief import Touch
 from belief.bayes import expected_information_gain, update
 from belief.problem import Floats
 
@@ -33,7 +32,7 @@ def gains_on_the_way(scene: str, objects: int, rng: np.random.Generator) -> Floa
             belief, left = np.exp(update(prior, evidence.log_likelihood)[0]), poses[step:]
             now = evidence.outcome_mixture(_OUTCOMES, _HYPOTHESES).table.probs
             found[index, step] = [expected_information_gain(belief, table[left]).max() for table in (now, first)]
-            evidence = evidence.update(Touch(touch.pose, touch.logits, touch.features))
+            evidence = evidence.update(touch)
     return found
 
 

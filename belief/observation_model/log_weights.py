@@ -55,7 +55,7 @@ def largest_posterior(log_likelihood: Floats) -> Floats:
     >>> largest_posterior(np.log([[0.5, 0.5], [0.2, 0.6]])).round(2).tolist()
     [0.5, 0.75]
     """
-    return np.asarray(1.0 / np.exp(log_likelihood - log_likelihood.max(axis=-1, keepdims=True)).sum(axis=-1))
+    return np.asarray(np.exp(log_likelihood.max(axis=-1) - _log_total(log_likelihood)))
 
 
 def bounded_softmax(scores: Floats32) -> Floats32:
