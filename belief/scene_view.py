@@ -41,7 +41,7 @@ class ReadableScene:
 
     >>> from belief import SceneBelief
     >>> sorted(name for name in {*dir(SceneBelief)} - {*dir(ReadableScene)} if not name.startswith("_"))
-    ['known', 'remove', 'update', 'view']
+    ['known', 'remove', 'supposing', 'update', 'view']
 
     Attributes:
         labels: names of the K shapes.

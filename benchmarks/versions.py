@@ -162,7 +162,8 @@ class Version:
 
 def environment(folder: Path) -> dict[str, str]:
     """The environment in which Python imports the packages of a folder and uses one thread."""
-    return {**os.environ, "PYTHONPATH": str(folder.resolve()), "OMP_NUM_THREADS": "1"}
+    own = {"PYTHONPATH": str(folder.resolve()), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
+    return {**os.environ, **own}
 
 
 def row(name: str, before: list[float], after: list[float], unit: str) -> None:
@@ -194,10 +195,12 @@ def compare_commands(before: Path, rounds: int, chosen: list[str]) -> None:
             continue
         times: list[list[float]] = [[], []]
         with tempfile.TemporaryDirectory() as plans:
-            for round_ in range(rounds):
-                for folder, found in zip((before, HERE), times, strict=True):
-                    found.append(_seconds(folder, arguments, Path(plans)))
-                print(f"    round {round_ + 1}: {times[0][-1]:.1f} s, {times[1][-1]:.1f} s", flush=True)
+            for round_ in range(rounds + 1):
+                taken = [_seconds(folder, arguments, Path(plans)) for folder in (before, HERE)]
+                print(f"    round {round_}: {taken[0]:.1f} s, {taken[1]:.1f} s", flush=True)
+                if round_:  # the first one writes bytecode and plans
+                    for seconds, found in zip(taken, times, strict=True):
+                        found.append(seconds)
         row(name, times[0], times[1], "s ")
 
 

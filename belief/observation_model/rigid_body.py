@@ -363,8 +363,7 @@ class RigidBodyModel(ArrayModel):
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
                 here = np.flatnonzero(batch.poses[:, step] == pose)
-                ratios = self.log_ratios(pose, embeddings[here, step])
-                weights[here] += shares[here, step, None, None] * ratios
+                weights[here] += shares[here, step, None, None] * self.scores(pose, embeddings[here, step])
         return weights
 
     def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from activetouch.world import touch_many
 from belief import SceneBelief
+from belief.touch_batch import TouchBatch
 from experiments.search.setting import Setting, episode_seed, load_sensor, make_world
 from experiments.search.touch_memo import TouchMemo
 from planners.search import TouchRequest
@@ -33,15 +33,20 @@ def solved_by_full_information(
     sensor, problem = load_sensor(setting), setting.problem
     memo = TouchMemo() if memo is None else memo
     solved = []
+    poses = np.tile(np.arange(problem.num_poses), (problem.num_objects, 1))
+    before = SceneBelief(problem, sensor.model)
     for number in numbers:
         key = episode_seed(seed, target, number)
-        world = make_world(setting, sensor, key)
-        scene = SceneBelief(problem, sensor.model)
+        world, images = make_world(setting, sensor, key), []
         for object_index in range(problem.num_objects):
             requests = [TouchRequest.of(world, key, object_index, pose, repeat=0) for pose in range(problem.num_poses)]
-            scene.update(object_index, touch_many(sensor, requests, memo.press)[0])
+            images += [memo.press(request)[0] for request in requests]
             if object_index + 1 < problem.num_objects:
                 world.advance()
+        reading = sensor.reader.read(np.stack(images))
+        logits, embeddings = (found.reshape(*poses.shape, -1) for found in (reading.logits, reading.embeddings))
+        batch = TouchBatch(poses, logits, embeddings)
+        scene = before.supposing(sensor.model.log_likelihood_batch(batch))
         here = scene.marginals()[:, target]
         if 1.0 - scene.prob_present(target) > here.max():
             solved.append(target not in world.arrangement)
