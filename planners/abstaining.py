@@ -1,6 +1,6 @@
 """A decider that answers "I do not know" where its answer would not be reliable.
 
-There are three reasons. The scores of the decision name the one that applied:
+There are four reasons. The scores of the decision name the one that applied:
 
 - ``is_conflict``: the conflict test of the observation model says that the touches do not come from the world that the
   sensor knows, so the posterior means nothing. The test is read before every decision, not only before an answer. By
@@ -8,6 +8,9 @@ There are three reasons. The scores of the decision name the one that applied:
   further touches cost, but cannot make the sensor fit the world.
 - ``is_doubtful``: the decider would answer although the probability that its answer is right is below the promise. This
   happens at a maximum number of touches.
+- ``is_suspicious``: the decider would answer while the conflict test, without an alarm yet, makes it doubtful that the
+  sensor knows this world. An answer is right with its stated probability in the sensor's own world only
+  (decision 0061).
 - ``is_cut_off``: the decider would touch once more, and the touch limit of the search forbids it.
 """
 
@@ -25,7 +28,7 @@ from planners.decider import Decider, Decision, InformationState
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
-REASONS = ("is_conflict", "is_doubtful", "is_cut_off")
+REASONS = ("is_conflict", "is_doubtful", "is_suspicious", "is_cut_off")
 """Scores that say why a search ended with "I do not know"."""
 _LARGEST = 1e150  # a statistic of infinite size is recorded as this: scores are finite
 
@@ -46,6 +49,8 @@ class Abstaining:
         false_alarm: probability of at most this size that the conflict test ends a search in the sensor's own world; in
             (0, 1). The test raises an alarm when ``info.scene.log_conflict`` reaches log(1 / false_alarm).
         promise: smallest stated probability of being right at which an answer is given; in [0, 1].
+        suspicion: e-value of the conflict test from which no answer is given, above 1; infinite for never. With a
+            prior of 0.02 for a changed world, the probability of the sensor's own world is 0.95 at 2.6.
 
     Raises:
         InvalidArgument: a number is outside its range; in :meth:`decide`, the search does not have the answer
@@ -63,12 +68,15 @@ class Abstaining:
     decider: Decider
     false_alarm: float = 0.02
     promise: float = 0.95
+    suspicion: float = 2.6
 
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarm < 1.0:
             raise InvalidArgument(f"false_alarm must be a probability in (0, 1), got {self.false_alarm!r}")
         if not 0.0 <= self.promise <= 1.0:
             raise InvalidArgument(f"promise must be a probability in [0, 1], got {self.promise!r}")
+        if not self.suspicion > 1.0:
+            raise InvalidArgument(f"suspicion must be an e-value above 1, got {self.suspicion!r}")
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""
@@ -88,7 +96,9 @@ class Abstaining:
         if prob is None:
             return Decision(wanted.action, scores)
         scores[ANSWER] = prob
-        return _unsure("is_doubtful", scores) if prob < self.promise else Decision(wanted.action, scores)
+        if prob < self.promise:
+            return _unsure("is_doubtful", scores)
+        return _unsure("is_suspicious", scores) if conflict >= log(self.suspicion) else Decision(wanted.action, scores)
 
 
 def answer_prob(action: Confirm | Reject | Unsure, info: InformationState) -> float | None:

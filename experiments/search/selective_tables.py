@@ -29,7 +29,14 @@ def abstention_table(comparison: Comparison) -> Table:
         "Answers and “I do not know”",
         [
             *("decider", ("searches", "d"), ("success", ".3f"), ("wrong", ".3f"), ("95 %", ".3f")),
-            *(("unsure", ".3f"), ("95 % ", ".3f"), ("conflict", "d"), ("doubtful", "d"), ("touch limit", "d")),
+            *(
+                ("unsure", ".3f"),
+                ("95 % ", ".3f"),
+                ("conflict", "d"),
+                ("doubtful", "d"),
+                ("suspicious", "d"),
+                ("touch limit", "d"),
+            ),
             *(("answered", "d"), ("stated", ".3f"), ("right", ".3f"), ("95 %  ", ".3f")),
         ],
         rows,

@@ -54,7 +54,7 @@ ALARM = math.log(1 / 0.02)
 
 @pytest.mark.parametrize("action", [Probe(1), Confirm(), Reject()])
 def test_an_alarm_ends_the_search_before_any_further_decision(action, model, rng):
-    decider = Abstaining(Always(action), promise=0.0)
+    decider = Abstaining(Always(action), promise=0.0, suspicion=np.inf)
     decision = decider.decide(state(model, ALARM), rng)
     assert decision.action == Unsure()
     assert reasons(decision) == ["is_conflict"]
@@ -62,6 +62,14 @@ def test_an_alarm_ends_the_search_before_any_further_decision(action, model, rng
     below = decider.decide(state(model, ALARM - 1e-9), rng)
     assert below.action == action
     assert not reasons(below)
+
+
+def test_a_suspicion_forbids_answers_and_no_touches_and_passes_when_the_conflict_falls(model, rng):
+    suspicious, calm = state(model, math.log(2.61)), state(model, math.log(2.59))
+    wrapped = {action: Abstaining(Always(action), promise=0.0) for action in (Probe(0), Reject(), Confirm())}
+    assert [decider.decide(suspicious, rng).action for decider in wrapped.values()] == [Probe(0), Reject(), Unsure()]
+    assert reasons(wrapped[Confirm()].decide(suspicious, rng)) == ["is_suspicious"]
+    assert wrapped[Confirm()].decide(calm, rng).action == Confirm()
 
 
 def test_a_smaller_rate_of_false_alarms_needs_more_conflict(model, rng):
@@ -130,7 +138,8 @@ def test_a_search_without_the_answer_unsure_is_refused_at_once(model, rng):
 @pytest.mark.parametrize(
     "settings",
     [{"false_alarm": value} for value in (0.0, 1.0, -0.1, np.nan)]
-    + [{"promise": value} for value in (-0.1, 1.1, np.nan)],
+    + [{"promise": value} for value in (-0.1, 1.1, np.nan)]
+    + [{"suspicion": value} for value in (1.0, 0.0, -np.inf, np.nan)],
 )
 def test_numbers_out_of_range_are_refused(settings):
     with pytest.raises(InvalidArgument, match=next(iter(settings))):

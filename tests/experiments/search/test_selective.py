@@ -64,7 +64,7 @@ def test_shares_are_of_all_searches_and_confidence_is_of_the_answers(rng):
     assert found.num_episodes == 11
     assert found.unsure == (2 / 11, *clopper_pearson_interval(2, 11))
     assert found.wrong == (1 / 11, *clopper_pearson_interval(1, 11))
-    assert dict(found.reasons) == {"is_conflict": 1, "is_doubtful": 1, "is_cut_off": 0}
+    assert dict(found.reasons) == {"is_conflict": 1, "is_doubtful": 1, "is_suspicious": 0, "is_cut_off": 0}
     assert found.num_answered == 8
     assert found.stated == pytest.approx((6 * 0.99 + 0.98 + 0.96) / 8)
     assert found.achieved == (7 / 8, *clopper_pearson_interval(7, 8))
