@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import random
 import threading
+import warnings
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,8 +32,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import pomdp_py
-from pomdp_py.utils.templates import SimpleAction, SimpleObservation, SimpleState
 from scipy.special import rel_entr
 
 from belief import Confirm, Probe, Reject, SearchProblem
@@ -40,6 +39,11 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
 from planners.continuation_value import prob_missed, target_chances
 from planners.decider import Decision, InformationState, require_fit
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of an escape in its documentation, each time that it is compiled
+    import pomdp_py
+    from pomdp_py.utils.templates import SimpleAction, SimpleObservation, SimpleState
 
 _ONE_PLAN_AT_A_TIME = threading.Lock()  # the generator is global to the process
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from belief.conflict import log_conflict
 from belief.observation_model import ArrayModel
-from belief.observation_model.evidence import start
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.out_of_distribution import auroc_interval
 from belief.statistics import clopper_pearson_interval
 from belief.touch_batch import TouchBatch
@@ -22,22 +23,29 @@ STREAM = 25
 """Touches of a stream."""
 FALSE_ALARMS = 0.02
 """Stated false-alarm rate of the test."""
+SO_FAR = ("conflict", "misfit")
+"""Scores of an object: the log e-value of all its touches, and their misfit to one known body."""
 AFTER = (1, 3, 6)
 """Numbers of touches of an object after which strangers are told from known shapes."""
 
 
-def log_bets(model: ArrayModel, touches: TouchBatch) -> Floats | None:
-    """Log wealth of each strategy after each touch of S objects, ``(S, n, J)``; None for a model without a test."""
-    if start(model).log_bets is None:
+def tested(model: ArrayModel, touches: TouchBatch) -> tuple[Floats, Floats] | None:
+    """What the conflict test says after each touch of S objects; None for a model without a test.
+
+    Returns:
+        Log wealth of each strategy, ``(S, n, J)``, and the misfit of all touches so far, ``(S, n)``.
+    """
+    begin = model.start()
+    if not isinstance(begin, RigidBodyEvidence) or begin.conflict is None:
         return None
-    found = []
+    wealth, misfits = [], []
     for row in range(len(touches)):
-        evidence, wealth = start(model), []
-        for touch in touches.sequence(row):
-            evidence = evidence.update(touch)
-            wealth.append(evidence.log_bets)
-        found.append(wealth)
-    return np.asarray(found, np.float64)
+        test = [
+            evidence.conflict for evidence in accumulate(touches.sequence(row), RigidBodyEvidence.update, initial=begin)
+        ]
+        wealth.append([one.log_bets for one in test[1:] if one is not None])
+        misfits.append([one.misfit for one in test[1:] if one is not None])
+    return np.array(wealth), np.array(misfits)
 
 
 def stream_scores(wealth: Floats, stopped: Stops, seed: int) -> dict[str, Any]:
@@ -92,15 +100,15 @@ def stranger_scores(known: Mapping[str, Floats], novel: Mapping[str, Floats], af
     """AUROC of scores of an object after some touches, each with its 95 % interval.
 
     Args:
-        known: log e-values of known objects after each touch as ``conflict``, scores of touches by other names, whose
-            mean is taken, ``(S, n)`` each.
+        known: scores of known objects: those of :data:`SO_FAR` are of all touches so far; of scores by other names,
+            which are of single touches, the mean is taken, ``(S, n)`` each.
         novel: of strangers.
         after: number of touches.
     """
     found = {}
     for name, scores in known.items():
         old, new = (
-            some[:, after - 1] if name == "conflict" else some[:, :after].mean(axis=1) for some in (scores, novel[name])
+            some[:, after - 1] if name in SO_FAR else some[:, :after].mean(axis=1) for some in (scores, novel[name])
         )
         found[name] = list(auroc_interval(old, new))
     return found

@@ -30,7 +30,15 @@ from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, S
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.robustness.conditions import CONDITIONS
-from experiments.robustness.conflict import AFTER, alarms, log_bets, log_e_values, stranger_scores, stream_scores
+from experiments.robustness.conflict import (
+    AFTER,
+    SO_FAR,
+    alarms,
+    log_e_values,
+    stranger_scores,
+    stream_scores,
+    tested,
+)
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
@@ -215,14 +223,14 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
     by_number = touches.log_posteriors(model)
     num_found = int((by_number[:, -1].argmax(axis=1) == outputs.shapes).sum())
     stopped = stops(by_number, outputs.shapes, CONFIDENCE)
-    wealth = log_bets(model, touches.batch)
+    found = tested(model, touches.batch)
     return {
         "nll": negative_log_likelihood(probs, labels),
         "ece": expected_calibration_error(probs, labels),
         "fused_accuracy": num_found / num_objects,
         "fused_interval": clopper_pearson_interval(num_found, num_objects),
         "stops": confidence_at_stops(stopped.claims, stopped.correct, stopped.num_touches),
-        "conflict": None if wealth is None else stream_scores(wealth, stopped, seed),
+        "conflict": None if found is None else stream_scores(found[0], stopped, seed),
     }
 
 
@@ -244,8 +252,8 @@ def out_of_distribution(
 
     Returns:
         Per shape ``num_objects``; ``auroc`` by score, of touches and of means over an object's touches, each with its
-        95 % interval; ``after``: by number of touches, AUROC of objects by score, that of ``conflict`` for a model with
-        a conflict test only, and the fraction of known objects and of strangers for which the test fires as
+        95 % interval; ``after``: by number of touches, AUROC of objects by score, those of :data:`SO_FAR` for a
+        model with a conflict test only, and the fraction of known objects and of strangers for which the test fires as
         ``false_alarms`` and ``alarms``; ``taken_for``, the most frequently predicted known shape, and its ``share``;
         ``confidence``, the mean calibrated probability of the predicted shapes.
     """
@@ -260,11 +268,11 @@ def out_of_distribution(
     num_poses, tests = known.logits.shape[1], {}
     for place, outputs in enumerate((known, novel)):
         order = np.tile(np.arange(num_poses), (len(outputs.shapes), 1))
-        wealth = log_bets(model, outputs.sequences(np.random.default_rng(place).permuted(order, axis=1)))
-        if wealth is not None:
-            tests[place] = log_e_values(wealth)
-    if tests:
-        scores["conflict"] = [tests[0], tests[1]]
+        found = tested(model, outputs.sequences(np.random.default_rng(place).permuted(order, axis=1)))
+        if found is not None:
+            tests[place] = log_e_values(found[0])
+            for name, score in zip(SO_FAR, (tests[place], found[1]), strict=True):
+                scores.setdefault(name, []).append(score)
     counts_of_touches = [number for number in AFTER if number <= num_poses]
     taken = novel.logits.argmax(axis=2)
     confidence = np.exp(log_posteriors(model, novel.singles())).max(axis=1).reshape(taken.shape)
@@ -280,7 +288,7 @@ def out_of_distribution(
                     "object": auroc_interval(old.mean(axis=1), new[rows].mean(axis=1)),
                 }
                 for name, (old, new) in scores.items()
-                if name != "conflict"
+                if name not in SO_FAR
             },
             "after": {
                 str(number): {

@@ -36,8 +36,9 @@ def test_fewer_touches_than_a_stream_give_no_figures():
 
 def test_strangers_by_the_e_value_at_a_touch_and_by_the_mean_of_other_scores():
     known, novel = np.zeros((8, P)), np.tile([0.0, 0.0, 9.0, 0.0, 0.0], (8, 1))
-    found = stranger_scores({"conflict": known, "energy": known}, {"conflict": novel, "energy": novel}, 4)
-    assert (found["conflict"][0], found["energy"][0]) == (0.5, 1.0)
+    names = ("conflict", "misfit", "energy")
+    found = stranger_scores(dict.fromkeys(names, known), dict.fromkeys(names, novel), 4)
+    assert [found[name][0] for name in names] == [0.5, 0.5, 1.0]
     assert [alarms(novel, after)[0] for after in (2, 4)] == [0.0, 1.0]
 
 
