@@ -49,8 +49,8 @@ class Abstaining:
         false_alarm: probability of at most this size that the conflict test ends a search in the sensor's own world; in
             (0, 1). The test raises an alarm when ``info.scene.log_conflict`` reaches log(1 / false_alarm).
         promise: smallest stated probability of being right at which an answer is given; in [0, 1].
-        suspicion: e-value of the conflict test from which no answer is given, above 1; infinite for never. With a
-            prior of 0.02 for a changed world, the probability of the sensor's own world is 0.95 at 2.6.
+        suspicion: e-value of the conflict test from which no answer is given, above 1; infinite for never. At
+            3.5, a prior of 0.015 for a changed world becomes a posterior of 0.05.
 
     Raises:
         InvalidArgument: a number is outside its range; in :meth:`decide`, the search does not have the answer
@@ -68,7 +68,7 @@ class Abstaining:
     decider: Decider
     false_alarm: float = 0.02
     promise: float = 0.95
-    suspicion: float = 2.6
+    suspicion: float = 3.5
 
     def __post_init__(self) -> None:
         if not 0.0 < self.false_alarm < 1.0:

@@ -65,7 +65,7 @@ def test_an_alarm_ends_the_search_before_any_further_decision(action, model, rng
 
 
 def test_a_suspicion_forbids_answers_and_no_touches_and_passes_when_the_conflict_falls(model, rng):
-    suspicious, calm = state(model, math.log(2.61)), state(model, math.log(2.59))
+    suspicious, calm = state(model, math.log(3.51)), state(model, math.log(3.49))
     wrapped = {action: Abstaining(Always(action), promise=0.0) for action in (Probe(0), Reject(), Confirm())}
     assert [decider.decide(suspicious, rng).action for decider in wrapped.values()] == [Probe(0), Reject(), Unsure()]
     assert reasons(wrapped[Confirm()].decide(suspicious, rng)) == ["is_suspicious"]
