@@ -11,7 +11,7 @@ PIP_ARGS ?=
 
 export HF_HUB_OFFLINE := 1
 
-.PHONY: search test check types others docs environment development sensor places robust-sensor independent-sensor policies figures reproduce clean
+.PHONY: search test check types others docs environment development sensor places robust-sensor independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
 	$(BIN)/activetouch compare --scene coarse $(ARGS)
@@ -152,6 +152,18 @@ policies: development
 	$(BIN)/activetouch train-ppo --scene $(SCENE) $(PPO.$(SCENE))
 	mkdir -p activetouch/models/$(INDEPENDENT)/policies
 	cp runs/ppo-$(SCENE)/policies/* activetouch/models/$(INDEPENDENT)/policies/
+
+# Policies on the belief about one rigid body, for the sensor of the scene; half an hour.
+BANKED.gel := --plan.calibration 200 --plan.test 200
+BANKED.paper := $(BANKED.gel)
+BANK = data/$(SCENE)-joint-bank
+joint-policies: development
+	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 --plan.repeats 6 $(BANKED.$(SCENE)) --out $(BANK)-touches
+	$(BIN)/activetouch touch-bank --scene $(SCENE) --sensor $(SCENE) --data $(BANK)-touches --out $(BANK)
+	$(BIN)/activetouch train-ppo --scene $(SCENE) --sensor $(SCENE) --bank $(BANK) --recipes goal gains \
+		--change.steps 200000 --out runs/ppo-$(SCENE)-joint
+	mkdir -p activetouch/models/$(SCENE)/policies
+	cp runs/ppo-$(SCENE)-joint/policies/* activetouch/models/$(SCENE)/policies/
 
 figures: development
 	$(BIN)/activetouch compare --scene coarse --deciders information_gain --targets cone --episodes 49 --seed 1 --out runs/figure
