@@ -1,9 +1,9 @@
 """An observation model that also knows strangers: objects of none of the known shapes.
 
-The touches of a stranger have the mean likelihood of the known shapes, times the object's e-value, which is what the
-bets of the conflict test (:mod:`belief.conflict`) have won. How probable a stranger is before the first touch is said
-by the composition of the search, or by the prior. In some touches a stranger is like a known shape, so its next touch
-is predicted as that of the known shapes that are still possible.
+The touches of a stranger have the mean likelihood of the known shapes, times the object's e-value, which is what bets
+of the conflict test (:mod:`belief.conflict`) on a high misfit have won. How probable a stranger is before the first
+touch is said by the composition of the search, or by the prior. In some touches a stranger is like a known shape, so
+its next touch is predicted as that of the known shapes that are still possible.
 
 Touches of an object that fits a known shape, and of one that fits none:
 
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from belief.conflict import log_conflict
+from belief.conflict import log_stranger
 from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.naming import checked_names
@@ -137,7 +137,7 @@ class StrangerEvidence:
         mean = logsumexp(known) - np.log(len(known))
         if np.isneginf(mean):  # no known shape is possible
             return frozen(np.append(known, 0.0))
-        return frozen(np.append(known, mean + log_conflict([bets])))
+        return frozen(np.append(known, mean + log_stranger(bets)))
 
     def outcome_mixture(self, num_outcomes: int, num_hypotheses: int) -> Outcomes | None:
         """The outcomes of the next touch, given these touches; see :class:`ObjectEvidence`."""
