@@ -2,12 +2,16 @@
 
 import json
 import re
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
 RECORDS = json.loads((ROOT / "docs" / "results" / "searches.json").read_text())
+_SPEC = spec_from_file_location("tables_of_docs", ROOT / "docs" / "generate" / "tables.py")
+tables = module_from_spec(_SPEC)
+_SPEC.loader.exec_module(tables)
 SCENES = [name for name in RECORDS if not name.endswith("-independent")]
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md"))]
 _NUMBER = re.compile(r"(?<![\w./§\[-])\d+\.\d+(?![\w.]*\.(?:md|py))|\d+ %|\d[\d ]* (?:ms|µs|MB|touches)\b")
@@ -99,3 +103,9 @@ def test_independent_touches_are_stated_as_their_record_says(scene):
     lines = (ROOT / "docs" / "results.md").read_text().splitlines()
     [number] = [n for n, line in enumerate(lines) if line.startswith(f"| `{scene}`: ")]
     assert [cell.strip() for cell in lines[number + 1].split("|")[3:6]] == [*said, best]
+
+
+@pytest.mark.parametrize("page", tables.PAGES)
+def test_the_tables_of_a_page_are_those_of_the_records(page):
+    text = (ROOT / "docs" / page).read_text()
+    assert tables.PAGES[page](text) == text, "run python docs/generate/tables.py"

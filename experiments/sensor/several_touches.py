@@ -135,9 +135,11 @@ class SeveralTouches:
                 model = _fitted(known, calibration, manifest, HypothesisTable(reader, scene), number)
                 truth = test.shapes[:: len(scene.poses)]
                 entries.append(self._entry(reader, precision, seconds, number, model, read, truth))
-        shown = table(entries, self.scene, len(np.unique(test.object_ids)))
+        num_objects = len(np.unique(test.object_ids))
+        shown = table(entries, self.scene, num_objects)
+        record = {"scene": self.scene, "seed": self.seed, "objects": num_objects, "entries": list(map(asdict, entries))}
         for name, text in (
-            ("several-touches.json", json.dumps([asdict(entry) for entry in entries], indent=1) + "\n"),
+            ("several-touches.json", json.dumps(record, indent=1) + "\n"),
             ("several-touches.md", shown.markdown() + "\n"),
         ):
             write_text(self.out / name, text)

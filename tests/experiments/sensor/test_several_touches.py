@@ -54,7 +54,7 @@ def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
     data = tmp_path / "data"
     collect(SceneChoice("coarse"), CollectionPlan(0, 6, 6, repeats=1), data, jobs=1)
     SeveralTouches("coarse", data=data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
-    independent, few, many = json.loads((tmp_path / "out" / "several-touches.json").read_text())
+    independent, few, many = json.loads((tmp_path / "out" / "several-touches.json").read_text())["entries"]
     assert [entry["hypotheses"] for entry in (independent, few, many)] == [0, 2, 512]
     one, four = many["results"]
     assert four["accuracy"] >= 0.9  # 0.99 on thousands of objects
