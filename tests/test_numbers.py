@@ -109,3 +109,16 @@ def test_independent_touches_are_stated_as_their_record_says(scene):
 def test_the_tables_of_a_page_are_those_of_the_records(page):
     text = (ROOT / "docs" / page).read_text()
     assert tables.PAGES[page](text) == text, "run python docs/generate/tables.py"
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_sensors_of_independent_touches_are_stated_as_their_evaluation_says(scene):
+    record = json.loads((ROOT / "activetouch" / "models" / f"{scene}-independent" / "evaluation.json").read_text())
+    digits = {"gel": 4}.get(scene, 3)
+    losses = [f"{loss:.{digits}f}" for loss in record["cross_validated_nll"].values()]
+    assert [cell.strip() for cell in row("docs/calibration.md", f"| `{scene}` | 0.").split("|")[2:8]] == losses
+    accuracy = "{:.{d}f} [{:.{d}f}, {:.{d}f}]".format(record["accuracy"], *record["accuracy_interval"], d=digits)
+    rows = [
+        line for line in (ROOT / "docs" / "perception.md").read_text().splitlines() if line.startswith(f"| `{scene}` |")
+    ]
+    assert sum(f"| {accuracy} |" in line.replace("**", "") for line in rows) == 2
