@@ -150,6 +150,11 @@ def independent_sensor(scene: str) -> Path:
     return MODELS / f"{in_file_names(scene)}{INDEPENDENT_SUFFIX}"
 
 
+def policy_sensor(sensor: Path | None, scene: str) -> Path:
+    """Folder of the sensor that policies are trained for: :func:`independent_sensor` by default."""
+    return independent_sensor(scene) if sensor is None else sensor_folder(sensor, scene)
+
+
 def sensor_folder(given: Path | None, scene: str) -> Path:
     """Folder of a sensor.
 

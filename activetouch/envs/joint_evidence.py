@@ -12,9 +12,10 @@ from scipy.sparse import csr_array
 from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model import ArrayModel
 from belief.observation_model.log_weights import log_means, some_hypotheses
-from belief.observation_model.repeat_discount import new_shares, repeat_shares
+from belief.observation_model.repeat_discount import new_shares
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.policy_state import GAIN_HYPOTHESES, GAIN_OUTCOMES, NoGains, target_gains
+from belief.touch_batch import TouchBatch
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -71,13 +72,9 @@ class WeighedTouches:
         return np.stack(log_likelihoods), np.stack(tables)
 
     def _weigh(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
-        body, embeddings = self.model, np.asarray(self._features[objects[:, None], rounds, poses], np.float64)
-        shares = repeat_shares(poses, body.correlation, body.drift).astype(np.float32)
-        weights = np.zeros((len(objects), len(body.shape_labels), body.num_hypotheses), np.float32)
-        for step in range(poses.shape[1]):
-            for pose in np.unique(poses[:, step]).tolist():
-                here = np.flatnonzero(poses[:, step] == pose)
-                weights[here] += shares[here, step, None, None] * body.scores(pose, embeddings[here, step])
+        unread = np.zeros((*poses.shape, len(self.model.shape_labels)))  # logits, which a joint model does not need
+        batch = TouchBatch(poses, unread, self._features[objects[:, None], rounds, poses])
+        weights = self.model.log_weights(batch, np.float32)
         weights -= weights.max(axis=(1, 2), keepdims=True)
         return log_means(weights.astype(np.float64)), self._tables_of(weights)
 

@@ -356,10 +356,16 @@ class RigidBodyModel(ArrayModel):
         zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
         return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), conflict=conflict)
 
-    def log_weights(self, batch: TouchBatch) -> Floats:
-        """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``."""
-        embeddings, shares = self.embeddings(batch), repeat_shares(batch.poses, self.correlation, self.drift)
-        weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses))
+    def log_weights(self, batch: TouchBatch, dtype: type[np.floating] = np.float64) -> NDArray[Any]:
+        """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``.
+
+        Args:
+            batch: the touches.
+            dtype: of the sums; single precision takes half the memory.
+        """
+        embeddings = self.embeddings(batch)
+        shares = repeat_shares(batch.poses, self.correlation, self.drift).astype(dtype)
+        weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses), dtype)
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
                 here = np.flatnonzero(batch.poses[:, step] == pose)

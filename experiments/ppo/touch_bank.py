@@ -13,7 +13,7 @@ from activetouch.world import READER_FILE
 from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
-from experiments.sensor_choice import independent_sensor, open_collection, require_collection, sensor_folder
+from experiments.sensor_choice import open_collection, policy_sensor, require_collection
 
 TRAINING, TEST = "calibration", "test"
 """Splits of the collection for training and for evaluation of policies."""
@@ -53,7 +53,7 @@ class MakeTouchBank:
 
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
-        sensor = independent_sensor(self.scene) if self.sensor is None else sensor_folder(self.sensor, self.scene)
+        sensor = policy_sensor(self.sensor, self.scene)
         out = self.out if self.out is not None else bank_folder(self.scene)
         require_writable(out)
         manifest = open_collection(data, self.scene, repeats=True)

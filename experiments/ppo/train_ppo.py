@@ -24,7 +24,7 @@ from experiments.parallel import default_jobs, run_tasks
 from experiments.ppo.recipe import PPO_RECIPES, ImpossiblePPO, PPORecipe
 from experiments.ppo.touch_bank import TEST, TRAINING
 from experiments.scene_choice import bank_folder, in_file_names, named_scene
-from experiments.sensor_choice import command, independent_sensor, load_quietly, sensor_folder, tell_shift
+from experiments.sensor_choice import command, load_quietly, policy_sensor, tell_shift
 from planners.ppo import policy_file
 
 if TYPE_CHECKING:
@@ -173,7 +173,7 @@ class TrainPPO:
         from experiments.ppo.training import Training
 
         folder = self.bank if self.bank is not None else bank_folder(self.scene)
-        sensor = independent_sensor(self.scene) if self.sensor is None else sensor_folder(self.sensor, self.scene)
+        sensor = policy_sensor(self.sensor, self.scene)
         model, fitted_to, _ = fitted_model(sensor)
         if model.name in JOINT_MODELS:  # its reader embeds the hypotheses
             model = load_quietly(sensor, named_scene(self.scene).scene, anyway=True).model
