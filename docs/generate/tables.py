@@ -1,15 +1,16 @@
-"""Fill the tables of docs/robustness.md and docs/perception.md from the records of their runs.
+"""Fill tables of docs/robustness.md, docs/perception.md and docs/tradeoff.md from the records of their runs.
 
 Run: python docs/generate/tables.py
 
-The records are docs/robustness/SCENE.json and docs/perception/several-touches-SCENE.json, which the commands wrote. A
-test checks that the pages hold what this writes.
+The records are docs/robustness/SCENE.json, docs/perception/several-touches-SCENE.json and hypotheses-coarse.json there,
+as the commands wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +30,47 @@ def robustness(page: str) -> str:
 
 
 def perception(page: str) -> str:
-    """The page with its table of several touches of one body."""
+    """The page with its tables of several touches of one body, and of hypotheses."""
     rows = []
     for scene in TOUCHED:
         record = json.loads((DOCS / "perception" / f"several-touches-{scene}.json").read_text())
         independent, joint = (entry["results"] for entry in record["entries"])
         for number, (one, other) in enumerate(zip(independent, joint, strict=True)):
-            scene_cell = "" if number else f"`{scene}`, " + f"{record['objects']:,}".replace(",", " ")
+            scene_cell = "" if number else f"`{scene}`, {_grouped(record['objects'])}"
             rows.append(f"| {scene_cell} | {one['touches']} | {_touched(one)} | {_touched(other)} |")
-    return _with_rows(page, "## Several touches of one body", rows)
+    page = _with_rows(page, "## Several touches of one body", rows)
+    return _with_rows(page, "**How many hypotheses?**", _hypotheses(_by_touches))
 
 
-PAGES = {"robustness.md": robustness, "perception.md": perception}
+def tradeoff(page: str) -> str:
+    """The page with its table of hypotheses without decisions."""
+    return _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
+
+
+PAGES = {"robustness.md": robustness, "perception.md": perception, "tradeoff.md": tradeoff}
+
+
+def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str]:
+    """A row for every number of hypotheses: cells of the results by number of touches, then time and memory."""
+    rows = []
+    for entry in json.loads((DOCS / "perception" / "hypotheses-coarse.json").read_text())["entries"]:
+        if entry["hypotheses"]:
+            found = cells({result["touches"]: result for result in entry["results"]})
+            cost = f"{entry['update_milliseconds']:.2f}", f"{entry['megabytes']:.1f}"
+            rows.append(f"| {' | '.join((_grouped(entry['hypotheses']), *found, *cost))} |")
+    return rows
+
+
+def _by_touches(results: Mapping[int, Any]) -> list[str]:
+    return [f"{results[n]['accuracy']:.3f}, {results[n]['nll']:.4f}" for n in (1, 2, 3, 6)]
+
+
+def _by_score(results: Mapping[int, Any]) -> list[str]:
+    return [f"{results[n][score]:.3f}" for score in ("accuracy", "nll") for n in (2, 3)]
+
+
+def _grouped(number: int) -> str:
+    return f"{number:,}".replace(",", " ")
 
 
 def _condition(name: str, models: Mapping[str, Any]) -> str:
@@ -67,11 +97,11 @@ def _touched(found: Mapping[str, Any]) -> str:
     return f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}], {found['nll']:.4f}, {gap:+.3f}"
 
 
-def _with_rows(page: str, heading: str, rows: list[str]) -> str:
-    """The page with other rows in the first table below a heading."""
-    line = page.index("|---", page.index(heading + "\n" if f"{heading}\n" in page else heading))
-    first = page.index("\n", line) + 1
-    return page[:first] + "\n".join(rows) + page[page.index("\n\n", first) :]
+def _with_rows(page: str, beginning: str, rows: list[str]) -> str:
+    """The page with other rows in the first table after some words."""
+    line = re.compile(r"^\|[-:| ]+\|\n", re.M).search(page, page.index(beginning))
+    assert line is not None, beginning
+    return page[: line.end()] + "\n".join(rows) + page[page.index("\n\n", line.end()) :]
 
 
 def main() -> None:
