@@ -21,12 +21,21 @@ _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
 def robustness(page: str) -> str:
-    """The page with its table of every scene."""
+    """The page with its table of every scene, and those of strangers."""
+    strange, among = [], []
     for scene in SHIFTED:
-        conditions = json.loads((DOCS / "robustness" / f"{scene}.json").read_text())["conditions"]
-        rows = [_condition(name, found["models"]) for name, found in conditions.items()]
+        record = json.loads((DOCS / "robustness" / f"{scene}.json").read_text())
+        rows = [_condition(name, found["models"]) for name, found in record["conditions"].items()]
         page = _with_rows(page, f"### `{scene}`", rows)
-    return page
+        if record["unseen"]:
+            strange += [
+                f"| `{scene}`, {number} | {_strangers(record['unseen'], number)} |" for number in ("1", "3", "6")
+            ]
+        if found := record["among_strangers"]:
+            cells = [_among(some) for some in found.values()]
+            number, guess = found["knows of strangers"]["number"], found["knows of strangers"]["no_touch"]
+            among.append(f"| `{scene}`, {number} searches | {' | '.join(cells)} | {guess:.2f} |")
+    return _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
 
 
 def perception(page: str) -> str:
@@ -86,6 +95,19 @@ def _condition(name: str, models: Mapping[str, Any]) -> str:
         f"{unsure['alarms']}{when}",
     )
     return f"| {' | '.join(cells)} |"
+
+
+def _strangers(unseen: Mapping[str, Any], number: str) -> str:
+    """AUROC after some touches; the misfit needs two."""
+    scores = {label: found["after"][number]["auroc"] for label, found in unseen.items()}
+    cells = [scores[label]["misfit"][0] if number != "1" else None for label in ("all", "cuboid", "wedge")]
+    cells += [scores["all"][name][0] for name in ("conflict", "energy", "mahalanobis")]
+    return " | ".join("–" if cell is None else f"{cell:.3f}" for cell in cells)
+
+
+def _among(found: Mapping[str, Any]) -> str:
+    low, high = found["interval"]
+    return f"{found['success']:.3f} [{low:.3f}, {high:.3f}], {found['wrong'][0]:.3f}, {found['touches']:.1f}"
 
 
 def _kept(achieved: float) -> str:
