@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
+from experiments.search.fingerprint import files_digest
+
 ROOT = Path(__file__).parent.parent
 RECORDS = json.loads((ROOT / "docs" / "results" / "searches.json").read_text())
 _SPEC = spec_from_file_location("tables_of_docs", ROOT / "docs" / "generate" / "tables.py")
@@ -71,6 +74,12 @@ def row(page, beginning):
 
 
 DIGITS = {"gel": 2}
+
+
+@pytest.mark.parametrize("sensor", RECORDS)
+def test_a_record_is_of_the_sensor_that_ships(sensor):
+    files = [MODELS / sensor / name for name in (READER_FILE, OBSERVATION_FILE)]
+    assert RECORDS[sensor]["sensor_sha256"] == files_digest(files)
 
 
 @pytest.mark.parametrize("scene", SCENES)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,8 @@ def robustness(page: str) -> str:
             cells = [_among(some) for some in found.values()]
             number, guess = found["knows of strangers"]["number"], found["knows of strangers"]["no_touch"]
             among.append(f"| `{scene}`, {number} searches | {' | '.join(cells)} | {guess:.2f} |")
-    return _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
+    page = _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
+    return _with_rows(page, "**Beside the independent model.**", list(_beside_independent()))
 
 
 def perception(page: str) -> str:
@@ -108,6 +109,30 @@ def _strangers(unseen: Mapping[str, Any], number: str) -> str:
 def _among(found: Mapping[str, Any]) -> str:
     low, high = found["interval"]
     return f"{found['success']:.3f} [{low:.3f}, {high:.3f}], {found['wrong'][0]:.3f}, {found['touches']:.1f}"
+
+
+def _beside_independent() -> Iterator[str]:
+    """A row of the robust sensor and of the independent model for every condition that both were measured in."""
+    robust, sharp, guarded = (
+        json.loads((DOCS / "robustness" / f"coarse{name}.json").read_text())["conditions"]
+        for name in ("-robust", "", "-guarded")
+    )
+    for condition, found in robust.items():
+        models = found["models"]["rigid body"], (sharp | guarded)[condition]["models"]["independent"]
+        stops, live = ([model[part] for model in models] for part in ("stops", "searches"))
+        right = "{:.3f}, {:.3f} [{:.3f}, {:.3f}]".format(
+            stops[0]["stated"], stops[0]["achieved"], *stops[0]["interval"]
+        )
+        cells = (
+            condition.replace("press guarded_move", "guarded moves"),
+            right,
+            f"{stops[1]['stated']:.3f}, {stops[1]['achieved']:.3f}",
+            *(
+                "{:.3f} [{:.3f}, {:.3f}], {:.1f}".format(one["success"], *one["interval"], one["touches"])
+                for one in live
+            ),
+        )
+        yield f"| {' | '.join(cells)} |"
 
 
 def _kept(achieved: float) -> str:
