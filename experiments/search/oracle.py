@@ -44,8 +44,8 @@ def solved_by_full_information(
             if object_index + 1 < problem.num_objects:
                 world.advance()
         reading = sensor.reader.read(np.stack(images))
-        logits, embeddings = (found.reshape(*poses.shape, -1) for found in (reading.logits, reading.embeddings))
-        batch = TouchBatch(poses, logits, embeddings)
+        logits = reading.logits.reshape(*poses.shape, -1)
+        batch = TouchBatch(poses, logits, reading.embeddings.reshape(*poses.shape, -1))
         scene = before.supposing(sensor.model.log_likelihood_batch(batch))
         here = scene.marginals()[:, target]
         if 1.0 - scene.prob_present(target) > here.max():
