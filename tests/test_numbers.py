@@ -15,7 +15,7 @@ RECORDS = json.loads((ROOT / "docs" / "results" / "searches.json").read_text())
 _SPEC = spec_from_file_location("tables_of_docs", ROOT / "docs" / "generate" / "tables.py")
 tables = module_from_spec(_SPEC)
 _SPEC.loader.exec_module(tables)
-SCENES = [name for name in RECORDS if not name.endswith("-independent")]
+SCENES = [name for name in RECORDS if f"{name}-independent" in RECORDS]
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md"))]
 _NUMBER = re.compile(r"(?<![\w./§\[-])\d+\.\d+(?![\w.]*\.(?:md|py))|\d+ %|\d[\d ]* (?:ms|µs|MB|touches)\b")
 _COMMANDS = (
@@ -131,3 +131,14 @@ def test_sensors_of_independent_touches_are_stated_as_their_evaluation_says(scen
         line for line in (ROOT / "docs" / "perception.md").read_text().splitlines() if line.startswith(f"| `{scene}` |")
     ]
     assert sum(f"| {accuracy} |" in line.replace("**", "") for line in rows) == 2
+
+
+def test_chosen_places_are_stated_as_their_record_says():
+    chosen, random, fixed, given = RECORDS["keyed"]["deciders"].values()
+    page, readme = ((ROOT / name).read_text().replace("**", "") for name in ("docs/where_to_touch.md", "README.md"))
+    for one in (chosen, random, fixed, given):
+        assert "| {} | {} |".format(*stated(one, 2)) in page
+    saved = [f"{1.0 - chosen['touches'] / other['touches']:.0%}".replace("%", " %") for other in (random, fixed, given)]
+    assert all(f"| {share} (" in page for share in saved)
+    assert f"{saved[0]} fewer touches than random places and {saved[1]} fewer" in readme
+    assert f"at {stated(chosen, 2)[0]} success" in readme

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ def record(folder: Path) -> dict[str, Any]:
     returns = {row["decider"]: float(row["return"]) for row in _rows(folder, "returns")}
     return {
         "command": f"activetouch compare --scene {setting['choice']['scene']} --sensor {Path(sensor).name} "
-        f"--deciders {' '.join(arguments['deciders'])} --episodes {arguments['episodes']} --seed {identity['seed']}",
+        f"--deciders {shlex.join(arguments['deciders'])} --episodes {arguments['episodes']} --seed {identity['seed']}",
         "commit": run["commit"],
         "versions": identity["versions"],
         "sensor_sha256": identity["sensor_sha256"],

@@ -1,9 +1,9 @@
-"""Fill tables of docs/robustness.md, docs/perception.md and docs/tradeoff.md from the records of their runs.
+"""Fill tables of the pages about changed worlds, perception, speed and real touches from the records of their runs.
 
 Run: python docs/generate/tables.py
 
-The records are docs/robustness/SCENE.json, docs/perception/several-touches-SCENE.json and hypotheses-coarse.json there,
-as the commands wrote them. A test checks that the pages hold what this writes.
+The records are docs/robustness/*.json, docs/perception/several-touches-*.json and hypotheses-coarse.json, and
+docs/real_touch/*.json, as the commands wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,42 @@ def tradeoff(page: str) -> str:
     return _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
 
 
-PAGES = {"robustness.md": robustness, "perception.md": perception, "tradeoff.md": tradeoff}
+def real_touch(page: str) -> str:
+    """The page with its table of touches until an object is named."""
+    rows = []
+    for name, splits in NAMED.items():
+        found = json.loads((DOCS / "real_touch" / f"{name}.json").read_text())["tables"]["identification"]
+        for split, words in splits.items():
+            by_decider = {decider: cells for some, decider, *cells in found if some == split}
+            chance, fixed, gain, plan = (by_decider[name] for name in _ORDERS)
+            bound = by_decider.get("bound: outcomes known in advance", "–")[0]
+            right = ", ".join(cells[3].partition(" ")[0] for cells in (chance, gain))
+            saved = (
+                re.sub(r"(?<=\d)%", " %", cell, count=1).replace("%,", ",").replace("%]", "]") for cell in gain[1:3]
+            )
+            gained = "**{}** [{}".format(*gain[0].split(" [")) if "cy101" in name else gain[0]
+            rows.append(f"| {' | '.join((words, chance[0], fixed[0], gained, plan[0], *saved, bound, right))} |")
+    return _with_rows(page, "### Touches until an object is named", rows)
+
+
+_ORDERS = ("random order", "best fixed order", "information gain", "point-based")
+NAMED = {  # splits of the record, and what the page calls them
+    "cy101-objects": {
+        "in order of recording": "`cy101`, 97 objects, last trial",
+        "random sessions": "the same, random trials",
+    },
+    "cy101-categories": {"unseen objects": "`cy101`, 20 categories, unseen objects"},
+    "bts3-objects": {
+        "in order of recording": "`bts3`, 41 objects, order of the file",
+        "random sessions": "the same, random grasps",
+    },
+}
+PAGES = {
+    "robustness.md": robustness,
+    "perception.md": perception,
+    "tradeoff.md": tradeoff,
+    "real_touch.md": real_touch,
+}
 
 
 def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str]:
