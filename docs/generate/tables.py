@@ -53,8 +53,16 @@ def perception(page: str) -> str:
 
 
 def tradeoff(page: str) -> str:
-    """The page with its table of hypotheses without decisions."""
-    return _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
+    """The page with its tables of hypotheses without decisions, and of networks."""
+    page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
+    rows = []
+    for entry in json.loads((DOCS / "tradeoff" / "networks.json").read_text())["entries"]:
+        found = {result["touches"]: result for result in entry["results"]}
+        model = _grouped(entry["hypotheses"]) if entry["hypotheses"] else "independent"
+        times = (f"{entry[name]:.2f}" for name in ("read_milliseconds", "update_milliseconds"))
+        cells = (entry["network"], entry["precision"], model, *_by_score(found, (1, 3, 6)), *times)
+        rows.append(f"| {' | '.join(cells)} |")
+    return _with_rows(page, "## Networks that know orientations", rows)
 
 
 def real_touch(page: str) -> str:
@@ -110,8 +118,8 @@ def _by_touches(results: Mapping[int, Any]) -> list[str]:
     return [f"{results[n]['accuracy']:.3f}, {results[n]['nll']:.4f}" for n in (1, 2, 3, 6)]
 
 
-def _by_score(results: Mapping[int, Any]) -> list[str]:
-    return [f"{results[n][score]:.3f}" for score in ("accuracy", "nll") for n in (2, 3)]
+def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...] = (2, 3)) -> list[str]:
+    return [f"{results[n][score]:.3f}" for score in ("accuracy", "nll") for n in numbers]
 
 
 def _grouped(number: int) -> str:

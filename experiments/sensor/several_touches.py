@@ -220,23 +220,27 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
 
     from experiments.reporting.style import PALETTE, figure
 
-    readers = list(dict.fromkeys(entry.reader for entry in entries))
+    readers = list(dict.fromkeys((entry.network, entry.precision) for entry in entries))
+    networks = list(dict.fromkeys(network for network, _ in readers))
     shown = [n for n, result in enumerate(entries[0].results) if result.touches <= 3]
-    with figure((3.4 * len(shown), 3.6), path) as drawn:
+    with figure((3.2 * len(shown) + 1.8, 3.6), path) as drawn:
         panels = np.atleast_1d(drawn.subplots(1, len(shown)))
         for axes, n in zip(panels, shown, strict=True):
-            for reader, colour in zip(readers, PALETTE, strict=False):
+            for network, precision in readers:
+                ours = [e for e in entries if (e.network, e.precision) == (network, precision)]
+                colour, plain = PALETTE[networks.index(network) % len(PALETTE)], precision == PRECISIONS[0]
+                style = {"color": colour, "linestyle": "-" if plain else ":", "markersize": 5, "linewidth": 1}
                 for marker, some in (
-                    ("s", [e for e in entries if e.reader == reader and not e.hypotheses]),
-                    ("o", [e for e in entries if e.reader == reader and e.hypotheses]),
+                    ("s", [e for e in ours if not e.hypotheses]),
+                    ("o", [e for e in ours if e.hypotheses]),
                 ):
                     x = [e.read_milliseconds + e.update_milliseconds for e in some]
                     y = np.maximum([e.results[n].nll for e in some], 1e-5)
-                    style = {"color": colour, "marker": marker, "markersize": 5, "linewidth": 1}
-                    label = f"{reader}, {'independent' if marker == 's' else 'joint'}"
-                    axes.plot(x, y, **style, label=label)
+                    face = colour if plain else "none"
+                    label = f"{network}, {precision}" if marker == "o" else None
+                    axes.plot(x, y, marker=marker, markerfacecolor=face, label=label, **style)
                     for place, e in zip(zip(x, y, strict=True), some, strict=True):
-                        text = str(e.hypotheses) if e.hypotheses else ""
+                        text = str(e.hypotheses) if e.hypotheses and plain else ""
                         axes.annotate(text, place, xytext=(3, 3), textcoords="offset points", fontsize=7)
             touches = entries[0].results[n].touches
             axes.set(xscale="log", yscale="log", title=f"{touches} touch{'es' * (touches > 1)}")
@@ -247,8 +251,10 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
                 axis.set_minor_formatter(NullFormatter())
             axes.grid(alpha=0.25)
         panels[0].set_ylabel("NLL of the shape [nats]")
-        panels[-1].legend(frameon=False, fontsize=8)
-        drawn.suptitle(f"scene {scene}; numbers are hypotheses of each shape")
+        drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
+        drawn.suptitle(
+            f"scene {scene}; circles: one body, with numbers of hypotheses of each shape; squares: independent"
+        )
 
 
 def _fitted(
