@@ -142,3 +142,10 @@ def test_chosen_places_are_stated_as_their_record_says():
     assert all(f"| {share} (" in page for share in saved)
     assert f"{saved[0]} fewer touches than random places and {saved[1]} fewer" in readme
     assert f"at {stated(chosen, 2)[0]} success" in readme
+
+
+def test_the_readme_names_real_objects_as_the_record_says():
+    record = json.loads((ROOT / "docs" / "real_touch" / "cy101-objects.json").read_text())
+    touches = {decider: cells[0] for split, decider, *cells in record["tables"]["identification"] if "order" in split}
+    words = " ".join((ROOT / "README.md").read_text().split())
+    assert f"after {touches['information gain']} touches, random order after {touches['random order']}" in words
