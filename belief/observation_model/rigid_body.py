@@ -234,12 +234,6 @@ class RigidBodyModel(ArrayModel):
         found = _in_single(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T
         return found.reshape(len(embeddings), *table.shape[:2])
 
-    def log_ratios(self, pose: int, embeddings: Floats) -> Floats:
-        """Log p(touch | shape, orientation, size) / p(touch), ``(n, K, N)``. See :meth:`scores`, also for errors."""
-        scores = self.scores(pose, embeddings).astype(np.float64)
-        scores -= logsumexp(scores, axis=(1, 2), keepdims=True) - np.log(scores[0].size)
-        return scores
-
     def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
         """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
 

@@ -2,8 +2,9 @@
 
 Run: python docs/generate/tables.py
 
-The records are docs/robustness/*.json, docs/perception/several-touches-*.json and hypotheses-coarse.json, and
-docs/real_touch/*.json, as the commands wrote them. A test checks that the pages hold what this writes.
+The records are docs/robustness/*.json, docs/perception/several-touches-*.json and hypotheses-coarse.json,
+docs/tradeoff/networks.json and docs/real_touch/*.json, as the commands wrote them. A test checks that the pages hold
+what this writes.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ def robustness(page: str) -> str:
     """The page with its table of every scene, and those of strangers."""
     strange, among = [], []
     for scene in SHIFTED:
-        record = json.loads((DOCS / "robustness" / f"{scene}.json").read_text())
+        record = _record(f"robustness/{scene}")
         rows = [_condition(name, found["models"]) for name, found in record["conditions"].items()]
         page = _with_rows(page, f"### `{scene}`", rows)
         if record["unseen"]:
             strange += [
-                f"| `{scene}`, {number} | {_strangers(record['unseen'], number)} |" for number in ("1", "3", "6")
+                _row(f"`{scene}`, {number}", *_strangers(record["unseen"], number)) for number in ("1", "3", "6")
             ]
         if found := record["among_strangers"]:
-            cells = [_among(some) for some in found.values()]
-            number, guess = found["knows of strangers"]["number"], found["knows of strangers"]["no_touch"]
-            among.append(f"| `{scene}`, {number} searches | {' | '.join(cells)} | {guess:.2f} |")
+            first = found["knows of strangers"]
+            cells = (f"{_interval(some)}, {some['wrong'][0]:.3f}, {some['touches']:.1f}" for some in found.values())
+            among.append(_row(f"`{scene}`, {first['number']} searches", *cells, f"{first['no_touch']:.2f}"))
     page = _with_rows(_with_rows(page, "## Strangers", strange), "**Searches among strangers.**", among)
     return _with_rows(page, "**Beside the independent model.**", list(_beside_independent()))
 
@@ -43,11 +44,11 @@ def perception(page: str) -> str:
     """The page with its tables of several touches of one body, and of hypotheses."""
     rows = []
     for scene in TOUCHED:
-        record = json.loads((DOCS / "perception" / f"several-touches-{scene}.json").read_text())
+        record = _record(f"perception/several-touches-{scene}")
         independent, joint = (entry["results"] for entry in record["entries"])
         for number, (one, other) in enumerate(zip(independent, joint, strict=True)):
             scene_cell = "" if number else f"`{scene}`, {_grouped(record['objects'])}"
-            rows.append(f"| {scene_cell} | {one['touches']} | {_touched(one)} | {_touched(other)} |")
+            rows.append(_row(scene_cell, str(one["touches"]), _touched(one), _touched(other)))
     page = _with_rows(page, "## Several touches of one body", rows)
     return _with_rows(page, "**How many hypotheses?**", _hypotheses(_by_touches))
 
@@ -56,12 +57,11 @@ def tradeoff(page: str) -> str:
     """The page with its tables of hypotheses without decisions, and of networks."""
     page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
     rows = []
-    for entry in json.loads((DOCS / "tradeoff" / "networks.json").read_text())["entries"]:
+    for entry in _record("tradeoff/networks")["entries"]:
         found = {result["touches"]: result for result in entry["results"]}
         model = _grouped(entry["hypotheses"]) if entry["hypotheses"] else "independent"
         times = (f"{entry[name]:.2f}" for name in ("read_milliseconds", "update_milliseconds"))
-        cells = (entry["network"], entry["precision"], model, *_by_score(found, (1, 3, 6)), *times)
-        rows.append(f"| {' | '.join(cells)} |")
+        rows.append(_row(entry["network"], entry["precision"], model, *_by_score(found, (1, 3, 6)), *times))
     return _with_rows(page, "## Networks that know orientations", rows)
 
 
@@ -69,7 +69,7 @@ def real_touch(page: str) -> str:
     """The page with its table of touches until an object is named."""
     rows = []
     for name, splits in NAMED.items():
-        found = json.loads((DOCS / "real_touch" / f"{name}.json").read_text())["tables"]["identification"]
+        found = _record(f"real_touch/{name}")["tables"]["identification"]
         for split, words in splits.items():
             by_decider = {decider: cells for some, decider, *cells in found if some == split}
             chance, fixed, gain, plan = (by_decider[name] for name in _ORDERS)
@@ -79,7 +79,7 @@ def real_touch(page: str) -> str:
                 re.sub(r"(?<=\d)%", " %", cell, count=1).replace("%,", ",").replace("%]", "]") for cell in gain[1:3]
             )
             gained = "**{}** [{}".format(*gain[0].split(" [")) if "cy101" in name else gain[0]
-            rows.append(f"| {' | '.join((words, chance[0], fixed[0], gained, plan[0], *saved, bound, right))} |")
+            rows.append(_row(words, chance[0], fixed[0], gained, plan[0], *saved, bound, right))
     return _with_rows(page, "### Touches until an object is named", rows)
 
 
@@ -106,11 +106,11 @@ PAGES = {
 def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str]:
     """A row for every number of hypotheses: cells of the results by number of touches, then time and memory."""
     rows = []
-    for entry in json.loads((DOCS / "perception" / "hypotheses-coarse.json").read_text())["entries"]:
+    for entry in _record("perception/hypotheses-coarse")["entries"]:
         if entry["hypotheses"]:
             found = cells({result["touches"]: result for result in entry["results"]})
             cost = f"{entry['update_milliseconds']:.2f}", f"{entry['megabytes']:.1f}"
-            rows.append(f"| {' | '.join((_grouped(entry['hypotheses']), *found, *cost))} |")
+            rows.append(_row(_grouped(entry["hypotheses"]), *found, *cost))
     return rows
 
 
@@ -122,6 +122,19 @@ def _by_score(results: Mapping[int, Any], numbers: tuple[int, ...] = (2, 3)) -> 
     return [f"{results[n][score]:.3f}" for score in ("accuracy", "nll") for n in numbers]
 
 
+def _record(name: str) -> Any:
+    return json.loads((DOCS / f"{name}.json").read_text())
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _interval(found: Mapping[str, Any], name: str = "success") -> str:
+    low, high = found["interval"]
+    return f"{found[name]:.3f} [{low:.3f}, {high:.3f}]"
+
+
 def _grouped(number: int) -> str:
     return f"{number:,}".replace(",", " ")
 
@@ -130,7 +143,7 @@ def _condition(name: str, models: Mapping[str, Any]) -> str:
     joint, independent = models["rigid body"], models["independent"]
     searches, unsure = joint["searches"], joint["searches"]["abstaining"]
     when = f", in search {unsure['searches_to_alarm']:g}" if unsure["alarms"] else ""
-    cells = (
+    return _row(
         name,
         *(f"{model['stops']['stated']:.3f}, {_kept(model['stops']['achieved'])}" for model in (joint, independent)),
         f"{searches['success']:.3f}, {independent['searches']['success']:.3f}",
@@ -138,44 +151,28 @@ def _condition(name: str, models: Mapping[str, Any]) -> str:
         f"{unsure['unsure'][0]:.3f}",
         f"{unsure['alarms']}{when}",
     )
-    return f"| {' | '.join(cells)} |"
 
 
-def _strangers(unseen: Mapping[str, Any], number: str) -> str:
+def _strangers(unseen: Mapping[str, Any], number: str) -> list[str]:
     """AUROC after some touches; the misfit needs two."""
     scores = {label: found["after"][number]["auroc"] for label, found in unseen.items()}
     cells = [scores[label]["misfit"][0] if number != "1" else None for label in ("all", "cuboid", "wedge")]
     cells += [scores["all"][name][0] for name in ("conflict", "energy", "mahalanobis")]
-    return " | ".join("–" if cell is None else f"{cell:.3f}" for cell in cells)
-
-
-def _among(found: Mapping[str, Any]) -> str:
-    low, high = found["interval"]
-    return f"{found['success']:.3f} [{low:.3f}, {high:.3f}], {found['wrong'][0]:.3f}, {found['touches']:.1f}"
+    return ["–" if cell is None else f"{cell:.3f}" for cell in cells]
 
 
 def _beside_independent() -> Iterator[str]:
     """A row of the robust sensor and of the independent model for every condition that both were measured in."""
-    robust, sharp, guarded = (
-        json.loads((DOCS / "robustness" / f"coarse{name}.json").read_text())["conditions"]
-        for name in ("-robust", "", "-guarded")
-    )
+    robust, sharp, guarded = (_record(f"robustness/coarse{name}")["conditions"] for name in ("-robust", "", "-guarded"))
     for condition, found in robust.items():
         models = found["models"]["rigid body"], (sharp | guarded)[condition]["models"]["independent"]
         stops, live = ([model[part] for model in models] for part in ("stops", "searches"))
-        right = "{:.3f}, {:.3f} [{:.3f}, {:.3f}]".format(
-            stops[0]["stated"], stops[0]["achieved"], *stops[0]["interval"]
-        )
-        cells = (
+        yield _row(
             condition.replace("press guarded_move", "guarded moves"),
-            right,
+            f"{stops[0]['stated']:.3f}, {_interval(stops[0], 'achieved')}",
             f"{stops[1]['stated']:.3f}, {stops[1]['achieved']:.3f}",
-            *(
-                "{:.3f} [{:.3f}, {:.3f}], {:.1f}".format(one["success"], *one["interval"], one["touches"])
-                for one in live
-            ),
+            *(f"{_interval(one)}, {one['touches']:.1f}" for one in live),
         )
-        yield f"| {' | '.join(cells)} |"
 
 
 def _kept(achieved: float) -> str:

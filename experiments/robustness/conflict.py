@@ -40,11 +40,10 @@ def tested(model: ArrayModel, touches: TouchBatch) -> tuple[Floats, Floats] | No
         return None
     wealth, misfits = [], []
     for row in range(len(touches)):
-        test = [
-            evidence.conflict for evidence in accumulate(touches.sequence(row), RigidBodyEvidence.update, initial=begin)
-        ]
-        wealth.append([one.log_bets for one in test[1:] if one is not None])
-        misfits.append([one.misfit for one in test[1:] if one is not None])
+        _, *after = accumulate(touches.sequence(row), RigidBodyEvidence.update, initial=begin)
+        tests = [evidence.conflict for evidence in after if evidence.conflict is not None]
+        wealth.append([test.log_bets for test in tests])
+        misfits.append([test.misfit for test in tests])
     return np.array(wealth), np.array(misfits)
 
 

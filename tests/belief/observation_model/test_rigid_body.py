@@ -40,7 +40,7 @@ class World:
         found = [[self.touch(i % K, i % N, pose, rng).features for i in range(60)] for pose in range(P)]
         labels, blank = tuple("ab"), np.zeros((P, 60, K))
         unnamed = RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), blank)
-        marginal = [logsumexp(unnamed.log_ratios(p, some), axis=2) for p, some in enumerate(unnamed.references)]
+        marginal = [logsumexp(unnamed.scores(p, some), axis=2) for p, some in enumerate(unnamed.references)]
         return RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), np.array(marginal))
 
 
