@@ -8,28 +8,29 @@ import pytest
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from activetouch.perception.reader import TactileReader
 from activetouch.world import MODELS, READER_FILE
+from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.after_touches import after_touches
 from experiments.sensor.collect import collect
 from experiments.sensor.precision import in_precision
-from experiments.sensor.several_touches import SeveralTouches, in_random_order
+from experiments.sensor.several_touches import SeveralTouches, in_random_orders
 
 
-def test_each_object_keeps_its_touches_in_an_order_of_its_own():
+def test_each_object_keeps_its_touches_in_orders_of_its_own():
     """Two rounds of three poses of four objects: of each pose the first touch, and no touch of another object."""
     objects, poses = np.repeat(np.arange(4), 6), np.tile(np.arange(3), 8)
     logits = np.stack([objects, np.arange(24) % 6], axis=1).astype(float)
     nothing = np.zeros(24)
     truth = TouchSet(np.zeros((24, 2, 2), np.uint8), objects % 2, objects, poses, nothing, nothing)
-    found = in_random_order(TouchBatch(poses[None], logits[None], logits[None]), truth, seed=0)
-    assert found.poses.shape == (4, 3)
+    found = in_random_orders(TouchBatch(poses[None], logits[None], logits[None]), truth, number=5, seed=0)
+    assert found.poses.shape == (20, 3)
     assert (np.sort(found.poses, axis=1) == np.arange(3)).all()
-    assert (found.logits[..., 0] == np.arange(4)[:, None]).all()
+    assert (found.logits[..., 0] == np.tile(np.arange(4), 5)[:, None]).all()
     assert (found.logits[..., 1] == found.poses).all()  # the first round
     assert (found.features == found.logits).all()
-    assert len({tuple(order) for order in found.poses.tolist()}) > 1
+    assert len({tuple(order) for order in found.poses[::4].tolist()}) > 1
 
 
 def test_a_network_of_eight_bits_reads_nearly_the_same():
@@ -41,12 +42,24 @@ def test_a_network_of_eight_bits_reads_nearly_the_same():
 
 
 def test_scores_of_known_posteriors():
-    log_probs = np.log([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.4, 0.6]])
-    found = after_touches(log_probs, np.array([0, 1, 1, 1]), touches=2, seed=0)
+    log_probs, shapes = np.log([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.4, 0.6]]), np.array([0, 1, 1, 1])
+    found = after_touches(log_probs, shapes, np.arange(4), touches=2, seed=0)
     assert found.accuracy == 0.75
+    assert found.accuracy_interval == wilson_interval(3, 4)
     assert found.nll == pytest.approx(-np.log([0.9, 0.1, 0.8, 0.6]).mean())
     assert found.stated == pytest.approx(0.8)
+    assert found.gap == pytest.approx(0.05)
     assert found.nll_interval[0] < found.nll < found.nll_interval[1]
+
+
+def test_more_orders_of_the_same_objects_do_not_narrow_the_intervals():
+    """They hold for unseen objects, however often each of these was touched."""
+    log_probs, shapes = np.log([[0.9, 0.1], [0.9, 0.1], [0.2, 0.8], [0.4, 0.6]]), np.array([0, 1, 1, 1])
+    once = after_touches(log_probs, shapes, np.arange(4), touches=2, seed=0)
+    again = after_touches(np.tile(log_probs, (3, 1)), np.tile(shapes, 3), np.tile(np.arange(4), 3), touches=2, seed=0)
+    assert again.accuracy_interval == once.accuracy_interval
+    assert again.nll_interval == pytest.approx(once.nll_interval)
+    assert again.gap_interval == pytest.approx(once.gap_interval)
 
 
 @pytest.mark.mujoco
