@@ -29,6 +29,11 @@ class TouchMemo:
         self._kept: dict[tuple[int, ...], tuple[NDArray[np.uint8], TouchTime]] = {}
         self.num_shared = 0
 
+    @property
+    def num_kept(self) -> int:
+        """Number of touches whose images are kept."""
+        return len(self._kept)
+
     def press(self, request: TouchRequest[TouchWorld]) -> tuple[NDArray[np.uint8], TouchTime]:
         """The image of a touch, and the time that its press took when it was made.
 

@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from experiments.scene_choice import SceneChoice
+from experiments.search import oracle
 from experiments.search.bound import RevealedBody, best_expected_return, best_return_with_revealed_bodies
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.setting import Setting, load_sensor
+from experiments.search.touch_memo import TouchMemo
 from planners.bounds.one_touch import one_touch_bound
 from planners.solve import TouchProblem, solve
 
@@ -51,3 +53,13 @@ def test_which_episodes_full_information_solves_does_not_depend_on_which_are_ask
     coarse = Setting(SceneChoice(scene="coarse"))
     some, all_of_them = (solved_by_full_information(coarse, 0, 5, numbers) for numbers in ([2, 3], [0, 1, 2, 3]))
     assert all_of_them[2:] == some
+
+
+@pytest.mark.torch
+@pytest.mark.mujoco
+def test_the_oracle_that_answers_when_certain_answers_as_if_it_had_touched_every_pose(monkeypatch):
+    coarse, memo, every = Setting(SceneChoice(scene="coarse")), TouchMemo(), TouchMemo()
+    early = solved_by_full_information(coarse, 2, 5, range(8), memo)
+    monkeypatch.setattr(oracle, "_CERTAIN", 2.0)  # never
+    assert solved_by_full_information(coarse, 2, 5, range(8), every) == early
+    assert 0 < memo.num_kept < every.num_kept == 8 * 4 * 6  # episodes, objects, poses
