@@ -180,8 +180,9 @@ def _kept(achieved: float) -> str:
 
 
 def _touched(found: Mapping[str, Any]) -> str:
-    (low, high), gap = found["accuracy_interval"], found["stated"] - found["accuracy"]
-    return f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}], {found['nll']:.4f}, {gap:+.3f}"
+    (low, high), (least, most) = found["accuracy_interval"], found["gap_interval"]
+    right, gap = f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}]", f"{found['gap']:+.3f} [{least:+.3f}, {most:+.3f}]"
+    return f"{right}, {found['nll']:.4f}, {gap}"
 
 
 def _with_rows(page: str, beginning: str, rows: list[str]) -> str:
