@@ -35,7 +35,6 @@ class ClassifierCard:
         training: summary of how training went (epochs, images, losses).
         image_shape: ``(H, W)`` or ``(H, W, 3)`` of the images that an exported network takes; empty in a checkpoint.
         embedding: length of the embeddings of images and hypotheses; 0 for a network that gives logits of the shapes.
-        hidden: width of the hidden layers of the network that embeds hypotheses.
         log_size_mean, log_size_std: they standardise the logarithm of a hypothesis's size.
         log_stiffness_mean, log_stiffness_std: they do so for the stiffness; the spread is 0 where all training touches
             had the same, and hypotheses then have none.
@@ -55,7 +54,6 @@ class ClassifierCard:
     training: str = ""
     image_shape: tuple[int, ...] = ()
     embedding: int = 0
-    hidden: int = 192
     log_size_mean: float = 0.0
     log_size_std: float = 1.0
     log_stiffness_mean: float = 0.0
@@ -121,13 +119,9 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about stiffness and aims where they are not known.
-
-        Nor the default width, which files do not name from before it was a setting.
-        """
+        """Its fields, as a file has them: nothing about stiffness and aims where they are not known."""
         absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
         absent += () if self.knows_aims else ("aim_scale",)
-        absent += ("hidden",) if self.hidden == ClassifierCard.hidden else ()
         return {name: value for name, value in asdict(self).items() if name not in absent}
 
 
@@ -142,7 +136,7 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
         card = ClassifierCard(**{**fields, **lists})
         if not (card.scene is None or isinstance(card.scene, dict)):
             raise TypeError(f"scene is {card.scene!r}")
-        for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0), ("hidden", 1)):
+        for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
             if not (isinstance(value := getattr(card, name), int) and value >= least):
                 raise TypeError(f"{name} is {value!r}")
     except (KeyError, TypeError) as error:

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from activetouch.perception.card import ClassifierCard
 from activetouch.poses import hamilton_product, matrix_rows
 
-HIDDEN_LAYERS = 3
+WIDTH, HIDDEN_LAYERS = 192, 3
 
 
 class Hypotheses(NamedTuple):
@@ -50,16 +50,15 @@ class HypothesisNetwork(nn.Sequential):
     differed in them, the standardised log stiffness and the scaled aim.
 
     Args:
-        card: says which shapes there are, the length D of an embedding, the width of the layers, and how to
-            standardise.
+        card: says which shapes there are, the length D of an embedding, and how to standardise.
     """
 
     def __init__(self, card: ClassifierCard) -> None:
         layers: list[nn.Module] = []
         width = card.num_inputs
         for _ in range(HIDDEN_LAYERS):
-            layers += [nn.Linear(width, card.hidden), nn.GELU()]
-            width = card.hidden
+            layers += [nn.Linear(width, WIDTH), nn.GELU()]
+            width = WIDTH
         super().__init__(*layers, nn.Linear(width, card.embedding))
         self.card = card
 

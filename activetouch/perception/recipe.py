@@ -27,8 +27,6 @@ class TrainingRecipe:
             one; None to train to the end and keep the last.
         embedding: length of the embeddings of a reader that knows orientations, trained by contrast; 0 for a plain
             classifier of shapes.
-        hidden: width of the hidden layers of the network that embeds hypotheses. It runs once for a scene and not
-            for every touch, so a wider one costs training time only.
         negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
@@ -49,7 +47,6 @@ class TrainingRecipe:
     rotation: float = 10.0
     patience: int | None = None
     embedding: int = 0
-    hidden: int = 192
     negatives: int = 1536
     cell: float = 0.0
     bf16: bool = True
@@ -62,8 +59,8 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
-        if self.embedding < 0 or min(self.hidden, self.negatives) < 1 or not 0.0 <= self.cell <= 180.0:
-            raise ImpossibleRecipe(f"embedding must be ≥ 0, hidden and negatives ≥ 1, cell in [0°, 180°]; got {self}")
+        if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
+            raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 
     @property
     def words(self) -> str:
@@ -78,7 +75,6 @@ class TrainingRecipe:
             f"rotations up to {self.rotation:g}°" if self.rotation else "",
             f"patience of {self.patience} epochs" if self.patience is not None else "",
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
-            f"{self.hidden} hidden numbers of a hypothesis" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",

@@ -1,4 +1,4 @@
-"""Fill tables of the pages about changed worlds, perception, speed and real touches from the records of their runs.
+"""Fill tables of the pages about results, changed worlds, perception, speed and real touches from their records.
 
 Run: python docs/generate/tables.py
 
@@ -53,6 +53,17 @@ def perception(page: str) -> str:
     return _with_rows(page, "**How many hypotheses?**", _hypotheses(_by_touches))
 
 
+def results(page: str) -> str:
+    """The page with its table of accuracy after one to three touches."""
+    rows = []
+    for scene in TOUCHED:
+        models = [entry["results"] for entry in _record(f"perception/several-touches-{scene}")["entries"]]
+        independent, joint = ({found["touches"]: found for found in model} for model in models)
+        later = (f"{independent[n]['accuracy']:.3f}, {_right(joint[n], '**')}" for n in (2, 3))
+        rows.append(_row(f"`{scene}`", _right(joint[1]), *later))
+    return _with_rows(page, "Accuracy on unseen objects", rows)
+
+
 def tradeoff(page: str) -> str:
     """The page with its tables of hypotheses without decisions, and of networks."""
     page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
@@ -98,6 +109,7 @@ NAMED = {  # splits of the record, and what the page calls them
 PAGES = {
     "robustness.md": robustness,
     "perception.md": perception,
+    "results.md": results,
     "tradeoff.md": tradeoff,
     "real_touch.md": real_touch,
 }
@@ -180,9 +192,13 @@ def _kept(achieved: float) -> str:
 
 
 def _touched(found: Mapping[str, Any]) -> str:
-    (low, high), (least, most) = found["accuracy_interval"], found["gap_interval"]
-    right, gap = f"{found['accuracy']:.3f} [{low:.3f}, {high:.3f}]", f"{found['gap']:+.3f} [{least:+.3f}, {most:+.3f}]"
-    return f"{right}, {found['nll']:.4f}, {gap}"
+    low, high = found["gap_interval"]
+    return f"{_right(found)}, {found['nll']:.4f}, {found['gap']:+.3f} [{low:+.3f}, {high:+.3f}]"
+
+
+def _right(found: Mapping[str, Any], mark: str = "") -> str:
+    low, high = found["accuracy_interval"]
+    return f"{mark}{found['accuracy']:.3f}{mark} [{low:.3f}, {high:.3f}]"
 
 
 def _with_rows(page: str, beginning: str, rows: list[str]) -> str:

@@ -61,8 +61,6 @@ class Changes:
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     embedding: Count | None = None
     """Length of the embeddings, by contrast only."""
-    hidden: Count | None = None
-    """Width of the hidden layers of the network that embeds hypotheses, by contrast only."""
     negatives: Count | None = None
     """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
@@ -143,7 +141,6 @@ class Train:
         card = card_for(train, backbone, size, manifest.shape_labels, manifest.pose_labels, recipe.embedding)
         card = replace(
             card,
-            hidden=recipe.hidden,
             scene=manifest.scene,
             mujoco_version=manifest.versions["mujoco"],
             training=f"{recipe.words}; {len(train.images)} images, from {start}",
