@@ -29,8 +29,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import linear_sum_assignment
 
 from belief.arrangement_sums import every_arrangement, fast_marginals
 from belief.errors import ImpossibleObservation
@@ -217,7 +217,7 @@ def _relative(weights: Floats, bag: tuple[int, ...]) -> _Relative:
     scaled = np.ldexp(weights, -shift)  # so that no sum over objects overflows
     places = np.repeat(np.arange(num_shapes), capacity)
     try:
-        _, chosen = linear_sum_assignment(scaled[:, places], maximize=True)
+        _, chosen = scipy.optimize.linear_sum_assignment(scaled[:, places], maximize=True)
     except ValueError as error:
         raise ImpossibleObservation(_why_impossible(weights, bag)) from error
     match = places[chosen]

@@ -17,9 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
-from scipy.linalg import cholesky, solve_triangular
-from scipy.spatial.distance import cdist
 from scipy.special import expit
 
 from belief.calibration.inputs import finite_logits
@@ -109,13 +108,13 @@ class MahalanobisScore(FrozenArrays):
         spread = np.trace(covariance) / x.shape[1]
         shrunk = (1.0 - chosen) * covariance + chosen * spread * np.eye(x.shape[1])
         try:
-            root = cholesky(shrunk, lower=True)
+            root = scipy.linalg.cholesky(shrunk, lower=True)
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 f"the covariance of {len(x)} features in {x.shape[1]} dimensions is singular with shrinkage {chosen}; "
                 "use the default shrinkage or a larger one"
             ) from error
-        return cls(means, solve_triangular(root, np.eye(x.shape[1]), lower=True).T / scale, float(chosen))
+        return cls(means, scipy.linalg.solve_triangular(root, np.eye(x.shape[1]), lower=True).T / scale, float(chosen))
 
     def score(self, features: ArrayLike) -> Floats:
         """Squared distance of each row of ``features (n, D)`` to the nearest class mean, ``(n,)``, ≥ 0.
@@ -129,7 +128,7 @@ class MahalanobisScore(FrozenArrays):
         centre = self.means.mean(axis=0)  # near the data, so that a common offset loses no digits
         with np.errstate(over="ignore", invalid="ignore"):
             whitened, means = (x - centre) @ self.whitening, (self.means - centre) @ self.whitening
-            distances = cdist(whitened, means, "sqeuclidean").min(axis=1)
+            distances = scipy.spatial.distance.cdist(whitened, means, "sqeuclidean").min(axis=1)
         return np.where(np.isnan(distances), np.inf, distances)  # the distance overflows
 
 

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, cg
 from scipy.special import softmax
 
 from belief.problem import Floats
@@ -81,6 +82,7 @@ class SoftmaxRegression:
 
     def _solve_large(self, free: NDArray[np.bool_]) -> Floats:
         """:meth:`solve` without a Hessian, to a gradient of 1e-10."""
+        linalg = scipy.sparse.linalg
         current = self.centre.copy()
         value, gradient = self.value_and_gradient(current)
         for _ in range(_MAX_STEPS):
@@ -88,9 +90,9 @@ class SoftmaxRegression:
             if largest < 1e-10:
                 break
             product = self._curvature(current, free)
-            operator = LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
+            operator = linalg.LinearOperator((gradient.size, gradient.size), matvec=product, dtype=np.float64)
             # A tolerance that decreases with the gradient gives superlinear convergence.
-            step, _ = cg(operator, -gradient, rtol=min(0.1, np.sqrt(largest)), atol=1e-12, M=self._scale(free))
+            step, _ = linalg.cg(operator, -gradient, rtol=min(0.1, np.sqrt(largest)), atol=1e-12, M=self._scale(free))
             expected, length = float(gradient @ step), 1.0
             while True:
                 proposal = current.copy()
@@ -102,11 +104,13 @@ class SoftmaxRegression:
             current, (value, gradient) = proposal, proposed
         return current
 
-    def _scale(self, free: NDArray[np.bool_]) -> LinearOperator:
+    def _scale(self, free: NDArray[np.bool_]) -> Any:
         """Preconditioner: inverse of the penalties plus an upper bound on the curvature of each coefficient."""
         squares = np.square(self.features).mean(axis=1)
         diagonal = (2.0 * self.penalty + squares / len(self.centre))[free]
-        return LinearOperator((diagonal.size, diagonal.size), matvec=lambda v: v / diagonal, dtype=np.float64)
+        return scipy.sparse.linalg.LinearOperator(
+            (diagonal.size, diagonal.size), matvec=lambda v: v / diagonal, dtype=np.float64
+        )
 
     def _curvature(self, coefficients: Floats, free: NDArray[np.bool_]) -> Callable[[Floats], Floats]:
         """The function that multiplies the Hessian at these coefficients with a vector of the free ones."""

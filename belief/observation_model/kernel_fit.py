@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import log_softmax, softmax
 
 from belief.observation_model.calibration_data import LabelledTouches
@@ -166,7 +166,7 @@ def fit_kernel(data: LabelledTouches, law: str, sessions: Integers | None = None
     count = {"repeats": 1, "flat": 2, "kernel": 3}[law]
     starts = [np.full(count, 0.3), np.full(count, 0.02)]
     results = [
-        minimize(loss, start, bounds=[(0.0, 0.999)] * count, method="L-BFGS-B", options={"maxiter": 25})
+        scipy.optimize.minimize(loss, start, bounds=[(0.0, 0.999)] * count, method="L-BFGS-B", options={"maxiter": 25})
         for start in starts[: 2 if count > 1 else 1]
     ]
     return kernel(min(results, key=lambda result: result.fun).x)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from belief.bayes import update
 from belief.observation_model.calibration_data import LabelledTouches
@@ -136,5 +136,5 @@ def fit_correlation(log_likelihoods: Callable[[float], Floats], found: Repeats) 
         log_posterior, _ = update(np.full(values.shape[1], -np.log(values.shape[1])), values)
         return -float(log_posterior[np.arange(len(values)), truth].mean())
 
-    best = minimize_scalar(loss, bounds=(0.0, _LARGEST), method="bounded", options={"xatol": 1e-4})
+    best = scipy.optimize.minimize_scalar(loss, bounds=(0.0, _LARGEST), method="bounded", options={"xatol": 1e-4})
     return min((0.0, float(best.x), _LARGEST), key=loss)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
@@ -151,7 +151,7 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
     bounds = [(expected - 1.0, expected + 1.0), (0.0, 1.0)]
     simplex = np.array([[expected, 0.0], [expected + 0.1, 0.0], [expected, 0.05]])
     options: Any = {"xatol": 2e-3, "fatol": 1e-4, "initial_simplex": simplex}
-    best = minimize(loss, simplex[0], method="Nelder-Mead", bounds=bounds, options=options)
+    best = scipy.optimize.minimize(loss, simplex[0], method="Nelder-Mead", bounds=bounds, options=options)
     return float(np.exp(best.x[0])), float(best.x[1])
 
 
@@ -200,7 +200,7 @@ def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.
             total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())
         return float(total)
 
-    best = minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
+    best = scipy.optimize.minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
     return float(np.exp(best.x))
 
 

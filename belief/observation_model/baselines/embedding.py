@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.linalg import helmert
 
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
@@ -230,7 +230,7 @@ def _to_fields(embedding: LogitEmbedding | FeatureEmbedding) -> dict[str, Any]:
 @lru_cache
 def _basis(num_shapes: int) -> Floats:
     """Orthonormal rows ``(K - 1, K)`` that are orthogonal to a constant."""
-    return helmert(num_shapes)
+    return scipy.linalg.helmert(num_shapes)
 
 
 def _centred(logits: Floats) -> Floats:

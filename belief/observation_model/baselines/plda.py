@@ -17,8 +17,8 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import eigh
 
 from belief.observation_model.baselines.covariances import (
     pooled,
@@ -175,7 +175,7 @@ class PLDAModel(PoseStatisticsModel):
     @cached_property
     def _basis(self) -> _Basis:
         pairs = zip(self.components.of_pose, self.components.of_touch, strict=True)
-        values, vectors = (np.stack(parts) for parts in zip(*(eigh(*pair) for pair in pairs), strict=True))
+        values, vectors = (np.stack(parts) for parts in zip(*(scipy.linalg.eigh(*pair) for pair in pairs), strict=True))
         whiten = np.swapaxes(vectors, 1, 2)
         return _Basis(
             whiten,
