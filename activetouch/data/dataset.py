@@ -141,11 +141,14 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
     return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
-def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> None:
+def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> tuple[str, int]:
     """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
 
     An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
     has one more array, ``redrawn``: for each of its objects, how many were drawn in vain before it.
+
+    Returns:
+        SHA-256 of the file, and how many places went to another object.
 
     Raises:
         UnstablePress: objects drawn one after the other for the same place could not be pressed.
@@ -165,6 +168,9 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
     with atomic_path(path) as temporary:
         np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it
+        with temporary.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return digest, int(np.count_nonzero(redrawn))
 
 
 def _touch_object(

@@ -93,7 +93,7 @@ def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) 
 def record(
     scene: Scene, plan: CollectionPlan, folder: Path, jobs: int, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
-    """Record what a folder lacks of a collection, check all of it, and return its manifest, digests and all.
+    """Record what a folder lacks of a collection, check what it had, and return its manifest, digests and all.
 
     Args:
         scene: whose touches to record.
@@ -109,25 +109,27 @@ def record(
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
     manifest = write_manifest(folder, scene, plan, choice)
-    missing = [
-        (path, partial(record_shard, scene, plan, split, objects, path))
-        for split, shard, objects in manifest.shards()
-        if not (path := shard_path(folder, split, shard)).exists()
-    ]
-    if missing:
-        for _ in run_tasks([task for _, task in missing], jobs, f"touching objects → {folder}"):
-            pass
-    checks = [partial(_check, folder, manifest, *shard) for shard in manifest.shards()]
-    checked = list(run_tasks(checks, jobs, f"checking shards in {folder}"))
-    sha256 = {name: digest for name, digest, _ in checked}
+    here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
+    missing = [partial(_record, folder, scene, plan, *shard) for shard, is_here in here.items() if not is_here]
+    checks = [partial(_check, folder, manifest, *shard) for shard, is_here in here.items() if is_here]
+    new = list(run_tasks(missing, jobs, f"touching objects → {folder}")) if missing else []
+    old = list(run_tasks(checks, jobs, f"checking shards in {folder}")) if checks else []
+    sha256 = {name: digest for name, digest, _ in new + old}
     if manifest.sha256 is None:
-        manifest = seal(folder, manifest, sha256, sum(redrawn for *_, redrawn in checked))
+        manifest = seal(folder, manifest, sha256, sum(redrawn for *_, redrawn in new + old))
     else:
-        new = {path.relative_to(folder).as_posix() for path, _ in missing}
-        _require_recorded(folder, manifest, Manifest.of(scene, plan), sha256, new)
+        _require_recorded(folder, manifest, Manifest.of(scene, plan), sha256, {name for name, *_ in new})
     for litter in folder.glob("*/.?????.npz.*.npz"):  # a killed run leaves the temporary files of atomic_path behind
         litter.unlink(missing_ok=True)
     return manifest
+
+
+def _record(
+    folder: Path, scene: Scene, plan: CollectionPlan, split: str, shard: int, objects: range
+) -> tuple[str, str, int]:
+    """What :func:`_check` says of a shard that is recorded now."""
+    digest, redrawn = record_shard(scene, plan, split, objects, shard_path(folder, split, shard))
+    return shard_path(Path(), split, shard).as_posix(), digest, redrawn
 
 
 def _check(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[str, str, int]:
