@@ -23,6 +23,7 @@ CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks")
 PROGRAMS = {"python": [sys.executable], "activetouch": [sys.executable, "-m", "experiments.cli"]}
 PACKAGES = ("activetouch", "numpy", "scipy", "mujoco-core", "torch")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+PROGRESS = "━"  # in the lines of a progress bar
 _FOLDER = re.compile(r"(?<![\w./:])/(?:[\w.+-]+/)+")
 
 
@@ -68,8 +69,8 @@ def main(name: str, words: list[str]) -> None:
     path = (RECORDS / name).with_suffix(".txt")
     path.parent.mkdir(parents=True, exist_ok=True)
     header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {versions()}\nprocessor time: {seconds:.0f} s"
-    lines = "\n".join(line.rstrip() for line in printed.splitlines())
-    path.write_text(f"{header}\n\n{lines.strip()}\n", encoding="utf-8")
+    lines = "\n".join(line.rstrip() for line in printed.splitlines() if PROGRESS not in line)
+    path.write_text(f"{header}\n\n{lines.strip(chr(10))}\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
