@@ -1,9 +1,11 @@
 """Run a command of the pages and keep what it prints as a record: command, commit, versions, processor time, output.
 
 Run: python docs/generate/run_record.py planners/outcomes -- python benchmarks/outcomes.py
+     python docs/generate/run_record.py world/fidelity build/f.json -- activetouch fidelity --out build/f.json
 
-This writes docs/records/planners/outcomes.txt. The command runs on one thread, from the root of the repository.
-Nothing is kept if the command fails, or if the code differs from the commit. A test compares the pages with records.
+The first writes docs/records/planners/outcomes.txt, the second also keeps a file that the command writes. The command
+runs on one thread, from the root of the repository. Nothing is kept if it fails, or if the code differs from the
+commit. A test compares the pages with the records.
 """
 
 from __future__ import annotations
@@ -60,12 +62,13 @@ def _git(*words: str) -> str:
     return subprocess.run(["git", *words], cwd=ROOT, check=True, capture_output=True, text=True).stdout.strip()
 
 
-def main(name: str, words: list[str]) -> None:
-    """Run a command, and write its record."""
+def main(name: str, files: list[str], words: list[str]) -> None:
+    """Run a command, and write its record, with the files that it wrote."""
     if not words or words[0] not in PROGRAMS:
         raise SystemExit(f"the command must begin with one of: {', '.join(PROGRAMS)}")
     made_by = commit()
     printed, seconds = run(words)
+    printed += "".join(f"\n{file}:\n\n{(ROOT / file).read_text(encoding='utf-8')}" for file in files)
     path = (RECORDS / name).with_suffix(".txt")
     path.parent.mkdir(parents=True, exist_ok=True)
     header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {versions()}\nprocessor time: {seconds:.0f} s"
@@ -74,6 +77,7 @@ def main(name: str, words: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 4 or sys.argv[2] != "--":
+    if "--" not in sys.argv[2:]:
         raise SystemExit(__doc__)
-    main(sys.argv[1], sys.argv[3:])
+    end = sys.argv.index("--")
+    main(sys.argv[1], sys.argv[2:end], sys.argv[end + 1 :])
