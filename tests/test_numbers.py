@@ -159,22 +159,23 @@ _DECIMAL = re.compile(r"(?<![\w.,])(\d+\.\d+)(?!\.?\d)( %)?")
 _PRINTED = re.compile(r"(?<![\w.])\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
-def blocks_with_records(page):
-    """Tables and paragraphs, each with its records: those that it links, and a table's of the paragraph before it."""
+def parts_with_records(page):
+    """Paragraphs and rows of tables, each with the records that it links; of a row, also the paragraph before it."""
     before = []
     for block in re.split(r"\n\s*\n", re.sub(r"```.*?```", "", (ROOT / "docs" / page).read_text(), flags=re.S)):
-        linked = _LINKED.findall(block)
-        found = [*before, *linked] if block.startswith("|") else linked
-        if found:
-            yield block, found
-        before = linked
+        is_table = block.startswith("|")
+        for part in block.splitlines() if is_table else [block]:
+            found = [*(before if is_table else []), *_LINKED.findall(part)]
+            if found:
+                yield part, found
+        before = _LINKED.findall(block)
 
 
-def missing_numbers(block, records):
-    """Decimal numbers of a block that no record holds, rounded; a percentage may be printed as a fraction."""
+def missing_numbers(part, records):
+    """Decimal numbers of a part of a page that no record holds, rounded; a percentage may be printed as a fraction."""
     printed = [float(number.replace(",", "")) for text in records for number in _PRINTED.findall(text)]
     missing = []
-    for number, percent in _DECIMAL.findall(re.sub(r"`[^`]*`", "", block)):
+    for number, percent in _DECIMAL.findall(re.sub(r"`[^`]*`", "", part)):
         places = len(number.partition(".")[2])
         scales = (1, 100) if percent else (1,)
         if all(abs(scale * one - float(number)) > 0.5001 * 10**-places for one in printed for scale in scales):
@@ -189,9 +190,9 @@ def test_numbers_that_no_record_holds_are_found():
 
 @pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs").glob("*.md")))
 def test_tables_and_paragraphs_that_link_a_record_state_its_numbers(page):
-    for block, records in blocks_with_records(page):
+    for part, records in parts_with_records(page):
         texts = [(ROOT / "docs" / "records" / name).read_text() for name in records]
-        assert missing_numbers(block, texts) == [], f"not in {', '.join(records)}: {block[:80]}"
+        assert missing_numbers(part, texts) == [], f"not in {', '.join(records)}: {part[:80]}"
 
 
 @pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
