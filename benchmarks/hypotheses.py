@@ -64,7 +64,7 @@ def main() -> None:
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
         below = label.endswith("× 32")
         axes.annotate(label, (median, touches.mean()), (5, -12 if below else 5), textcoords="offset points", fontsize=8)
-    axes.set(xticks=(2, 3, 4, 5, 6), xticklabels="23456", xlim=(1.6, 8), ylim=0)
+    axes.set(xticks=(0.3, 0.5, 1, 2, 3), xticklabels=("0.3", "0.5", "1", "2", "3"), xlim=(0.3, 3), ylim=0)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
