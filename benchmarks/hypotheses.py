@@ -62,8 +62,8 @@ def main() -> None:
             axes.axhspan(touches.mean() - error, touches.mean() + error, color="0.9", label=f"{label}, 95 %")
             continue
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
-        below = label.endswith("× 32")
-        axes.annotate(label, (median, touches.mean()), (5, -12 if below else 5), textcoords="offset points", fontsize=8)
+        top = (median, touches.mean() + error)
+        axes.annotate(label, top, (0, 4), textcoords="offset points", rotation=90, ha="center", fontsize=8)
     axes.set(xticks=(0.3, 0.5, 1, 2, 3), xticklabels=("0.3", "0.5", "1", "2", "3"), xlim=(0.3, 3), ylim=0)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
