@@ -155,7 +155,7 @@ def test_the_readme_names_real_objects_as_the_record_says():
 
 KEPT = sorted((ROOT / "docs" / "records").rglob("*.txt"))
 _LINKED = re.compile(r"\]\(records/([\w/.-]+\.txt)\)")
-_DECIMAL = re.compile(r"(?<![\w.,])(\d+\.\d+)(?!\.?\d)( %)?")
+_DECIMAL = re.compile(r"(?<![\w.,§])(\d+\.\d+)(?!\.?\d)( %)?")
 _PRINTED = re.compile(r"(?<![\w.])\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
