@@ -62,8 +62,10 @@ def main() -> None:
             axes.axhspan(touches.mean() - error, touches.mean() + error, color="0.9", label=f"{label}, 95 %")
             continue
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
-        top = (median, touches.mean() + error)
-        axes.annotate(label, top, (0, 4), textcoords="offset points", rotation=90, ha="center", fontsize=8)
+        below = label.endswith("× 32")
+        place, shift = touches.mean() + (-error if below else error), -4 if below else 4
+        how = {"rotation": 90, "ha": "center", "va": "top" if below else "bottom", "fontsize": 8}
+        axes.annotate(label, (median, place), (0, shift), textcoords="offset points", **how)
     axes.set(xticks=(0.3, 0.5, 1, 2, 3), xticklabels=("0.3", "0.5", "1", "2", "3"), xlim=(0.3, 3), ylim=0)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
