@@ -62,7 +62,7 @@ def main() -> None:
             axes.axhspan(touches.mean() - error, touches.mean() + error, color="0.9", label=f"{label}, 95 %")
             continue
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
-        below = label.endswith("× 32")
+        below = label.endswith("× 32") or label.startswith("16 ")
         place, shift = touches.mean() + (-error if below else error), -4 if below else 4
         how = {"rotation": 90, "ha": "center", "va": "top" if below else "bottom", "fontsize": 8}
         axes.annotate(label, (median, place), (0, shift), textcoords="offset points", **how)
