@@ -135,12 +135,12 @@ def print_marginals() -> None:
 
 def print_information() -> None:
     """Print the information about the shape in a touch of the shipped models, and in its outcome."""
-    print(f"\n{'nats per touch, mean over poses':<34}{'touch':>8}{'table':>8}{'outcomes':>10}")
+    print(f"\n{'nats per touch, mean over poses':<34}{'touch':>8}{'table':>8}{'kept':>8}{'outcomes':>10}")
     for sensor in sorted(MODELS.glob("*-independent")):
         model = load_observation_model(sensor)
         touch, table = information_of_touch(model, num_samples=20_000).mean(), model.outcome_table()
-        kind = f"{sensor.name} ({model.name}, K = {table.num_shapes})"
-        print(f"{kind:<34}{touch:8.3f}{table.information().mean():8.3f}{table.num_outcomes:10}")
+        kind, kept = f"{sensor.name} ({model.name}, K = {table.num_shapes})", table.information().mean()
+        print(f"{kind:<34}{touch:8.3f}{kept:8.3f}{kept / touch:8.3f}{table.num_outcomes:10}")
 
 
 def main() -> None:

@@ -27,6 +27,7 @@ from activetouch.envs.touch_source import LiveTouches, SampledTouches, Touches
 from activetouch.envs.vector import BankVectorEnv
 
 ROUNDS = 5
+LIBRARIES = {"gymnasium": "gymnasium sync × 16: trivial", "sb3": "sb3 dummy × 256: trivial"}
 
 
 class Counter(gymnasium.Env):
@@ -93,10 +94,8 @@ def main(scene: str, folder: Path | None) -> None:
                 seconds[name].append((time.process_time() - started) / (steps * number))
     print(f"scene {scene}, {bank.num_objects} objects, numpy {np.__version__}, one thread")
     for name, times in seconds.items():
-        trivial = name.split(":")[0].replace("sb3 ×", "sb3 dummy ×").replace("gymnasium ×", "gymnasium sync ×")
-        base = seconds.get(f"{trivial}: trivial")
-        ratio = "" if base is None else f"  {np.median(base) / np.median(times):7.2f} × trivial"
-        print(f"{name:<45} {1.0 / np.median(times):>10,.0f} steps/s{ratio}")
+        ratio = np.median(seconds[LIBRARIES[name.split()[0]]]) / np.median(times)
+        print(f"{name:<45} {1.0 / np.median(times):>10,.0f} steps/s  {ratio:7.2g} × trivial")
 
 
 def bank_of(scene: str, folder: Path | None) -> TouchBank:

@@ -62,9 +62,11 @@ def main() -> None:
             axes.axhspan(touches.mean() - error, touches.mean() + error, color="0.9", label=f"{label}, 95 %")
             continue
         axes.errorbar(median, touches.mean(), error, fmt="o", color="tab:blue")
-        below = label.endswith("× 32")
-        axes.annotate(label, (median, touches.mean()), (5, -12 if below else 5), textcoords="offset points", fontsize=8)
-    axes.set(xticks=(2, 3, 4, 5, 6), xticklabels="23456", xlim=(1.6, 8), ylim=0)
+        below = label.endswith("× 32") or label.startswith("16 ")
+        place, shift = touches.mean() + (-error if below else error), -4 if below else 4
+        how = {"rotation": 90, "ha": "center", "va": "top" if below else "bottom", "fontsize": 8}
+        axes.annotate(label, (median, place), (0, shift), textcoords="offset points", **how)
+    axes.set(xticks=(0.3, 0.5, 1, 2, 3), xticklabels=("0.3", "0.5", "1", "2", "3"), xlim=(0.3, 3), ylim=0)
     axes.minorticks_off()
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")

@@ -129,7 +129,7 @@ def measure_planners(searches: int) -> None:
         over = "{:+.3f} [{:+.3f}, {:+.3f}]".format(*paired_bootstrap(returns, first, np.random.default_rng(0)))
         right = sum(episode.success for episode in episodes)
         success = "{:.3f} [{:.3f}, {:.3f}]".format(right / searches, *wilson_interval(right, searches))
-        milliseconds.append(1e3 * float(np.median(timed.seconds)))
+        milliseconds.append(float(np.median(np.concatenate(list(timed.milliseconds.values())))))
         print(
             f"{name:<24} return {returns.mean():+.3f}, over point_based {over}, success {success}, "
             f"{milliseconds[-1]:.3f} ms a decision, {milliseconds[-1] / milliseconds[0]:.2g} × point_based",

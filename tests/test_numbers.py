@@ -2,12 +2,14 @@
 
 import json
 import re
+import shlex
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
 
 from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
+from experiments.cli import _parsed
 from experiments.search.fingerprint import files_digest
 
 ROOT = Path(__file__).parent.parent
@@ -149,3 +151,60 @@ def test_the_readme_names_real_objects_as_the_record_says():
     touches = {decider: cells[0] for split, decider, *cells in record["tables"]["identification"] if "order" in split}
     words = " ".join((ROOT / "README.md").read_text().split())
     assert f"after {touches['information gain']} touches, random order after {touches['random order']}" in words
+
+
+KEPT = sorted((ROOT / "docs" / "records").rglob("*.txt"))
+_LINKED = re.compile(r"\]\(records/([\w/.-]+\.txt)\)")
+_DECIMAL = re.compile(r"(?<![\w.,§])(\d+\.\d+)(?!\.?\d)( %)?")
+_PRINTED = re.compile(r"(?<![\w.])\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def parts_with_records(page):
+    """Paragraphs and rows of tables, each with the records that it links; of a row, also the paragraph before it."""
+    before = []
+    for block in re.split(r"\n\s*\n", re.sub(r"```.*?```", "", (ROOT / "docs" / page).read_text(), flags=re.S)):
+        is_table = block.startswith("|")
+        for part in block.splitlines() if is_table else [block]:
+            found = [*(before if is_table else []), *_LINKED.findall(part)]
+            if found:
+                yield part, found
+        before = _LINKED.findall(block)
+
+
+def missing_numbers(part, records):
+    """Decimal numbers of a part of a page that no record holds, rounded; a percentage may be printed as a fraction."""
+    printed = [float(number.replace(",", "")) for text in records for number in _PRINTED.findall(text)]
+    missing = []
+    for number, percent in _DECIMAL.findall(re.sub(r"`[^`]*`", "", part)):
+        places = len(number.partition(".")[2])
+        scales = (1, 100) if percent else (1,)
+        if all(abs(scale * one - float(number)) > 0.5001 * 10**-places for one in printed for scale in scales):
+            missing.append(number)
+    return missing
+
+
+def test_numbers_that_no_record_holds_are_found():
+    assert missing_numbers("| −0.79, 12.5 %, 95 % | `--cost 0.33` |", ["0.7851 of 1,000; 0.1251"]) == []
+    assert missing_numbers("success 0.788, 1.5 s", ["0.787 0.0151"]) == ["0.788", "1.5"]
+
+
+@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs").glob("*.md")))
+def test_tables_and_paragraphs_that_link_a_record_state_its_numbers(page):
+    for part, records in parts_with_records(page):
+        texts = [(ROOT / "docs" / "records" / name).read_text() for name in records]
+        assert missing_numbers(part, texts) == [], f"not in {', '.join(records)}: {part[:80]}"
+
+
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+def test_a_record_is_linked_and_its_command_exists(path):
+    name = path.relative_to(ROOT / "docs" / "records").as_posix()
+    assert any(f"](records/{name})" in page.read_text() for page in (ROOT / "docs").glob("*.md"))
+    lines = path.read_text().splitlines()
+    assert [line.partition(": ")[0] for line in lines[:4]] == ["command", "commit", "versions", "processor time"]
+    program, *words = shlex.split(lines[0].partition(": ")[2])
+    if program == "activetouch":
+        _parsed(words)  # exits unless the command accepts this
+    else:
+        script = words[1].replace(".", "/") + ".py" if words[0] == "-m" else words[0]
+        assert program == "python"
+        assert (ROOT / script).is_file()

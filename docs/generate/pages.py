@@ -105,7 +105,7 @@ decider = make_decider("{name}", model.outcome_table(), model)
 
 ![Every decider: return, success, touches and time per decision](../planners/deciders.svg)
 
-`python benchmarks/deciders.py --episodes 400 --trees 40 20 4`;
+`python benchmarks/deciders.py --episodes 400 --trees 40 20 0`;
 [table and text](../planners.md#comparison-of-all-deciders).
 """
 

@@ -232,6 +232,7 @@ def _orientation(found: Measurements) -> list[Section]:
             test.worst,
             f"{test.ranks[test.worst].mean:.3f}",
             f"{test.ranks[test.worst].spread:.2f}",
+            f"{max(ranks.spread for ranks in test.ranks.values()):.2f}",
         )
         for test in found.orientation
     ]
@@ -250,7 +251,10 @@ def _orientation(found: Measurements) -> list[Section]:
         "of touches in different poses; the one temperature of the model was fitted to the calibration split. A "
         "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest.",
     ]
-    headings = ("shape", "touches", "objects", "p, corrected", "quantity with the smallest p", "mean rank", "spread")
+    headings = (
+        *("shape", "touches", "objects", "p, corrected"),
+        *("quantity with the smallest p", "its mean rank", "its spread", "largest spread"),
+    )
     tables = [
         Table("Uniformity of the ranks of the true orientation and size", headings, rows),
         Table("p-value by quantity", ("shape", "touches", *QUANTITIES), every, is_long=True),
