@@ -34,7 +34,7 @@ from activetouch.pressing.contact import Contact, with_numbers_of
 from activetouch.recorded.formats import Format
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.world import MODELS, READER_FILE
+from activetouch.world import READER_FILE
 from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
 from belief.statistics import cluster_bootstrap, paired_bootstrap
@@ -46,7 +46,7 @@ from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
 from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
-from experiments.sensor_choice import check_sensor, tell_shift
+from experiments.sensor_choice import check_sensor, sensor_folder, tell_shift
 
 Floats = NDArray[np.float64]
 Images = NDArray[np.uint8]
@@ -124,7 +124,7 @@ class Leak:
     recorded: RecordedSet = field(default_factory=RecordedSet)
     """Recorded touches instead of a world."""
     sensor: Path | None = None
-    """Folder of a classifier; by default the scene's shipped one, if it fits the images and shapes."""
+    """Folder of a sensor, or name of a shipped one; by default the scene's, if it fits the images and shapes."""
     objects: Annotated[int, Within(2, 10**8)] = 150
     """Number of objects of every shape to measure on; each is touched once in every pose."""
     train: CountOrNone = 0
@@ -202,7 +202,7 @@ class Leak:
         if self.sensor is None and (own.renderer != scene.renderer or own.shape_labels != scene.shape_labels):
             print(f"{self.choice.scene} has no sensor for these images and shapes; give one with --sensor")
             return None
-        folder = self.sensor or MODELS / self.choice.scene
+        folder = sensor_folder(self.sensor, self.choice.scene)
         tell_shift(check_sensor(folder, self.choice, self.anyway))
         return TactileReader.load(folder / READER_FILE)
 
