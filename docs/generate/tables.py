@@ -1,10 +1,10 @@
-"""Fill tables of the pages about results, changed worlds, perception, speed and real touches from their records.
+"""Fill tables of the pages about results, calibration, changed worlds, perception, speed and real touches.
 
 Run: python docs/generate/tables.py
 
-The records are docs/robustness/*.json, docs/perception/several-touches-*.json and hypotheses-coarse.json,
-docs/tradeoff/networks.json and docs/real_touch/*.json, as the commands wrote them. A test checks that the pages hold
-what this writes.
+They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json and hypotheses-coarse.json,
+docs/tradeoff/networks.json, docs/real_touch/*.json and docs/records/calibration/*_independent.txt, as the commands
+wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 DOCS = Path(__file__).parent.parent
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
 TOUCHED = ("paper", "coarse", "gel", "hard", "many")
+CALIBRATED = ("coarse", "paper", "gel", "hard")
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
@@ -62,6 +63,25 @@ def results(page: str) -> str:
         later = (f"{independent[n]['accuracy']:.3f}, {_right(joint[n], '**')}" for n in (2, 3))
         rows.append(_row(f"`{scene}`", _right(joint[1]), *later))
     return _with_rows(page, "Accuracy on unseen objects", rows)
+
+
+def calibration(page: str) -> str:
+    """The page with its tables of the sensors that take touches as independent."""
+    single, sequences = [], []
+    for scene in CALIBRATED:
+        name = f"records/calibration/{scene}_independent.txt"
+        tables, link = dict(_markdown((DOCS / name).read_text())), f"[`{scene}`]({name})"
+        before, *others = next(rows for title, rows in tables.items() if title.startswith("Single touches"))
+        after = next(row for row in others if row["calibration"].endswith(_CHOSEN))
+        chosen = after["calibration"].removesuffix(_CHOSEN).replace("_", " ")
+        changes = (f"{before[column]} → {after[column]}" for column in ("NLL", "ECE", "classwise"))
+        bias = after["classwise, bias-corrected"]
+        single.append(_row(link, chosen.replace("dirichlet", "Dirichlet"), *changes, bias))
+        for kind in ("distinct poses", "one pose", "random poses"):
+            for model in ("ratio", "independent")[: 1 if kind == "distinct poses" else 2]:
+                sequences.append(_row(link, kind, model, *_sequences(tables, kind, model)))
+    page = _with_rows(page, "A single touch, 72 000 of them", single)
+    return _with_rows(page, "Several touches, and at stopping", sequences)
 
 
 def tradeoff(page: str) -> str:
@@ -109,6 +129,7 @@ NAMED = {  # splits of the record, and what the page calls them
 PAGES = {
     "robustness.md": robustness,
     "perception.md": perception,
+    "calibration.md": calibration,
     "results.md": results,
     "tradeoff.md": tradeoff,
     "real_touch.md": real_touch,
@@ -149,6 +170,50 @@ def _interval(found: Mapping[str, Any], name: str = "success") -> str:
 
 def _grouped(number: int) -> str:
     return f"{number:,}".replace(",", " ")
+
+
+_CHOSEN = " (chosen)"
+
+
+def _sequences(tables: Mapping[str, Any], kind: str, model: str) -> Iterator[str]:
+    """Cells of a model in sequences of a kind: worst error, stops, largest gap; bold where a target is missed."""
+
+    def of(title: str) -> list[Mapping[str, str]]:
+        return [row for row in tables[f"{title}, {kind}"] if next(iter(row.values())).removesuffix(_CHOSEN) == model]
+
+    [targets], [stops], [errors] = of("Targets"), of("Stops at 0.95"), of("Calibration error (chance)")
+    error, chance = max(_pair(cell) for heading, cell in errors.items() if heading.isdecimal())
+    yield f"{_missed(f'{error:.3f}', targets['error ≤ 0.020'])} ({chance:.3f})"
+    yield _grouped(int(stops["stops"].partition(" ")[0]))
+    yield stops["confidence"]
+    yield f"{stops['accuracy']} {stops['objects resampled']}"
+    yield _missed(stops["Clopper-Pearson ≥"], targets["accuracy ≥ 0.950"])
+    gaps = [
+        (abs(float(row["confidence"]) - float(row["accuracy [Clopper-Pearson]"].partition(" ")[0])), row["touches"])
+        for row in of("By touches at stopping")
+        if int(row["stops"]) >= _ENOUGH
+    ]
+    largest = targets["gap ≤ 0.020"]
+    yield f"{_missed(largest.partition(' ')[0], largest)} at {max(gaps)[1]}"
+
+
+_ENOUGH = 200  # stops for a gap
+
+
+def _pair(cell: str) -> tuple[float, float]:
+    value, chance = re.findall(r"\d\.\d+", cell)
+    return float(value), float(chance)
+
+
+def _missed(number: str, target: str) -> str:
+    return f"**{number}**" if "✗" in target else number
+
+
+def _markdown(text: str) -> Iterator[tuple[str, list[dict[str, str]]]]:
+    """Title of every table of a text, and its rows: cells by heading."""
+    for title, head, body in re.findall(r"^\*\*(.+)\*\*\n\n\| (.+) \|\n\|[-:| ]+\|\n((?:\|.+\n)+)", text, re.M):
+        headings = head.split(" | ")
+        yield title, [dict(zip(headings, line[2:-2].split(" | "), strict=True)) for line in body.splitlines()]
 
 
 def _condition(name: str, models: Mapping[str, Any]) -> str:
