@@ -18,7 +18,7 @@ from typing import Any
 DOCS = Path(__file__).parent.parent
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
 TOUCHED = ("paper", "coarse", "gel", "hard", "many")
-CALIBRATED = ("coarse", "paper", "gel", "hard")
+CALIBRATED = ("coarse", "paper", "gel", "hard", "many")
 _PROMISED = 0.93  # accuracy of stops below which a number is bold
 
 
