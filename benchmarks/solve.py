@@ -16,6 +16,7 @@ import time
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import softmax
 
 from activetouch.world import load_observation_model
@@ -54,6 +55,29 @@ def of_bound(policy: TouchPolicy | SearchPolicy, bounds: bool) -> tuple[str, str
     return f"{low:.4f} of {policy.upper_bound:.4f}", f"{low / policy.upper_bound:.2%}"
 
 
+def print_rows(kind: str, probs: NDArray[np.float64], cost: float, bounds: bool) -> None:
+    """Print a row for every target, and one with the mean value of searches."""
+    num_shapes, values = probs.shape[1], []
+    for target in range(num_shapes):
+        started = time.perf_counter()
+        single = solve(TouchProblem(probs, np.full(num_shapes, 1 / num_shapes), target, cost))
+        solved = time.perf_counter()
+        search = solve(SearchTouchProblem(probs, 4, "distinct", target, cost))
+        searched = time.perf_counter()
+        values.append(search.lower_bound)
+        alone, batched = decision_times(single)
+        cells = [
+            f"| {kind} | {cost} | {target}",
+            *of_bound(single, bounds),
+            f"{solved - started:.2f} s",
+            f"{1e6 * alone:.1f} µs, {1e6 * batched:.2f} µs",
+            *of_bound(search, bounds),
+            f"{searched - solved:.2f} s |",
+        ]
+        print(" | ".join(cells), flush=True)
+    print(f"| {kind} | {cost} | mean | | | | | {np.mean(values):.4f} | | |", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("tables", nargs="*", default=["synthetic", "coarse", "gel"], help="synthetic, or scenes")
@@ -63,28 +87,10 @@ def main() -> None:
     chosen = parser.parse_args()
     print("| table | λ | target | one object | | solved in | decision alone, batched | search of four | | solved in |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    for name, outcomes, cost in product(chosen.tables, chosen.outcomes, chosen.touch_costs):
-        probs, values = table(name, outcomes), []
-        num_shapes = probs.shape[1]
-        kind = name if outcomes is None else f"{name}, {outcomes} outcomes"
-        for target in range(num_shapes):
-            started = time.perf_counter()
-            single = solve(TouchProblem(probs, np.full(num_shapes, 1 / num_shapes), target, cost))
-            solved = time.perf_counter()
-            search = solve(SearchTouchProblem(probs, 4, "distinct", target, cost))
-            searched = time.perf_counter()
-            values.append(search.lower_bound)
-            alone, batched = decision_times(single)
-            cells = [
-                f"| {kind} | {cost} | {target}",
-                *of_bound(single, chosen.bounds),
-                f"{solved - started:.2f} s",
-                f"{1e6 * alone:.1f} µs, {1e6 * batched:.2f} µs",
-                *of_bound(search, chosen.bounds),
-                f"{searched - solved:.2f} s |",
-            ]
-            print(" | ".join(cells), flush=True)
-        print(f"| {kind} | {cost} | mean | | | | | {np.mean(values):.4f} | | |", flush=True)
+    for name, outcomes in product(chosen.tables, chosen.outcomes):
+        probs, kind = table(name, outcomes), name if outcomes is None else f"{name}, {outcomes} outcomes"
+        for cost in chosen.touch_costs:
+            print_rows(kind, probs, cost, chosen.bounds)
 
 
 if __name__ == "__main__":

@@ -16,14 +16,14 @@ import resource
 import shlex
 import subprocess
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from experiments.search.run_folder import versions
 
 ROOT = Path(__file__).parent.parent.parent
 RECORDS = ROOT / "docs" / "records"
 CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks")
 PROGRAMS = {"python": [sys.executable], "activetouch": [sys.executable, "-m", "experiments.cli"]}
-PACKAGES = ("activetouch", "numpy", "scipy", "mujoco-core", "torch")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PROGRESS = "━"  # in the lines of a progress bar
 _FOLDER = re.compile(r"(?<![\w./:])/(?:[\w.+-]+/)+")
@@ -35,17 +35,6 @@ def commit() -> str:
     if changed:
         raise SystemExit(f"commit the code before you record what it finds:\n{changed}")
     return _git("rev-parse", "--short=10", "HEAD")
-
-
-def versions() -> str:
-    """Versions of Python and of the packages that are installed."""
-    found = [f"python {sys.version.split()[0]}"]
-    for package in PACKAGES:
-        try:
-            found.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            continue
-    return ", ".join(found)
 
 
 def run(words: list[str]) -> tuple[str, float]:
@@ -71,7 +60,8 @@ def main(name: str, files: list[str], words: list[str]) -> None:
     printed += "".join(f"\n{file}:\n\n{(ROOT / file).read_text(encoding='utf-8')}" for file in files)
     path = (RECORDS / name).with_suffix(".txt")
     path.parent.mkdir(parents=True, exist_ok=True)
-    header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {versions()}\nprocessor time: {seconds:.0f} s"
+    made_with = ", ".join(f"{package} {version}" for package, version in versions().items())
+    header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {made_with}\nprocessor time: {seconds:.0f} s"
     lines = "\n".join(line.rstrip() for line in printed.splitlines() if PROGRESS not in line)
     path.write_text(f"{header}\n\n{lines.strip(chr(10))}\n", encoding="utf-8")
 

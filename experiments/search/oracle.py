@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch import TactileSensor
+from activetouch import TactileSensor, TouchWorld
 from activetouch.perception.reader import Reading
 from belief import SceneBelief
 from belief.touch_batch import TouchBatch
@@ -49,19 +49,21 @@ def _is_solved(
 ) -> bool:
     readings: list[Reading] = []
     for pose in range(setting.problem.num_poses):
-        readings.append(sensor.reader.read(_touched(setting, sensor, pose, key, memo)))
+        world = make_world(setting, sensor, key)
+        readings.append(sensor.reader.read(_touched(world, pose, key, memo)))
         scene = before.supposing(sensor.model.log_likelihood_batch(_batch(readings)))
         here, absent = scene.marginals()[:, target], 1.0 - scene.prob_present(target)
         if max(absent, here.max()) >= _CERTAIN:
             break
-    arrangement = make_world(setting, sensor, key).arrangement
-    return target not in arrangement if absent > here.max() else arrangement[int(np.argmax(here))] == target
+    if absent > here.max():
+        return target not in world.arrangement
+    return world.arrangement[int(np.argmax(here))] == target
 
 
-def _touched(setting: Setting, sensor: TactileSensor, pose: int, key: Seed, memo: TouchMemo) -> NDArray[np.uint8]:
-    """Images of the first touch of every object in one pose."""
-    world, images = make_world(setting, sensor, key), []
-    for index in range(setting.problem.num_objects):
+def _touched(world: TouchWorld, pose: int, key: Seed, memo: TouchMemo) -> NDArray[np.uint8]:
+    """Images of the first touch of every object of a new world in one pose."""
+    images = []
+    for index in range(len(world.arrangement)):
         if index:
             world.advance()
         images.append(memo.press(TouchRequest.of(world, key, index, pose, repeat=0))[0])

@@ -164,12 +164,13 @@ class SeveralTouches:
     ) -> Entry:
         cost = belief_cost(model, 0 if read.features is None else read.features.shape[-1])
         shapes, objects = np.tile(truth, self.orders), np.tile(np.arange(len(truth)), self.orders)
-        found = {n: log_posteriors(model, read.first(n)) for n in self.touches}
         return Entry(
             f"{reader.card.backbone} {reader.card.input_size} px",
             precision,
             number,
-            tuple(after_touches(log_probs, shapes, objects, n, self.seed) for n, log_probs in found.items()),
+            tuple(
+                after_touches(log_posteriors(model, read.first(n)), shapes, objects, n, self.seed) for n in self.touches
+            ),
             read_milliseconds,
             cost.update,
             cost.memory,
