@@ -1,15 +1,15 @@
 """The simulated world: shapes pressed against a tactile pad, the tactile images, and the network that classifies them.
 
 Importing this package registers the Gymnasium environments where Gymnasium is installed (decision 0025); it does not
-load MuJoCo or torch. The functions ``compare`` and ``make_sensor`` of the package ``experiments`` are loaded at first
-use (decision 0034).
+load MuJoCo or torch. The sensor with its observation models, and the functions ``compare`` and ``make_sensor`` of the
+package ``experiments`` (decision 0034), are loaded at first use.
 """
 
 from __future__ import annotations
 
 import importlib
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from activetouch.own_packages import make_way, require_own_packages
 
@@ -23,8 +23,11 @@ from activetouch.named_scenes import SCENES
 from activetouch.poses import POSES
 from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.shapes import SHAPES
-from activetouch.world import TactileSensor, TouchWorld
 
+if TYPE_CHECKING:
+    from activetouch.world import TactileSensor, TouchWorld
+
+_LATER = {"TactileSensor": "activetouch.world", "TouchWorld": "activetouch.world"}
 _ABOVE = {"compare": "experiments.search.objects", "make_sensor": "experiments.sensor.make_sensor"}
 
 __all__ = [
@@ -43,7 +46,10 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Functions that are loaded at first use, and the version."""
+    """What is loaded at first use, and the version."""
+    if name in _LATER:
+        found = globals()[name] = getattr(importlib.import_module(_LATER[name]), name)
+        return found
     if name in _ABOVE:
         require_own_packages()
         return getattr(importlib.import_module(_ABOVE[name]), name)

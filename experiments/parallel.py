@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
-import joblib
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from belief.errors import ActiveTouchError
@@ -26,6 +25,8 @@ class NoCluster(ActiveTouchError, ConnectionError):
 
 def default_jobs() -> int:
     """Number of processors that this process may use."""
+    import joblib
+
     return joblib.cpu_count()
 
 
@@ -67,25 +68,39 @@ def run_lazily(
     Raises:
         NoCluster: The scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
-    with _backend(scheduler), progress_bar() as progress:
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    with progress_bar() as progress:
         bar = progress.add_task(description, total=total)
-        results: Any = (None for _ in range(0))
-        try:
-            with block_interrupt():
-                results = parallel(joblib.delayed(task)() for task in tasks)
+        if jobs == 1 and scheduler is None:
+            results = (task() for task in tasks)
+        else:
+            results = _in_parallel(tasks, jobs, scheduler)
+        with closing(results):
             for result in results:
                 progress.advance(bar)
                 yield result
+        progress.update(bar, completed=total)
+
+
+def _in_parallel(tasks: Iterable[Callable[[], T]], jobs: int, scheduler: str | None) -> Generator[T, None, None]:
+    """The results of :func:`run_lazily`, from worker processes."""
+    import joblib
+
+    with _backend(scheduler):
+        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+        with block_interrupt():
+            results = parallel(joblib.delayed(task)() for task in tasks)
+        try:
+            yield from results
         finally:
             with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
                 warnings.simplefilter("ignore", UserWarning)
                 results.close()
-        progress.update(bar, completed=total)
 
 
 @contextmanager
 def _backend(scheduler: str | None) -> Iterator[Any]:
+    import joblib
+
     if scheduler is None:
         ending = {"initializer": end_with_parent, "initargs": (os.getpid(),)}
         with joblib.parallel_config("loky", inner_max_num_threads=1, **ending) as config:

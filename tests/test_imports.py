@@ -20,11 +20,16 @@ def modules_loaded_by(statement: str) -> set[str]:
     return set(run.stdout.split())
 
 
-@pytest.mark.parametrize("package", ["belief", "planners", "activetouch"])
-def test_importing_a_package_loads_nothing_heavy(package):
-    loaded = modules_loaded_by(f"import {package}")
+@pytest.mark.parametrize("statement", ["from belief import *", "from planners import *", "import activetouch.world"])
+def test_importing_a_package_loads_nothing_heavy(statement):
+    loaded = modules_loaded_by(statement)
     assert not loaded & set(HEAVY)
-    assert ("gymnasium" in loaded) == (package == "activetouch")  # which registers the environments
+    assert ("gymnasium" in loaded) == ("activetouch" in statement)  # which registers the environments
+
+
+@pytest.mark.parametrize("package", ["belief", "activetouch"])
+def test_a_package_alone_loads_no_observation_model(package):
+    assert not modules_loaded_by(f"import {package}") & {"scipy.special", "belief.observation_model"}
 
 
 def test_asking_for_help_loads_nothing_heavy():
@@ -33,7 +38,7 @@ def test_asking_for_help_loads_nothing_heavy():
 
 
 def test_belief_needs_numpy_and_scipy_only():
-    loaded = {name.split(".")[0] for name in modules_loaded_by("import belief")}
+    loaded = {name.split(".")[0] for name in modules_loaded_by("from belief import *")}
     others = (*PACKAGES, *HEAVY, "gymnasium", "joblib", "rich", "tyro", "jinja2", "PIL")
     ours = {name for name in loaded if name in others}
     assert ours == {"belief"}

@@ -6,8 +6,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from activetouch.envs.touch_bank import TouchBank
 from belief.observation_model import ArrayModel
@@ -84,7 +84,7 @@ class WeighedTouches:
         chosen, shares = (np.stack(column) for column in zip(*some, strict=True))  # (n, K, H) each
         columns = chosen + number * np.arange(num_shapes)[:, None]
         ends = np.arange(0, chosen.size + 1, chosen.shape[2])
-        means = csr_array(
+        means = scipy.sparse.csr_array(
             (shares.astype(np.float32).ravel(), columns.ravel(), ends), shape=(len(ends) - 1, len(self._outcomes))
         )
         found = (means @ self._outcomes).reshape(count, num_shapes, self.model.num_poses, -1)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from activetouch.distributions import Distribution
 from activetouch.hypotheses import sizes, stiffnesses
@@ -18,7 +18,9 @@ from activetouch.poses import multiply, to_matrices, turned
 from activetouch.randomisation import assumed
 from activetouch.scene import Scene
 from belief.frozen import frozen
-from belief.observation_model.views import Views
+
+if TYPE_CHECKING:
+    from belief.observation_model.views import Views
 
 _FEW_POSES = 12
 _MOST_IN_SINGLE = 1 << 25  # numbers in the tables of all poses
@@ -99,9 +101,11 @@ class HypothesisTable:
 
     def views(self, num_hypotheses: int) -> Views:
         """Which hypotheses look alike in different poses, by orientation."""
+        from belief.observation_model.views import Views  # with all observation models, which recording does not need
+
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())
         rests = self.hypotheses(num_hypotheses).rests
-        nearest = cKDTree(np.concatenate([rests, -rests]))  # a rotation is two quaternions
+        nearest = scipy.spatial.cKDTree(np.concatenate([rests, -rests]))  # a rotation is two quaternions
         first = np.unique(groups, return_index=True)[1][groups]
         same = []
         for pose, begin in enumerate(first):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import ConvexHull, HalfspaceIntersection
+import scipy  # whose parts load at first use
 
 from activetouch.solids.solid import Floats, Geom, Shape, clip, entered, ring
 
@@ -52,10 +52,11 @@ class Cut:
     @cached_property
     def geom(self) -> Geom:
         """The corners that remain; a cylinder has 64 sides. See :class:`Shape`."""
-        hull = ConvexHull(corners(self.solid.geom)).equations
+        hull = scipy.spatial.ConvexHull(corners(self.solid.geom)).equations
         normals, distances = self._halfspaces
         cuts = np.column_stack([normals, -distances])
-        return Geom("mesh", vertices=HalfspaceIntersection(np.vstack([hull, cuts]), np.zeros(3)).intersections)
+        remaining = scipy.spatial.HalfspaceIntersection(np.vstack([hull, cuts]), np.zeros(3))
+        return Geom("mesh", vertices=remaining.intersections)
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""

@@ -8,9 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import ConvexHull
+import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
 from activetouch.solids.raycast import first_entry
@@ -85,7 +83,7 @@ class Mesh:
     @cached_property
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
-        return Geom("mesh", vertices=self.vertices[ConvexHull(self.vertices).vertices])
+        return Geom("mesh", vertices=self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
@@ -127,7 +125,8 @@ class Mesh:
     def _num_pieces(self) -> int:
         start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
         size = len(self.vertices)
-        return int(connected_components(coo_array((np.ones(start.size), (start, end)), (size, size)))[0])
+        edges = scipy.sparse.coo_array((np.ones(start.size), (start, end)), (size, size))
+        return int(scipy.sparse.csgraph.connected_components(edges)[0])
 
     def _size_problem(self) -> str | None:
         """The reason why the size is unsuitable, if any, with suggested units."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import ConvexHull
+import scipy  # whose parts load at first use
 
 from activetouch.solids.solid import Floats, Geom, between, clip, entered, require_lengths, ring
 
@@ -23,7 +23,7 @@ class _FlatFaced(ABC):
     @cached_property
     def planes(self) -> tuple[Floats, Floats]:
         """Unit outward normals of the faces, ``(m, 3)``, and their distances from the origin, ``(m,)`` [m]."""
-        facets = ConvexHull(self.corners).equations  # triangles; a face can have several
+        facets = scipy.spatial.ConvexHull(self.corners).equations  # triangles; a face can have several
         _, first = np.unique(np.round(facets, 9), axis=0, return_index=True)
         return facets[first, :3], -facets[first, 3]
 

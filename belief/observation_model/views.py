@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from belief.frozen import FrozenArrays
 from belief.observation_model.outcome_mixture import OutcomeMixture, with_nothing_new
@@ -116,7 +116,7 @@ class SharedMixture(FrozenArrays):
             poses = np.flatnonzero(self.views.groups == group)
             columns = self.views.same[np.ix_(poses, which)] + starts
             ends = np.cumsum(np.tile(lengths, len(poses)))
-            rows = csr_array(
+            rows = scipy.sparse.csr_array(
                 (np.tile(weights.astype(np.float32), len(poses)), columns.ravel(), np.concatenate([[0], ends])),
                 shape=(len(poses) * num_shapes, num_shapes * number),
             )

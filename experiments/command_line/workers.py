@@ -15,8 +15,6 @@ from multiprocessing.context import BaseContext
 from types import FrameType
 from typing import TypeVar
 
-from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
-
 T = TypeVar("T")
 
 _EVERY = 0.5  # seconds
@@ -65,6 +63,8 @@ def block_interrupt() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not callable(handler) or os.name != "posix":
         yield
         return
+    from joblib.externals.loky.backend import resource_tracker as loky_resource_tracker
+
     resource_tracker.ensure_running()
     loky_resource_tracker.ensure_running()
     heard: list[tuple[int, FrameType | None]] = []
