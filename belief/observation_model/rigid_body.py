@@ -35,10 +35,12 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.log_weights import bounded_softmax, largest_posterior, log_means, log_sums, misfit
+from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, numbers_first, require_shape
+from belief.observation_model.log_weights import largest_posterior, log_means, misfit
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
+from belief.observation_model.reference_outcomes import ReferenceOutcomes
 from belief.observation_model.repeat_discount import repeat_shares
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted, refitted
@@ -46,14 +48,10 @@ from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 
-Floats32 = NDArray[np.float32]
-
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
-_MOST_OUTCOMES = 1 << 25  # numbers, of probabilities of outcomes under all hypotheses that are kept
 _REFERENCES = 256  # touches kept of each pose
 _SHARED_REFERENCES = 512  # touches kept of each group of poses
-_LARGEST = 1e30  # number in an embedding
-_RECOMPUTED = ("table", "_shared")  # after pickling
+_RECOMPUTED = ("_embedded", "_outcomes")  # after pickling
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +94,8 @@ class RigidBodyModel(ArrayModel):
         if self.groups and sorted(set(self.groups)) != list(range(num_groups)):
             raise ValueError(f"there are references of {num_groups} groups of poses, the poses are of {self.groups}")
         if isinstance(self.hypotheses, np.ndarray):
-            self._require_shape(self.hypotheses)
-            object.__setattr__(self, "hypotheses", _numbers_first(self.hypotheses))
+            require_shape(self.hypotheses, self._table_shape)
+            object.__setattr__(self, "hypotheses", numbers_first(self.hypotheses))
         if self.reference_logits.shape != (num_groups, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
@@ -186,16 +184,6 @@ class RigidBodyModel(ArrayModel):
         """See :class:`ArrayModel`."""
         return len(self.groups or self.references)
 
-    @cached_property
-    def views(self) -> Views | None:
-        """Which hypotheses look alike in different poses; None if every pose has references of its own."""
-        if not self.groups:
-            return None
-        found: Views = self.hypotheses.views(self.num_hypotheses)  # type: ignore[union-attr]
-        if found.groups.tolist() != list(self.groups):
-            raise ValueError(f"the hypotheses are for poses of the groups {found.groups.tolist()}, not {self.groups}")
-        return found
-
     def embeddings(self, batch: TouchBatch) -> Floats:
         """Embeddings of a batch of touches, ``(S, n, D)``.
 
@@ -220,112 +208,43 @@ class RigidBodyModel(ArrayModel):
             return np.asarray(found[None])
         return self.embeddings(self.alone(touch))[0]  # says what is wrong
 
-    def scores(self, pose: int, embeddings: Floats) -> Floats32:
-        """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
-
-        Args:
-            pose: index.
-            embeddings: of the touches, ``(n, D)``.
-
-        Raises:
-            ValueError: the model has no hypotheses yet.
-        """
-        table = self._in_pose(pose)
-        found = _in_single(embeddings, self.temperature) @ table.reshape(-1, table.shape[-1]).T
-        return found.reshape(len(embeddings), *table.shape[:2])
-
-    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
-        """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
-
-        Args:
-            hypotheses: index of H hypotheses of each shape, ``(K, H)``.
-            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-
-        Raises:
-            ValueError: the model has no hypotheses yet.
-        """
-        if (views := self.views) is not None:
-            return views.of_all_poses(self.shared_outcomes(num_outcomes), hypotheses)
-        shapes = np.arange(len(hypotheses))[:, None]
-        if self.num_poses * len(shapes) * self.num_hypotheses * num_outcomes <= _MOST_OUTCOMES:
-            found = self.shared_outcomes(num_outcomes)[:, shapes, hypotheses]
-        else:
-            kept = _evenly(self.references.shape[1], num_outcomes)
-            table = np.moveaxis(self.table, 3, 1)[:, :, shapes, hypotheses].reshape(*self.references.shape[::2], -1)
-            found = _in_single(self.references[:, kept], self.temperature) @ table
-            found = bounded_softmax(found.swapaxes(1, 2) - self._log_normalisers[:, None, kept])
-            found = found.reshape(len(found), *hypotheses.shape, -1)
-        found.flags.writeable = False
-        return found
-
-    def shared_outcomes(self, num_outcomes: int) -> Floats32:
-        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
-
-        Args:
-            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-
-        Raises:
-            ValueError: the model has no hypotheses yet.
-        """
-        if num_outcomes not in self._shared:
-            kept, tables = _evenly(self.references.shape[1], num_outcomes), []
-            for group, pose in enumerate(self._first_poses):
-                found = np.moveaxis(self.scores(pose, self.references[group, kept]), 0, 2)
-                tables.append(bounded_softmax(np.ascontiguousarray(found) - self._log_normalisers[group, kept]))
-            self._shared[num_outcomes] = np.stack(tables)
-            self._shared[num_outcomes].flags.writeable = False
-        return self._shared[num_outcomes]
-
-    @cached_property
-    def _shared(self) -> dict[int, Floats32]:
-        return {}
+    @property
+    def views(self) -> Views | None:
+        """Which hypotheses look alike in different poses; None if every pose has references of its own."""
+        return self._embedded.views
 
     @property
-    def _first_poses(self) -> list[int]:
-        """A pose in which the references of each group were felt, ``(G,)``."""
-        groups = self.groups or range(len(self.references))
-        return [list(groups).index(group) for group in range(len(self.references))]
-
-    @cached_property
-    def _log_normalisers(self) -> Floats32:
-        """Log sum of the likelihood scores of every reference over all hypotheses, ``(G, M)``."""
-        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses))
-        blocks = np.array_split(np.arange(self.references.shape[1]), -(-self.references.shape[1] // size))
-        return np.stack(
-            [
-                np.concatenate([log_sums(self.scores(pose, some[block])) for block in blocks])
-                for pose, some in zip(self._first_poses, self.references, strict=True)
-            ]
-        )
-
-    def _in_pose(self, pose: int) -> Floats32:
-        """The embedded hypotheses of one pose, ``(K, N, D)``; where poses share references, embedded at first use."""
-        if not self.groups or isinstance(self.hypotheses, np.ndarray) or self.hypotheses is None:
-            return self.table[pose]
-        found = np.asarray(self.hypotheses.in_pose(self.num_hypotheses, pose), np.float32)  # type: ignore[attr-defined]
-        if pose == 0:
-            self._require_shape(np.broadcast_to(found, (self.num_poses, *found.shape)))
-        return found
-
-    @cached_property
     def table(self) -> Floats32:
         """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
 
         Raises:
             ValueError: the model has no hypotheses yet, or they do not fit the references.
         """
-        if self.hypotheses is None:
-            raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
-        if isinstance(self.hypotheses, np.ndarray):
-            return self.hypotheses
-        table = self.hypotheses(self.num_hypotheses)
-        self._require_shape(table)
-        return _numbers_first(table)
+        return self._embedded.table
 
-    def _require_shape(self, table: Floats32) -> None:
-        wanted = (self.num_poses, len(self.shape_labels), self.num_hypotheses, self.references.shape[-1])
-        if table.shape != wanted:
-            raise ValueError(f"hypotheses must be {wanted} (poses, shapes, N, D), got {table.shape}")
+    def scores(self, pose: int, embeddings: Floats) -> Floats32:
+        """Log p(touch | hypothesis), ``(n, K, N)``; see :meth:`EmbeddedHypotheses.scores`."""
+        return self._embedded.scores(pose, embeddings)
+
+    def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
+        """p(reference touch | pose, hypothesis), ``(P, K, H, M)``; see :meth:`ReferenceOutcomes.of`."""
+        return self._outcomes.of(hypotheses, num_outcomes)
+
+    def shared_outcomes(self, num_outcomes: int) -> Floats32:
+        """p(reference touch | shape, hypothesis), ``(G, K, N, M)``; see :meth:`ReferenceOutcomes.shared`."""
+        return self._outcomes.shared(num_outcomes)
+
+    @cached_property
+    def _outcomes(self) -> ReferenceOutcomes:
+        return ReferenceOutcomes(self._embedded, self.references, self.reference_logits)
+
+    @cached_property
+    def _embedded(self) -> EmbeddedHypotheses:
+        return EmbeddedHypotheses(self.hypotheses, self._table_shape, self.groups, self.temperature)
+
+    @property
+    def _table_shape(self) -> tuple[int, int, int, int]:
+        return self.num_poses, len(self.shape_labels), self.num_hypotheses, self.references.shape[-1]
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process is sent: the table instead of what embeds it, so that it is embedded once.
@@ -337,7 +256,7 @@ class RigidBodyModel(ArrayModel):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         table = state["hypotheses"]
-        super().__setstate__({**state, "hypotheses": _numbers_first(table)} if isinstance(table, np.ndarray) else state)
+        super().__setstate__({**state, "hypotheses": numbers_first(table)} if isinstance(table, np.ndarray) else state)
 
     def start(self) -> RigidBodyEvidence:
         """See :class:`ArrayModel`."""
@@ -415,16 +334,7 @@ class RigidBodyModel(ArrayModel):
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
-        bodies = rng.integers(self.num_hypotheses, size=len(poses))
-        drawn, groups = np.empty(poses.shape, np.int64), np.array(self.groups or range(self.num_poses))[poses]
-        for pose in np.unique(poses).tolist():
-            group = self.groups[pose] if self.groups else pose
-            rows, steps = np.nonzero(poses == pose)
-            hypotheses = self._in_pose(pose)[shape, bodies[rows]]
-            of_body = hypotheses @ _in_single(self.references[group], self.temperature).T
-            of_body = of_body - self._log_normalisers[group] + rng.gumbel(size=of_body.shape)
-            drawn[rows, steps] = of_body.argmax(axis=1)
-        return TouchBatch(poses, self.reference_logits[groups, drawn], self.references[groups, drawn])
+        return self._outcomes.sample(shape, poses, rng)
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
@@ -458,27 +368,6 @@ class RigidBodyModel(ArrayModel):
         groups = tuple(int(group) for group in fields.get("groups", ()))
         drift = float(fields.get("drift", 0.0))
         return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups, drift)
-
-
-def _numbers_first(table: Floats32) -> Floats32:
-    """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory.
-
-    This halves the time in which one embedding is compared with all hypotheses of a pose.
-    """
-    laid_out = np.ascontiguousarray(np.moveaxis(table, 3, 1))
-    return np.moveaxis(frozen(laid_out), 1, 3)
-
-
-def _evenly(number: int, most: int) -> NDArray[np.int64]:
-    """Indices of at most so many of a number of things, evenly spaced."""
-    return np.linspace(0, number - 1, min(most, number)).round().astype(np.int64)
-
-
-def _in_single(embeddings: Floats, temperature: float) -> Floats32:
-    """Embeddings by temperature in single precision, limited to numbers whose products do not overflow."""
-    with np.errstate(over="ignore"):
-        scaled = np.asarray(embeddings, np.float64) / temperature
-    return np.clip(scaled, -_LARGEST, _LARGEST).astype(np.float32)
 
 
 def _rows_of_groups(data: LabelledTouches, groups: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -305,7 +305,7 @@ def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
 def test_outcomes_that_are_too_many_to_keep_are_computed_for_the_asked_hypotheses_alone(world, rng, monkeypatch):
     model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
     kept = model.outcome_probs(chosen, 20)
-    monkeypatch.setattr("belief.observation_model.rigid_body._MOST_OUTCOMES", 0)
+    monkeypatch.setattr("belief.observation_model.reference_outcomes._MOST_OUTCOMES", 0)
     np.testing.assert_allclose(model.outcome_probs(chosen, 20), kept, rtol=1e-5)
     assert kept.shape == (P, K, 7, 20)
 

@@ -1,0 +1,127 @@
+"""Outcomes of the joint observation model: touches that stand for all, and how probable each is under a hypothesis.
+
+A learned ratio has no density over images, so the next touch is supposed to be one of some reference touches:
+p(reference | hypothesis) is proportional to its ratio under that hypothesis, over its mean ratio under all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32
+from belief.observation_model.log_weights import bounded_softmax, log_sums
+from belief.problem import Floats
+from belief.touch_batch import TouchBatch
+
+_AT_ONCE = 1 << 22  # numbers, of log weights that are worked on at a time
+_MOST_OUTCOMES = 1 << 25  # numbers, of probabilities of outcomes under all hypotheses that are kept
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceOutcomes:
+    """Reference touches as outcomes of the next touch; what is computed once is kept.
+
+    Attributes:
+        hypotheses: of the body.
+        references: embeddings of M touches of each pose or group of poses, ``(G, M, D)``.
+        logits: the shape logits of these, ``(G, M, K)``.
+    """
+
+    hypotheses: EmbeddedHypotheses
+    references: Floats
+    logits: Floats
+
+    def of(self, chosen: NDArray[np.int64], num_outcomes: int) -> Floats32:
+        """p(reference touch | pose, hypothesis), over reference touches of the pose, ``(P, K, H, M)``.
+
+        Args:
+            chosen: index of H hypotheses of each shape, ``(K, H)``.
+            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
+
+        Raises:
+            ValueError: there are no hypotheses yet.
+        """
+        if (views := self.hypotheses.views) is not None:
+            return views.of_all_poses(self.shared(num_outcomes), chosen)
+        shapes = np.arange(len(chosen))[:, None]
+        if math.prod(self.hypotheses.shape[:3]) * num_outcomes <= _MOST_OUTCOMES:
+            found = self.shared(num_outcomes)[:, shapes, chosen]
+        else:
+            kept = _evenly(self.references.shape[1], num_outcomes)
+            table = np.moveaxis(self.hypotheses.table, 3, 1)[:, :, shapes, chosen]
+            found = self.hypotheses.scaled(self.references[:, kept]) @ table.reshape(*table.shape[:2], -1)
+            found = bounded_softmax(found.swapaxes(1, 2) - self._log_normalisers[:, None, kept])
+            found = found.reshape(len(found), *chosen.shape, -1)
+        found.flags.writeable = False
+        return found
+
+    def shared(self, num_outcomes: int) -> Floats32:
+        """p(reference touch | shape, hypothesis) in the first pose of each group, ``(G, K, N, M)``.
+
+        Args:
+            num_outcomes: M, evenly spaced among the references, or all if there are fewer.
+
+        Raises:
+            ValueError: there are no hypotheses yet.
+        """
+        if num_outcomes not in self._shared:
+            kept, tables = _evenly(self.references.shape[1], num_outcomes), []
+            for group, (pose, references) in enumerate(zip(self._first_poses, self.references, strict=True)):
+                found = np.moveaxis(self.hypotheses.scores(pose, references[kept]), 0, 2)
+                tables.append(bounded_softmax(np.ascontiguousarray(found) - self._log_normalisers[group, kept]))
+            self._shared[num_outcomes] = np.stack(tables)
+            self._shared[num_outcomes].flags.writeable = False
+        return self._shared[num_outcomes]
+
+    @cached_property
+    def _shared(self) -> dict[int, Floats32]:
+        return {}
+
+    @property
+    def _first_poses(self) -> list[int]:
+        """A pose in which the references of each group were felt, ``(G,)``."""
+        groups = self.hypotheses.groups or range(len(self.references))
+        return [list(groups).index(group) for group in range(len(self.references))]
+
+    @cached_property
+    def _log_normalisers(self) -> Floats32:
+        """Log sum of the likelihood scores of every reference over all hypotheses, ``(G, M)``."""
+        size = max(1, _AT_ONCE // math.prod(self.hypotheses.shape[1:3]))
+        number = self.references.shape[1]
+        blocks = np.array_split(np.arange(number), -(-number // size))
+        return np.stack(
+            [
+                np.concatenate([log_sums(self.hypotheses.scores(pose, some[block])) for block in blocks])
+                for pose, some in zip(self._first_poses, self.references, strict=True)
+            ]
+        )
+
+    def sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        """Touches of objects of a shape: one hypothesis for each object, then references by their ratio under it.
+
+        Args:
+            shape: index.
+            poses: of the touches of S objects, ``(S, n)``.
+            rng: source of chance.
+        """
+        bodies = rng.integers(self.hypotheses.shape[2], size=len(poses))
+        group_of = np.array(self.hypotheses.groups or range(self.hypotheses.shape[0]))
+        drawn, groups = np.empty(poses.shape, np.int64), group_of[poses]
+        for pose in np.unique(poses).tolist():
+            group = group_of[pose]
+            rows, steps = np.nonzero(poses == pose)
+            hypotheses = self.hypotheses.in_pose(pose)[shape, bodies[rows]]
+            of_body = hypotheses @ self.hypotheses.scaled(self.references[group]).T
+            of_body = of_body - self._log_normalisers[group] + rng.gumbel(size=of_body.shape)
+            drawn[rows, steps] = of_body.argmax(axis=1)
+        return TouchBatch(poses, self.logits[groups, drawn], self.references[groups, drawn])
+
+
+def _evenly(number: int, most: int) -> NDArray[np.int64]:
+    """Indices of at most so many of a number of things, evenly spaced."""
+    return np.linspace(0, number - 1, min(most, number)).round().astype(np.int64)
