@@ -25,9 +25,10 @@ from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
-    from activetouch.world import TactileSensor, TouchWorld
+    from activetouch.sensor import TactileSensor
+    from activetouch.world import TouchWorld
 
-_LATER = {"TactileSensor": "activetouch.world", "TouchWorld": "activetouch.world"}
+_LATER = {"TactileSensor": "activetouch.sensor", "TouchWorld": "activetouch.world"}
 _ABOVE = {"compare": "experiments.search.objects", "make_sensor": "experiments.sensor.make_sensor"}
 
 __all__ = [

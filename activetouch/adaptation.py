@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from activetouch.distributions import Constant, LogUniform
 from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief.errors import InvalidArgument
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.touch_batch import TouchBatch

@@ -17,7 +17,7 @@ from itertools import permutations
 import numpy as np
 from rounds import time_in_rounds
 
-from activetouch.world import MODELS, load_observation_model
+from activetouch.sensor_files import MODELS, load_observation_model
 from belief import Touch
 from belief.arrangement import arrangement_marginals
 from belief.bayes import target_information_gain, update, update_probs

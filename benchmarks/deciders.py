@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel

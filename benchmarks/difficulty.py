@@ -23,7 +23,8 @@ from activetouch import TactileSensor, TouchWorld
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import POSE_SETS
 from activetouch.rendering import Gain, Noise
-from activetouch.world import MODELS, touch_many
+from activetouch.sensor_files import MODELS
+from activetouch.world import touch_many
 from belief import SearchProblem, Touch
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.views import Views

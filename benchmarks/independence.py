@@ -16,7 +16,7 @@ import numpy as np
 from repeats import read_rounds
 from scipy.special import softmax
 
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief.observation_model import ArrayModel, OutcomeTable
 from belief.observation_model.selection import log_posteriors
 from belief.problem import Floats

@@ -13,7 +13,7 @@ import argparse
 import numpy as np
 from deciders import play
 
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief.statistics import paired_bootstrap
 from experiments.sensor_choice import independent_sensor
 from planners.point_based import PointBased

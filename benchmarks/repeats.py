@@ -24,7 +24,7 @@ import numpy as np
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import read_manifest
 from activetouch.perception.reader import TactileReader
-from activetouch.world import READER_FILE, load_observation_model
+from activetouch.sensor_files import READER_FILE, load_observation_model
 from belief import SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.statistics import paired_bootstrap

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief.problem import Floats
 from experiments.sensor_choice import independent_sensor
 from planners.solve import SearchPolicy, SearchTouchProblem, TouchPolicy, TouchProblem, solve

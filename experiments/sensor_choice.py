@@ -16,12 +16,12 @@ from activetouch.errors import LabelMismatch, SceneShift, WrongScene
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
-from activetouch.world import (
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import (
     INDEPENDENT_SUFFIX,
     MODELS,
     POLICIES,
     READER_FILE,
-    TactileSensor,
     observation_file,
     sensor_shift,
 )
@@ -169,7 +169,7 @@ def sensor_folder(given: Path | None, scene: str) -> Path:
 
 
 def check_sensor(folder: Path, choice: SceneChoice, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
-    """Differences between a scene and that of a sensor, as :func:`activetouch.world.sensor_shift`.
+    """Differences between a scene and that of a sensor, as :func:`activetouch.sensor_files.sensor_shift`.
 
     Args:
         folder: of the sensor.

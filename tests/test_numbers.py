@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
+from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
 from experiments.cli import _parsed
 from experiments.search.fingerprint import files_digest
 

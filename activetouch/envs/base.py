@@ -12,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from activetouch.envs.touch_source import EpisodeWorld, LiveTouches, RecordedPress, Touches
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief import Belief, SceneBelief, SearchProblem, TouchHistory
 from belief.errors import ActiveTouchError, InvalidArgument, UnknownName
 from belief.policy_state import NO_ACTION, Situation, expected_gains, frame_probs, paper_state

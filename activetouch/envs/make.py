@@ -14,7 +14,7 @@ from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import Touches
 from activetouch.envs.vector import BankVectorEnv
 from activetouch.envs.wrappers import GainState, PosteriorState
-from activetouch.world import INDEPENDENT_SUFFIX, MODELS, load_observation_model
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS, load_observation_model
 from belief.errors import UnknownName
 from belief.policy_state import TOUCH_LIMIT
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import LabelMismatch
-from activetouch.world import INDEPENDENT_SUFFIX, MODELS
+from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 

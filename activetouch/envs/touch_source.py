@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.scene import Scene, WorldObject
-from activetouch.world import TactileSensor, TouchWorld
+from activetouch.sensor import TactileSensor
+from activetouch.world import TouchWorld
 from belief import Touch
 from belief.naming import Name
 from belief.observation_model import ArrayModel

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.scene import Scene
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief.files import write_text
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import paired_bootstrap, wilson_interval

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief.touch_batch import TouchBatch
 from experiments.bayes_error.touched_objects import TouchedObjects
 

@@ -15,7 +15,7 @@ from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
 from activetouch.perception.hypothesis_table import Bodies, HypothesisTable
 from activetouch.perception.reader import TactileReader
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text
 from belief.observation_model import RatioModel

@@ -17,8 +17,8 @@ from activetouch.data.manifest import read_manifest, seal
 from activetouch.errors import BadMesh, LabelMismatch
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.pad import Pad
+from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
 from activetouch.shapes import Mesh
-from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE
 from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text

@@ -15,7 +15,8 @@ from activetouch.errors import WrongRenderer, WrongScene
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.pad import Pad
 from activetouch.rendering import PressureRenderer
-from activetouch.world import MODELS, READER_FILE, TactileSensor
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import MODELS, READER_FILE
 from belief import Confirm, Probe, SearchProblem, Unsure
 from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement

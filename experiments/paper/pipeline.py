@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from activetouch.envs.touch_bank import MANIFEST
-from activetouch.world import OBSERVATION_FILE, POLICIES, READER_FILE
+from activetouch.sensor_files import OBSERVATION_FILE, POLICIES, READER_FILE
 from experiments.command_line.arguments import Count
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.ppo.touch_bank import TEST, MakeTouchBank

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import fmean
 from types import MappingProxyType
 
-from activetouch.world import POLICIES
+from activetouch.sensor_files import POLICIES
 from belief.errors import ActiveTouchError
 from belief.statistics import wilson_interval
 from experiments.reporting.tables import Table, Value, interval

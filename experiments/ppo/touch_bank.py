@@ -9,7 +9,7 @@ import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.perception.reader import TactileReader
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from belief.files import require_writable
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings

@@ -14,7 +14,7 @@ import numpy as np
 from activetouch.errors import WrongScene
 from activetouch.extras import require_extra
 from activetouch.scene_description import require_scene
-from activetouch.world import fitted_model
+from activetouch.sensor_files import fitted_model
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, require_writable, write_text
 from belief.observation_model.registry import JOINT_MODELS

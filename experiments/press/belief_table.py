@@ -7,7 +7,7 @@ from pathlib import Path
 
 from activetouch.orientations import Resampled, Upright
 from activetouch.scene import Scene
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.reporting.tables import Table, Value
 from experiments.sensor.belief_cost import belief_cost

@@ -12,7 +12,7 @@ from rich.progress import track
 
 from activetouch.errors import MissingRobot
 from activetouch.named_scenes import NamedScene
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments

@@ -34,7 +34,7 @@ from activetouch.pressing.contact import Contact, with_numbers_of
 from activetouch.recorded.formats import Format
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
 from belief.statistics import cluster_bootstrap, paired_bootstrap

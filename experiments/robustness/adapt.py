@@ -14,7 +14,8 @@ import tyro
 from activetouch.adaptation import StiffnessPosterior, adapted, require_adaptable
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
-from activetouch.world import READER_FILE, TactileSensor, write_observation_model
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import READER_FILE, write_observation_model
 from belief.errors import UnknownName
 from belief.files import require_writable
 from belief.metrics import negative_log_likelihood

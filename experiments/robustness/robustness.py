@@ -16,8 +16,9 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import load_observation_model, observation_file
 from activetouch.shapes import EXTENDED_SHAPES
-from activetouch.world import TactileSensor, load_observation_model, observation_file
 from belief.errors import UnknownName
 from belief.files import require_writable, write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from activetouch.errors import UnstablePress
 from activetouch.rendering import Fault, read_out
 from activetouch.scene import Scene, WorldObject
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from belief.seeding import keyed_rng
 from belief.touch_batch import TouchBatch
 from experiments.parallel import run_tasks

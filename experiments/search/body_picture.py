@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import to_matrices
+from activetouch.sensor import TactileSensor
 from activetouch.solids.solid import Shape
-from activetouch.world import TactileSensor
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 

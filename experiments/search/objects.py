@@ -13,7 +13,7 @@ from typing import Any
 from activetouch import Scene, TactileSensor
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.scene_description import scene_fields
-from activetouch.world import READER_FILE, write_observation_model
+from activetouch.sensor_files import READER_FILE, write_observation_model
 from experiments.command_line.arguments import BadArgument
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named

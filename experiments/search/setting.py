@@ -13,14 +13,8 @@ from typing import Annotated, Any, Literal, TypeAlias
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
-from activetouch.world import (
-    POLICIES,
-    READER_FILE,
-    TouchTime,
-    load_observation_model,
-    observation_file,
-    touch_many,
-)
+from activetouch.sensor_files import POLICIES, READER_FILE, load_observation_model, observation_file
+from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 from activetouch.scene_description import scene_fields
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
 from experiments.search.bound import best_expected_return, best_return_with_revealed_bodies

@@ -18,7 +18,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.scene import Scene
 from activetouch.scene_description import in_words
-from activetouch.world import INDEPENDENT_FILE, READER_FILE, write_observation_model
+from activetouch.sensor_files import INDEPENDENT_FILE, READER_FILE, write_observation_model
 from belief.calibration import TemperatureScaling
 from belief.errors import ActiveTouchError
 from belief.files import require_writable, write_text

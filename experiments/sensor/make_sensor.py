@@ -9,7 +9,7 @@ from activetouch import Scene, TactileSensor
 from activetouch.data.manifest import CollectionPlan
 from activetouch.extras import require_extra
 from activetouch.named_scenes import NamedScene
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
 from experiments.sensor.calibrate import Calibrate

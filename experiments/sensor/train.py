@@ -18,7 +18,7 @@ from activetouch.perception.backbones import BACKBONES, ConvNeXt
 from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
-from activetouch.world import OBSERVATION_FILE, READER_FILE
+from activetouch.sensor_files import OBSERVATION_FILE, READER_FILE
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting

@@ -19,7 +19,8 @@ from activetouch import TactileSensor, TouchWorld
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
 from activetouch.scene_description import scene_fields
-from activetouch.world import POLICIES, READER_FILE, touch_many, write_observation_model
+from activetouch.sensor_files import POLICIES, READER_FILE, write_observation_model
+from activetouch.world import touch_many
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process

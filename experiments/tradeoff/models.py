@@ -13,7 +13,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
-from activetouch.world import load_observation_model
+from activetouch.sensor_files import load_observation_model
 from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import write_text

@@ -100,7 +100,7 @@ class Tradeoff:
 
     def measure(self) -> list[tuple[SearchResult, TouchCost]]:
         """Measure all configurations; return their results and costs."""
-        from activetouch.world import READER_FILE
+        from activetouch.sensor_files import READER_FILE
         from experiments.tradeoff.configuration import Network, sweep
         from experiments.tradeoff.measure import measured
 

@@ -14,14 +14,8 @@ from activetouch.data.dataset import CollectionPlan
 from activetouch.data.manifest import NoCollection, read_manifest
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.errors import LabelMismatch, NoIndependentModel, SceneShift, WrongScene
-from activetouch.world import (
-    INDEPENDENT_FILE,
-    MODELS,
-    OBSERVATION_FILE,
-    READER_FILE,
-    TactileSensor,
-    load_observation_model,
-)
+from activetouch.sensor import TactileSensor
+from activetouch.sensor_files import INDEPENDENT_FILE, MODELS, OBSERVATION_FILE, READER_FILE, load_observation_model
 from belief.errors import ActiveTouchError, CorruptFile
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport

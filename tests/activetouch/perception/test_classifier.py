@@ -9,7 +9,7 @@ import torch
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
-from activetouch.world import MODELS, READER_FILE
+from activetouch.sensor_files import MODELS, READER_FILE
 from belief.errors import CorruptFile
 
 pytestmark = pytest.mark.torch

@@ -14,7 +14,8 @@ from activetouch.errors import LabelMismatch
 from activetouch.perception.card import READER, read_card
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
-from activetouch.world import MODELS, OBSERVATION_FILE, READER_FILE, touch_many
+from activetouch.sensor_files import MODELS, OBSERVATION_FILE, READER_FILE
+from activetouch.world import touch_many
 from belief.errors import CorruptFile, InvalidArgument, UnknownName
 
 SHIPPED = MODELS / "gel" / READER_FILE

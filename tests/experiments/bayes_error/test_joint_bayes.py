@@ -12,7 +12,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.orientations import Resampled
 from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
-from activetouch.world import TactileSensor
+from activetouch.sensor import TactileSensor
 from experiments.bayes_error.body_bank import BodyBank, force_ratio
 from experiments.bayes_error.image_bank import SensorNoise, log_posterior
 from experiments.bayes_error.joint_bayes import JointBayes

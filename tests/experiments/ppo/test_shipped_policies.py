@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from activetouch import TactileSensor
-from activetouch.world import MODELS, POLICIES
+from activetouch.sensor_files import MODELS, POLICIES
 from belief import Belief, Probe, SceneBelief, SearchProblem
 from experiments.scene_choice import SceneChoice
 from experiments.search.setting import Setting

@@ -8,7 +8,7 @@ from rich.console import Console
 from activetouch import SCENES
 from activetouch.distributions import Constant
 from activetouch.orientations import Resampled, Tumbled, Upright
-from activetouch.world import MODELS
+from activetouch.sensor_files import MODELS
 from belief.observation_model import OutcomeTable
 from experiments.press.belief_table import belief_table, latent
 from experiments.press.explain import limits_table

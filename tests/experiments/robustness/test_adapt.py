@@ -6,7 +6,7 @@ import pytest
 
 from activetouch import SCENES, TactileSensor
 from activetouch.errors import SceneShift
-from activetouch.world import fitted_model
+from activetouch.sensor_files import fitted_model
 from belief.errors import InvalidArgument, UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.robustness.adapt import Adapt

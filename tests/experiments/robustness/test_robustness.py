@@ -14,7 +14,7 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
-from activetouch.world import MODELS, load_observation_model
+from activetouch.sensor_files import MODELS, load_observation_model
 from belief.errors import UnknownName
 from experiments.robustness import shifted_touches
 from experiments.robustness.conditions import CONDITIONS

@@ -8,7 +8,7 @@ import pytest
 
 import experiments.search.compare
 import planners.registry
-from activetouch.world import MODELS
+from activetouch.sensor_files import MODELS
 from belief.errors import ActiveTouchError
 from experiments.parallel import NoCluster
 from experiments.scene_choice import SceneChoice

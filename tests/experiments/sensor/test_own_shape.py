@@ -7,8 +7,8 @@ import pytest
 
 from activetouch.data.dataset import read_manifest
 from activetouch.scene import Symmetry
+from activetouch.sensor_files import READER_FILE
 from activetouch.shapes import Mesh
-from activetouch.world import READER_FILE
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare

@@ -7,7 +7,7 @@ import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from activetouch.perception.reader import TactileReader
-from activetouch.world import MODELS, READER_FILE
+from activetouch.sensor_files import MODELS, READER_FILE
 from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument

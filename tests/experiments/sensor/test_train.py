@@ -15,7 +15,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.scene_description import scene_differences, scene_fields
-from activetouch.world import READER_FILE
+from activetouch.sensor_files import READER_FILE
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice

@@ -11,7 +11,7 @@ from scipy.stats import beta, kstest
 
 from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
-from activetouch.world import MODELS, READER_FILE
+from activetouch.sensor_files import MODELS, READER_FILE
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument

@@ -1,0 +1,126 @@
+"""A tactile sensor: a scene, the reader of its images, and the observation model of what is read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.errors import SceneShift
+from activetouch.named_scenes import SCENES
+from activetouch.perception.felt_touch import FeltTouch
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.perception.reader import TactileReader
+from activetouch.scene import Scene
+from activetouch.scene_description import in_words
+from activetouch.sensor_files import (
+    INDEPENDENT_SUFFIX,
+    MODELS,
+    READER_FILE,
+    ROBUST_SUFFIX,
+    fitted_model,
+    require_model,
+    shift_from,
+)
+from belief import Touch
+from belief.errors import UnknownName
+from belief.naming import Name, few, index_of, one_line
+from belief.observation_model import ArrayModel
+
+
+@dataclass(frozen=True, eq=False)
+class TactileSensor:
+    """A scene with the reader trained for it and the observation model fitted to both.
+
+    Attributes:
+        scene: where presses come from.
+        reader: reads their images.
+        model: turns what it reads into evidence.
+        shift: how the scene differs from the one that reader and model were made for, in words; empty where it is
+            the same.
+
+    Raises:
+        LabelMismatch: reader or observation model were made for other shapes or poses.
+    """
+
+    scene: Scene
+    reader: TactileReader
+    model: ArrayModel
+    shift: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.reader.card.require_labels(self.scene.shape_labels, self.scene.pose_labels)
+        require_model(self.model, self.scene)
+
+    @classmethod
+    def load(cls, folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> TactileSensor:
+        """The sensor whose reader and observation model lie in a folder.
+
+        A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
+        a warning and :attr:`shift` tell it.
+
+        Args:
+            folder: of the two.
+            scene: in which to use it.
+            anyway: whether to use it, without a warning, in a scene that it was not made for.
+            independent: whether to use its model that takes touches as independent given the shape.
+
+        Raises:
+            CorruptFile: one of the files is damaged or missing.
+            NoIndependentModel: the sensor has only a joint model.
+            LabelMismatch: they were made for other shapes or poses than the scene's.
+            WrongScene: they were made for a scene that differs by more than a known shift.
+        """
+        fitted = fitted_model(folder, independent)
+        reader, model = TactileReader.load(folder / READER_FILE), fitted.model
+        shift = shift_from(folder, reader.card, fitted, scene, anyway)
+        if shift and not anyway:
+            warnings.warn(
+                f"the sensor in {folder} is used outside the scene it was made for: {in_words(shift)}",
+                SceneShift,
+                stacklevel=2,
+            )
+        if reader.hypotheses is not None:
+            model = model.with_hypotheses(HypothesisTable(reader, scene, fitted.stiffness))
+        return cls(scene, reader, model, shift=shift)
+
+    @classmethod
+    def shipped(cls, name: str = "gel", scene: Scene | None = None, anyway: bool = False) -> TactileSensor:
+        """A sensor that comes with the package, in the scene that it was made for or in another. See :meth:`load`.
+
+        Args:
+            name: of a scene, for the sensor whose belief is about one rigid body; followed by ``-robust``, for the one
+                whose reader was trained in a wider world; or by ``-independent``, for the sensor that reads shapes only
+                and takes touches as independent given the shape.
+            scene: in which to use it.
+            anyway: as in :meth:`load`.
+
+        Raises:
+            UnknownName: there is no such sensor.
+        """
+        known = sorted(folder.name for folder in MODELS.iterdir() if folder.is_dir())
+        if name not in known:
+            raise UnknownName("sensor", name, known)
+        of_scene = name.removesuffix(INDEPENDENT_SUFFIX).removesuffix(ROBUST_SUFFIX)
+        return cls.load(MODELS / name, scene if scene is not None else SCENES[of_scene].scene, anyway)
+
+    def __repr__(self) -> str:
+        name = self.reader.card.backbone
+        return one_line(TactileSensor, few(self.scene.shape_labels), f"network {name}", type(self.model).__name__)
+
+    def read(self, images: NDArray[np.uint8], poses: Sequence[Name]) -> list[Touch]:
+        """Touches from images ``(N, H, W)`` and the poses they were felt in."""
+        labels = self.scene.pose_labels
+        indices = [index_of("pose", labels, pose) for pose in poses]
+        if (hypotheses := self.reader.hypotheses) is not None:
+            embeddings, _ = self.reader.run(images)
+            return [FeltTouch(pose, row, hypotheses) for pose, row in zip(indices, embeddings, strict=True)]
+        reading = self.reader.read(images)
+        return [
+            Touch(pose, row, feature)
+            for pose, row, feature in zip(indices, reading.logits, reading.embeddings, strict=True)
+        ]

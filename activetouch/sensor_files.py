@@ -1,0 +1,174 @@
+"""The files of a sensor: a reader, observation models with the scene that they were fitted to, and policies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from activetouch.distributions import LogUniform
+from activetouch.errors import LabelMismatch, NoIndependentModel
+from activetouch.perception.card import ClassifierCard, read_card
+from activetouch.scene import Scene
+from activetouch.scene_description import require_scene, scene_fields
+from belief.errors import CorruptFile
+from belief.files import write_text
+from belief.observation_model import ArrayModel, read_observation_model, read_origin
+from belief.observation_model.registry import JOINT_MODELS
+
+MODELS = Path(__file__).parent / "models"
+READER_FILE, OBSERVATION_FILE = "reader.safetensors", "observation_model.json"
+INDEPENDENT_FILE = "independent_model.json"  # beside a joint model: takes touches as independent given the shape
+INDEPENDENT_SUFFIX = "-independent"  # of a shipped sensor that takes touches as independent given the shape
+ROBUST_SUFFIX = "-robust"  # of a shipped sensor whose reader was trained in a wider world than the scene
+POLICIES = "policies"  # folder of trained policies beside the two
+
+
+def load_observation_model(folder: Path, independent: bool = False) -> ArrayModel:
+    """The observation model of the sensor in a folder.
+
+    Args:
+        folder: of the sensor.
+        independent: whether it must take touches as independent given the shape: see :func:`observation_file`.
+
+    Raises:
+        CorruptFile: it is damaged, was changed since, or is missing.
+        NoIndependentModel: the sensor has no such model.
+    """
+    return fitted_model(folder, independent).model
+
+
+def observation_file(folder: Path, independent: bool = False) -> Path:
+    """The file of a sensor's observation model.
+
+    Args:
+        folder: of the sensor.
+        independent: whether to prefer, beside a joint model, the one that takes touches as independent given the shape.
+    """
+    other = folder / INDEPENDENT_FILE
+    return other if independent and other.exists() else folder / OBSERVATION_FILE
+
+
+def write_observation_model(
+    folder: Path,
+    model: ArrayModel,
+    scene: Mapping[str, Any],
+    file: str = OBSERVATION_FILE,
+    stiffness: tuple[float, float] | None = None,
+) -> None:
+    """Write the observation model of a sensor.
+
+    Args:
+        folder: of the sensor.
+        model: the model.
+        scene: fields of the scene that its touches come from (:func:`activetouch.scene_description.scene_fields`).
+        file: name of the file; :data:`INDEPENDENT_FILE` for a second model beside a joint one.
+        stiffness: range that hypotheses of a joint model are about, where it was measured.
+    """
+    origin = {"scene": scene, **({} if stiffness is None else {"stiffness": list(stiffness)})}
+    write_text(folder / file, model.to_json(origin) + "\n")
+
+
+def sensor_shift(folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> tuple[str, ...]:
+    """How a scene differs from the one that the sensor in a folder was made for, found without loading its network.
+
+    Args:
+        folder: of reader and observation model.
+        scene: in which it is to be used.
+        anyway: whether to use it whatever the differences are, as long as its network can read the images at all.
+        independent: whether its model that takes touches as independent given the shape is to be used.
+
+    Returns:
+        The differences, in words: known shifts, and with ``anyway`` all others too; none for the sensor's own scene.
+
+    Raises:
+        CorruptFile: one of the files is damaged or missing.
+        NoIndependentModel: the sensor has only a joint model.
+        LabelMismatch: it was made for other shapes or poses than the scene's.
+        WrongScene: it was made for a scene that differs by more than a known shift.
+    """
+    return shift_from(folder, read_card(folder / READER_FILE), fitted_model(folder, independent), scene, anyway)
+
+
+class FittedModel(NamedTuple):
+    """An observation model, and what its file says about the world that it was fitted to.
+
+    Attributes:
+        model: the model.
+        scene: fields of the scene; None if the file has none.
+        stiffness: its range where it was measured.
+    """
+
+    model: ArrayModel
+    scene: Mapping[str, Any] | None
+    stiffness: LogUniform | None
+
+
+def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
+    """The observation model in a folder, and what it was fitted to.
+
+    Args:
+        folder: of the sensor.
+        independent: see :func:`observation_file`.
+
+    Raises:
+        CorruptFile: it is damaged, was changed since, or is missing.
+        NoIndependentModel: the sensor has only a joint model.
+    """
+    path = observation_file(folder, independent)
+    try:
+        text = path.read_text(encoding="utf-8")
+        origin = read_origin(text) or {}
+        scene, ends = origin.get("scene"), origin.get("stiffness")
+        if not (scene is None or isinstance(scene, dict)):
+            raise ValueError(f"its scene is {scene!r}")
+        if not (
+            ends is None or (isinstance(ends, list) and len(ends) == 2 and all(type(end) is float for end in ends))
+        ):
+            raise ValueError(f"its stiffness is {ends!r}, not two numbers")
+        stiffness = None if ends is None else LogUniform(*ends)
+        model = read_observation_model(text)
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise CorruptFile(f"{path} is no observation model: {error}") from error
+    if independent and model.name in JOINT_MODELS:
+        raise NoIndependentModel(
+            f"{folder} holds only the joint observation model {model.name!r}, and no {INDEPENDENT_FILE} beside it. "
+            "The command calibrate writes both files"
+        )
+    return FittedModel(model, scene, stiffness)
+
+
+def shift_from(
+    folder: Path, card: ClassifierCard, fitted: FittedModel, scene: Scene, anyway: bool = False
+) -> tuple[str, ...]:
+    """How a scene differs from the one that a reader and an observation model were made for; see :func:`sensor_shift`.
+
+    Args:
+        folder: of the two, for messages.
+        card: of the reader.
+        fitted: the observation model.
+        scene: in which they are to be used.
+        anyway: see :func:`sensor_shift`.
+    """
+    card.require_labels(scene.shape_labels, scene.pose_labels)
+    require_model(fitted.model, scene)
+    here = scene_fields(scene)
+    found = require_scene(f"the reader in {folder}", card.in_poses_of(here), here, anyway)
+    card.require_images(scene.image_shape)
+    return tuple(dict.fromkeys(found + require_scene(f"the observation model in {folder}", fitted.scene, here, anyway)))
+
+
+def require_model(model: ArrayModel, scene: Scene) -> None:
+    """Check that an observation model is about the shapes and poses of a scene.
+
+    Raises:
+        LabelMismatch: it is about others.
+    """
+    shapes, poses = scene.shape_labels, scene.pose_labels
+    if model.shape_labels != shapes or model.num_poses != len(poses):
+        raise LabelMismatch(
+            f"the observation model is about the shapes {list(model.shape_labels)} in {model.num_poses} poses, the "
+            f"scene has {list(shapes)} in {len(poses)}; this scene needs an observation model of its own"
+        )
