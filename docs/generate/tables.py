@@ -4,8 +4,8 @@ Run: python docs/generate/tables.py
 
 They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json,
 frontier.json and learning_curve.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json,
-docs/reproduction/table2.json, docs/real_touch/*.json and docs/records/calibration/*_independent.txt, as the commands
-wrote them. A test checks that the pages hold what this writes.
+docs/reproduction/table2.json, docs/real_touch/*.json, docs/records/calibration/*_independent.txt and
+docs/records/tradeoff/hypotheses.txt, as the commands wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -111,6 +111,7 @@ def tradeoff(page: str) -> str:
     for task, scenes in TASKS.items():
         front = [_row(*cells) for cells in configurations if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
         page = _with_rows(page, f"**{task}**", front)
+    page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses()))
     page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
     rows = []
     for entry in _record("tradeoff/networks")["entries"]:
@@ -180,6 +181,7 @@ TASKS = {  # of the trade-off, and the scenes of each
     "eight objects of twelve shapes, any mixture": ("hard",),
     "twelve objects of twelve shapes": ("many",),
 }
+_NONE = "none: independent, point-based"
 _SHOWN = 0.095  # least probability of being on the front, 0.10 when rounded
 _TARGETS = ("sphere", "cube", "cylinder", "cone")
 _PAPER_MANUAL = ("1.00", "1.00", "0.05", "0.08", "0.532", "", "", "")
@@ -224,6 +226,20 @@ def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str
             cost = f"{entry['update_milliseconds']:.2f}", f"{entry['megabytes']:.1f}"
             rows.append(_row(_grouped(entry["hypotheses"]), *found, *cost))
     return rows
+
+
+def _live_hypotheses() -> Iterator[str]:
+    """A row for every number of hypotheses in live searches."""
+    lines = (DOCS / "records" / "tradeoff" / "hypotheses.txt").read_text(encoding="utf-8").splitlines()
+    heading = next(number for number, line in enumerate(lines) if line.startswith("configuration,"))
+    found = {}
+    for cells in csv.DictReader(lines[heading:]):
+        number = re.search(r"rigid body × (\d+)", cells["configuration"])
+        found[int(number[1]) if number else 0] = cells
+    for hypotheses, cells in sorted(found.items()):
+        columns = ("touches", "return", "ms per search", "ms per decision")
+        numbers = (f"{float(cells[name]):.{d}f}" for name, d in zip(columns, (2, 3, 1, 2), strict=True))
+        yield _row(_grouped(hypotheses) if hypotheses else _NONE, cells["success"], *numbers)
 
 
 def _by_touches(results: Mapping[int, Any]) -> list[str]:
