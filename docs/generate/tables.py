@@ -2,10 +2,10 @@
 
 Run: python docs/generate/tables.py
 
-They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json,
-frontier.json and learning_curve.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json,
-docs/reproduction/table2.json, docs/real_touch/*.json, docs/records/calibration/*_independent.txt and
-docs/records/tradeoff/hypotheses.txt, as the commands wrote them. A test checks that the pages hold what this writes.
+They are filled from records: docs/robustness/*.json, docs/perception/several-touches-*.json, hypotheses-coarse.json
+and frontier.json, docs/tradeoff/networks.json and tradeoff.csv, docs/table1/table1.json, docs/reproduction/table2.json,
+docs/real_touch/*.json, docs/records/calibration/*_independent.txt and docs/records/tradeoff/hypotheses.txt, as the
+commands wrote them. A test checks that the pages hold what this writes.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def robustness(page: str) -> str:
 
 
 def perception(page: str) -> str:
-    """The page with its tables of several touches of one body, hypotheses, Table 1, networks and images."""
+    """The page with its tables of several touches of one body, hypotheses, Table 1 and networks."""
     rows = []
     for scene in TOUCHED:
         record = _record(f"perception/several-touches-{scene}")
@@ -60,7 +60,7 @@ def perception(page: str) -> str:
     networks = [
         _row(
             f"{entry['network']}, {entry['precision']}",
-            _scored(entry["scores"], 4),
+            "{:.4f} [{:.4f}, {:.4f}]".format(entry["scores"]["accuracy"], *entry["scores"]["interval"]),
             f"{entry['scores']['nll']:.4f}",
             *(f"{entry['milliseconds'][batch]:.2f} ({entry['ratio'][batch]:.2f})" for batch in ("1", "64")),
             f"{entry['megabytes']:.1f}",
@@ -68,10 +68,7 @@ def perception(page: str) -> str:
         )
         for entry in _record("perception/frontier")["entries"]
     ]
-    page = _with_rows(page, "## What it costs", networks)
-    points = _record("perception/learning_curve")["points"]
-    images = [_row(_grouped(point["images"]), _scored(point["scores"], 3)) for point in points]
-    return _with_rows(page, "How many touches does training need?", images)
+    return _with_rows(page, "## What it costs", networks)
 
 
 def results(page: str) -> str:
@@ -211,10 +208,6 @@ def _precision(found: Mapping[str, Any]) -> str:
 
 def _rate(successes: int, trials: int) -> tuple[float, float, float]:
     return successes / trials, *wilson_interval(successes, trials)
-
-
-def _scored(scores: Mapping[str, Any], digits: int) -> str:
-    return "{:.{d}f} [{:.{d}f}, {:.{d}f}]".format(scores["accuracy"], *scores["interval"], d=digits)
 
 
 def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str]:
