@@ -156,7 +156,7 @@ def test_the_readme_names_real_objects_as_the_record_says():
 KEPT = sorted((ROOT / "docs" / "records").rglob("*.txt"))
 _LINKED = re.compile(r"\]\(records/([\w/.-]+\.txt)\)")
 _DECIMAL = re.compile(r"(?<![\w.,§])(\d+\.\d+)(?!\.?\d)( %)?")
-_PRINTED = re.compile(r"(?<![\w.])\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+_PRINTED = re.compile(r"(?<![\w.])(?:\d{1,3}(?:,\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
 def parts_with_records(page):
@@ -185,6 +185,7 @@ def missing_numbers(part, records):
 
 def test_numbers_that_no_record_holds_are_found():
     assert missing_numbers("| −0.79, 12.5 %, 95 % | `--cost 0.33` |", ["0.7851 of 1,000; 0.1251"]) == []
+    assert missing_numbers("0.008 of 314", ["some,314,0.0084"]) == []  # in a table of values separated by commas
     assert missing_numbers("success 0.788, 1.5 s", ["0.787 0.0151"]) == ["0.788", "1.5"]
 
 
