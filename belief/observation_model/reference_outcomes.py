@@ -2,6 +2,14 @@
 
 A learned ratio has no density over images, so the next touch is supposed to be one of some reference touches:
 p(reference | hypothesis) is proportional to its ratio under that hypothesis, over its mean ratio under all.
+
+One pose, one shape, two hypotheses, two references of which each fits one of them:
+
+>>> table = np.array([[[[3.0, 0.0], [0.0, 3.0]]]], np.float32)
+>>> hypotheses = EmbeddedHypotheses(table, (1, 1, 2, 2), (), temperature=1.0)
+>>> outcomes = ReferenceOutcomes(hypotheses, references=np.eye(2)[None], logits=np.zeros((1, 2, 1)))
+>>> outcomes.of(np.array([[0, 1]]), num_outcomes=2).astype(float).round(2).tolist()
+[[[[0.95, 0.05], [0.05, 0.95]]]]
 """
 
 from __future__ import annotations

@@ -48,5 +48,6 @@ def belief_cost(model: ArrayModel, num_features: int) -> BeliefCost:
         evidence = evidence.update(touch)
         _ = evidence.log_likelihood
     seconds = (time.thread_time() - started) / _UPDATES
-    arrays = {id(value): value.nbytes for value in vars(model).values() if isinstance(value, np.ndarray)}
+    held = [*vars(model).values(), getattr(model, "table", None)]  # of a joint model, embedded at first use
+    arrays = {id(value): value.nbytes for value in held if isinstance(value, np.ndarray)}
     return BeliefCost(sum(arrays.values()) / 1e6, 1e3 * seconds)
