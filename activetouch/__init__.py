@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     from activetouch.sensor import TactileSensor
     from activetouch.world import TouchWorld
 
-_LATER = {"TactileSensor": "activetouch.sensor", "TouchWorld": "activetouch.world"}
-_ABOVE = {"compare": "experiments.search.objects", "make_sensor": "experiments.sensor.make_sensor"}
+_LATER = {
+    "TactileSensor": "activetouch.sensor",
+    "TouchWorld": "activetouch.world",
+    "compare": "experiments.search.objects",
+    "make_sensor": "experiments.sensor.make_sensor",
+}
 
 __all__ = [
     "POSES",
@@ -49,11 +53,9 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """What is loaded at first use, and the version."""
     if name in _LATER:
-        found = globals()[name] = getattr(importlib.import_module(_LATER[name]), name)
-        return found
-    if name in _ABOVE:
-        require_own_packages()
-        return getattr(importlib.import_module(_ABOVE[name]), name)
+        if _LATER[name].startswith("experiments."):
+            require_own_packages()
+        return getattr(importlib.import_module(_LATER[name]), name)
     if name == "__version__":
         from importlib.metadata import version
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from inspect import getattr_static
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -164,8 +163,8 @@ class Scene:
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
         solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():
-            # Looked up without computing them: the geom of a cut solid loads a part of scipy.
-            if not all(getattr_static(solid, member, None) for member in ("bounding_radius", "geom", "entry_distance")):
+            members = ("bounding_radius", "geom", "entry_distance")  # of the class, so that no property is computed
+            if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
                     "file (STL, OBJ, PLY, OFF) in metres; Mesh.from_file(path, scale=0.001) reads one in millimetres"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -68,33 +68,29 @@ def run_lazily(
     Raises:
         NoCluster: The scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
-    with progress_bar() as progress:
+    alone = jobs == 1 and scheduler is None
+    with nullcontext() if alone else _backend(scheduler), progress_bar() as progress:
         bar = progress.add_task(description, total=total)
-        if jobs == 1 and scheduler is None:
-            results = (task() for task in tasks)
-        else:
-            results = _in_parallel(tasks, jobs, scheduler)
-        with closing(results):
+        with closing((task() for task in tasks) if alone else _in_parallel(tasks, jobs)) as results:
             for result in results:
                 progress.advance(bar)
                 yield result
         progress.update(bar, completed=total)
 
 
-def _in_parallel(tasks: Iterable[Callable[[], T]], jobs: int, scheduler: str | None) -> Generator[T, None, None]:
-    """The results of :func:`run_lazily`, from worker processes."""
+def _in_parallel(tasks: Iterable[Callable[[], T]], jobs: int) -> Generator[T, None, None]:
+    """The results of :func:`run_lazily`, from the workers of the backend."""
     import joblib
 
-    with _backend(scheduler):
-        parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-        with block_interrupt():
-            results = parallel(joblib.delayed(task)() for task in tasks)
-        try:
-            yield from results
-        finally:
-            with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
-                warnings.simplefilter("ignore", UserWarning)
-                results.close()
+    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    with block_interrupt():
+        results = parallel(joblib.delayed(task)() for task in tasks)
+    try:
+        yield from results
+    finally:
+        with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
+            warnings.simplefilter("ignore", UserWarning)
+            results.close()
 
 
 @contextmanager
