@@ -1,7 +1,7 @@
 """Configurations of the trade-off between speed and accuracy.
 
 A configuration has a readable name and a key for file names. The key is a digest of everything that determines the
-result, including the contents of the reader and of a shipped observation model.
+result, including the contents of the reader and of a sensor's observation model.
 """
 
 from __future__ import annotations
@@ -15,29 +15,34 @@ from types import MappingProxyType
 
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import TactileReader
-from activetouch.sensor_files import OBSERVATION_FILE, READER_FILE
+from activetouch.sensor_files import (
+    INDEPENDENT_SUFFIX,
+    MODELS,
+    OBSERVATION_FILE,
+    READER_FILE,
+    ROBUST_SUFFIX,
+)
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
-from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 
 SHIPPED = "shipped"
-"""Name of the observation model that is shipped with a scene's sensor of independent touches."""
+"""Name of the observation model that belongs to a shipped sensor."""
 FITTED = "ratio"
-"""Kind of observation model that is fitted for networks without a shipped one; the shipped models are of this kind."""
+"""Kind of observation model that is fitted for networks that read shapes only."""
 JOINT = "rigid body"
 """Kind of joint observation model that is fitted for networks that know orientation."""
 NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
 """Numbers of hypotheses of each shape to measure: the dial of speed against accuracy of a joint model."""
-VARIED = ("decider", "touch cost λ", "network", "hypotheses", "observation model", "fidelity")
+VARIED = ("decider", "touch cost λ", "sensor", "network", "hypotheses", "observation model", "fidelity")
 """Properties that differ from a scene's default; see :attr:`Configuration.varied`."""
-SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 0.6, "paper": 0.3, "hard": 0.16, "many": 0.1})
-"""Number of searches per target relative to ``gel``, chosen such that all scenes take about the same time."""
+SHARES: Mapping[str, float] = MappingProxyType({"gel": 1.0, "coarse": 1.0, "paper": 0.6, "hard": 0.2, "many": 0.16})
+"""Number of searches per target relative to ``gel``: fewer where they take longer."""
 _WHOLE = ("gel", "coarse")  # scenes in which everything is varied
-_MAIN = ("point_based", "information_gain", "threshold", "value_of_information")
-_JOINT_DECIDER = "information_gain"
+_MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
+_USUAL_HYPOTHESES = 2048
 _TREES = ("pouct", "pomcp")  # deciders that use simulations for each decision
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
 
@@ -48,36 +53,56 @@ class Network:
 
     Attributes:
         scene: scene that it was trained for.
-        file: its file; the shipped one if empty.
+        sensor: name of the shipped sensor that it belongs to; empty for a reader in a file of the user's.
+        file: this file; empty for the reader of a shipped sensor.
         label: backbone and edge length of its input images, such as "cnn 64 px".
         sha256: digest of the file.
         knows_orientation: whether it embeds hypotheses, which a joint observation model needs.
     """
 
     scene: str
+    sensor: str
     file: str
     label: str
     sha256: str
     knows_orientation: bool = False
 
     @classmethod
-    def of(cls, scene: str, file: Path | None = None) -> Network:
-        """The reader in a file; the shipped one of the scene by default.
+    def of_sensor(cls, scene: str, sensor: str) -> Network:
+        """The reader of a shipped sensor."""
+        return cls._read(scene, sensor, "", MODELS / sensor / READER_FILE)
+
+    @classmethod
+    def in_file(cls, scene: str, file: Path) -> Network:
+        """The reader in a file.
 
         Raises:
             CorruptFile: The file does not contain a reader.
             LabelMismatch: The reader has other shapes or poses than the scene.
         """
-        path = file if file is not None else independent_sensor(scene) / READER_FILE
+        return cls._read(scene, "", str(file), file)
+
+    @classmethod
+    def _read(cls, scene: str, sensor: str, file: str, path: Path) -> Network:
         card, world = TactileReader.load(path).card, SCENES[scene].scene
         card.require_labels(world.shape_labels, world.pose_labels)
-        label = f"{card.backbone} {card.input_size} px"
-        return cls(scene, "" if file is None else str(file), label, _digest(path), bool(card.embedding))
+        return cls(scene, sensor, file, f"{card.backbone} {card.input_size} px", _digest(path), bool(card.embedding))
 
     @property
     def path(self) -> Path:
         """Path of its file."""
-        return Path(self.file) if self.file else independent_sensor(self.scene) / READER_FILE
+        return Path(self.file) if self.file else self.folder / READER_FILE
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its sensor; for a file of the user's, of the default sensor of the scene."""
+        return MODELS / (self.sensor or self.scene)
+
+
+def shipped_networks(scene: str) -> list[Network]:
+    """The readers of all shipped sensors of a scene; the default sensor first."""
+    names = [scene, scene + INDEPENDENT_SUFFIX, scene + ROBUST_SUFFIX]
+    return [Network.of_sensor(scene, name) for name in names if (MODELS / name).is_dir()]
 
 
 @dataclass(frozen=True)
@@ -86,7 +111,7 @@ class Configuration:
 
     Attributes:
         network: reader; determines the scene.
-        observation_model: :data:`SHIPPED`, or the name of one.
+        observation_model: :data:`SHIPPED` for that of the network's sensor, or the kind of one to fit.
         decider: key of :data:`planners.DECIDERS`.
         touch_cost: cost λ of one touch.
         fidelity: press model; that of the scene by default.
@@ -113,24 +138,25 @@ class Configuration:
 
     @property
     def name(self) -> str:
-        """Description in one line."""
-        model = self.observation_model + (f" × {self.num_hypotheses}" if self.num_hypotheses else "")
-        parts = [self.scene, self.network.label, model, self.decider, f"λ {self.touch_cost:g}"]
-        if self.decider in _TREES:
-            parts[-2] += f" × {self.simulations}"
-        return ", ".join([*parts, *([self.fidelity] if self.fidelity else [])])
+        """Description in one line: sensor, or scene and network; observation model if it is fitted; decider."""
+        network, model = self.network, self.observation_model
+        parts = [network.sensor or f"{self.scene}, {network.label}"]
+        if model != SHIPPED:
+            parts.append(model + (f" × {self.num_hypotheses}" if self.num_hypotheses else ""))
+        parts.append(self.decider + (f" × {self.simulations}" if self.decider in _TREES else ""))
+        return ", ".join([*parts, f"λ {self.touch_cost:g}", *([self.fidelity] if self.fidelity else [])])
 
     @property
     def varied(self) -> str:
         """The property that differs from the scene's default; "nothing" for the default itself."""
-        default = Configuration(self.network)
         differs = {
+            "network": not self.network.sensor,
             "hypotheses": self.num_hypotheses is not None,
-            "network": bool(self.network.file),
-            "observation model": self.observation_model != default.observation_model,
-            "fidelity": self.fidelity != default.fidelity,
-            "touch cost λ": self.touch_cost != default.touch_cost,
-            "decider": self.decider != default.decider,
+            "observation model": self.observation_model != SHIPPED,
+            "sensor": self.network.sensor != self.scene,
+            "fidelity": self.fidelity is not None,
+            "touch cost λ": self.touch_cost != Configuration.touch_cost,
+            "decider": self.decider != Configuration.decider,
         }
         return next((what for what in differs if differs[what]), "nothing")
 
@@ -144,7 +170,7 @@ class Configuration:
         if self.num_hypotheses is None:
             del fields["num_hypotheses"]
         if self.observation_model == SHIPPED:
-            fields["observation_model"] = _digest(independent_sensor(self.scene) / OBSERVATION_FILE)
+            fields["observation_model"] = _digest(self.network.folder / OBSERVATION_FILE)
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
     @property
@@ -154,10 +180,10 @@ class Configuration:
 
     def command(self, sensor: Path | None) -> str:
         """The ``compare`` command for this configuration; ``sensor`` is the folder of its sensor, None if shipped."""
-        named = sensor if sensor is not None else independent_sensor(self.scene).name
+        named = sensor if sensor is not None else self.network.sensor
         words = [f"activetouch compare --scene {self.scene} --deciders {self.decider} --touch-cost {self.touch_cost:g}"]
         words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
-        words += [f"--sensor {named}"]
+        words += [f"--sensor {named}"] if str(named) != self.scene else []
         return " ".join([*words, f"--out runs/compare-{self.key}"])
 
 
@@ -168,8 +194,10 @@ def _digest(path: Path) -> str:
 def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int, seed: int) -> list[Configuration]:
     """Configurations that differ from a scene's default in one property, most important first, without duplicates.
 
+    Those of another sensor are played by two deciders, because the best decider depends on the sensor.
+
     Args:
-        networks: readers; the first one of a scene is its default.
+        networks: readers; the first one of a scene is that of its default sensor.
         calibrated: scenes with recorded touches to fit observation models to.
         episodes: searches per target of ``gel``; other scenes have fewer, see :data:`SHARES`.
         seed: seed of the episodes.
@@ -190,25 +218,33 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
     own, is_whole = SCENES[base.scene].scene.press_model, base.scene in _WHOLE
     # Force patches need a guarded move, and deformable pads take seconds per press.
     presses = [] if base.scene == "paper" else [name for name in FIDELITIES if name != "deformable"]
-    refitted = [replace(base, network=network, observation_model=FITTED) for network in others]
-    joint = [
-        replace(base, network=network, observation_model=JOINT, num_hypotheses=number, decider=_JOINT_DECIDER)
-        for network in (base.network, *others)
-        if network.knows_orientation
-        for number in NUM_HYPOTHESES
+    independent = [
+        replace(base, network=network) for network in others if network.sensor == base.scene + INDEPENDENT_SUFFIX
     ]
+    joint = replace(base, observation_model=JOINT, num_hypotheses=_USUAL_HYPOTHESES)
     not_varied = {"random_confirm", *NEED_FILES, *_TREES}
     fewer = max(1, base.episodes // 20)  # decisions of tree searches take hundreds of times as long
     return [
         [replace(base, decider=decider) for decider in _MAIN],
+        [replace(base, network=n, decider=decider) for n in others if n.sensor for decider in _MAIN[:2]],
         [
             replace(base, decider=decider, touch_cost=touch_cost)
-            for decider in ((_MAIN[0], "value_of_information") if is_whole else _MAIN[:1])
+            for decider in (_MAIN[:2] if is_whole else _MAIN[:1])
             for touch_cost in _TOUCH_COSTS
         ],
-        [*refitted, *joint],
+        [
+            replace(joint if n.knows_orientation else replace(base, observation_model=FITTED), network=n)
+            for n in others
+            if not n.sensor
+        ],
+        [replace(joint, num_hypotheses=number) for number in NUM_HYPOTHESES if base.network.knows_orientation],
         [replace(base, fidelity=name) for name in presses if type(FIDELITIES[name]) is not type(own)],
-        [replace(base, observation_model=model) for model in OBSERVATION_MODELS if is_whole and model != FITTED],
+        [
+            replace(some, observation_model=m)
+            for some in independent
+            for m in OBSERVATION_MODELS
+            if is_whole and m != FITTED
+        ],
         [replace(base, decider=decider) for decider in DECIDERS if is_whole and decider not in not_varied],
         [
             replace(base, decider=decider, simulations=simulations, episodes=fewer)

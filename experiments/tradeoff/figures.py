@@ -18,6 +18,7 @@ _MARKERS = {
     "nothing": "*",
     "decider": "o",
     "touch cost λ": "v",
+    "sensor": "X",
     "network": "s",
     "hypotheses": "P",
     "observation model": "^",
@@ -27,7 +28,8 @@ _LABELS = {
     "nothing": "the scene's default",
     "decider": "another decider",
     "network": "network or resolution",
-    "hypotheses": "joint model",
+    "sensor": "another shipped sensor",
+    "hypotheses": "number of hypotheses",
 }
 _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
 _CAPTION = (

@@ -25,7 +25,6 @@ from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
 from experiments.search.setting import episode_seed, make_world
-from experiments.sensor_choice import independent_sensor
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
 from planners import Episode, make_decider, search_lockstep
@@ -110,12 +109,14 @@ def finished(folder: Path) -> list[tuple[SearchResult, TouchCost]]:
 def _search(configuration: Configuration, cache: Path) -> SearchResult:
     setting = configuration.setting
     problem = setting.problem
-    sensor = replace(_sensor(configuration), model=observation_model(configuration, cache))
+    sensor = _sensor(configuration)
+    if configuration.observation_model != SHIPPED:
+        sensor = replace(sensor, model=observation_model(configuration, cache))
     decider = make_decider(
         configuration.decider,
         sensor.model.outcome_table(),
         sensor.model,
-        independent_sensor(configuration.scene) / POLICIES,
+        configuration.network.folder / POLICIES,
         configuration.simulations,
     )
     touching = 0.0
@@ -155,9 +156,10 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
 
 
 def _sensor(configuration: Configuration) -> TactileSensor:
-    """The sensor with the configuration's network and the shipped observation model."""
-    sensor = TactileSensor.load(independent_sensor(configuration.scene), configuration.setting.scene, anyway=True)
-    return replace(sensor, reader=TactileReader.load(configuration.network.path))
+    """The sensor with the configuration's network and the observation model of a shipped sensor."""
+    network = configuration.network
+    sensor = TactileSensor.load(network.folder, configuration.setting.scene, anyway=True)
+    return sensor if network.sensor else replace(sensor, reader=TactileReader.load(network.path))
 
 
 def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
@@ -211,8 +213,8 @@ def _peak_memory() -> float:
 
 
 def export_sensor(configuration: Configuration, folder: Path) -> Path | None:
-    """Write a folder from which ``compare`` can load the configuration's sensor; None for the shipped sensor."""
-    if configuration.observation_model == SHIPPED and configuration.network == Network.of(configuration.scene):
+    """Write a folder from which ``compare`` can load the configuration's sensor; None for a shipped sensor."""
+    if configuration.observation_model == SHIPPED:
         return None
     out = folder / "sensors" / configuration.key
     fitted_to = scene_fields(SCENES[configuration.network.scene].scene)

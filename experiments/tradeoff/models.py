@@ -1,4 +1,4 @@
-"""Observation models for networks without a shipped one, fitted to recorded calibration touches."""
+"""Observation models that no shipped sensor has, fitted to recorded calibration touches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
-from activetouch.sensor_files import load_observation_model
 from belief import Touch
 from belief.errors import CorruptFile
 from belief.files import write_text
@@ -21,8 +20,8 @@ from belief.observation_model import ArrayModel, read_observation_model
 from belief.observation_model.registry import fit_named
 from experiments.scene_choice import repeats_folder
 from experiments.sensor.scores import read_touches
-from experiments.sensor_choice import independent_sensor, open_collection, require_collection
-from experiments.tradeoff.configuration import JOINT, SHIPPED, Configuration, Network
+from experiments.sensor_choice import open_collection, require_collection
+from experiments.tradeoff.configuration import JOINT, Configuration, Network
 
 _SPLIT = "calibration"
 _OBJECTS = 75  # objects per shape, from the first of the split
@@ -30,7 +29,7 @@ _ROUNDS = 3  # rounds per object, from the first; at least two are needed to est
 
 
 def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
-    """The observation model of a configuration: the shipped one, or one that is fitted once and cached in ``folder``.
+    """The fitted observation model of a configuration; it is fitted once and cached in ``folder``.
 
     Raises:
         CorruptFile: The cached file is damaged.
@@ -38,9 +37,6 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
     network, name = configuration.network, configuration.observation_model
     scene, reader = SCENES[network.scene].scene, TactileReader.load(network.path)
     table = None if reader.hypotheses is None else HypothesisTable(reader, scene)
-    if name == SHIPPED:
-        shipped = load_observation_model(independent_sensor(network.scene))
-        return shipped if table is None else shipped.with_hypotheses(table)
     path = (
         folder
         / f"{network.scene}-{network.sha256[:12]}-{name.replace(' ', '')}{configuration.num_hypotheses or ''}.json"

@@ -23,7 +23,6 @@ from experiments.command_line.arguments import (
 from experiments.command_line.console import plain_console
 from experiments.parallel import run_tasks
 from experiments.scene_choice import named_scene, repeats_folder
-from experiments.sensor_choice import sensor_folder
 from experiments.tradeoff.configuration import SHARES, VARIED
 
 if TYPE_CHECKING:
@@ -34,12 +33,12 @@ if TYPE_CHECKING:
 class Tradeoff:
     """Measure the trade-off between speed and accuracy, draw the Pareto front and recommend configurations.
 
-    Every configuration differs from its scene's default in one thing: the decider, the touch cost, the network,
-    the observation model or the fidelity; or it has a joint observation model with some number of hypotheses. All
-    configurations of a scene play the same live searches.
-    Observation models of other networks and kinds are fitted to recorded touches (activetouch collect --plan.repeats 6
-    --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by configuration: after an
-    interruption, the same command continues.
+    A scene's default is its sensor of one rigid body with information gain. Every other configuration differs in one
+    thing: the decider, the touch cost, the shipped sensor, the network, the number of hypotheses, the observation model
+    or the fidelity. All configurations of a scene play the same live searches.
+    Observation models of other networks, numbers and kinds are fitted to recorded touches (activetouch collect
+    --plan.repeats 6 --out data/SCENE-repeats); without recorded touches they are left out. Results are kept by
+    configuration: after an interruption, the same command continues.
 
     For example:
 
@@ -100,20 +99,18 @@ class Tradeoff:
 
     def measure(self) -> list[tuple[SearchResult, TouchCost]]:
         """Measure all configurations; return their results and costs."""
-        from activetouch.sensor_files import READER_FILE
-        from experiments.tradeoff.configuration import Network, sweep
+        from experiments.tradeoff.configuration import Network, shipped_networks, sweep
         from experiments.tradeoff.measure import measured
 
         scenes = list(dict.fromkeys(self.scenes))
-        networks = [Network.of(scene) for scene in scenes]
-        networks += [Network.of(scene, sensor_folder(None, scene) / READER_FILE) for scene in scenes]
+        networks = [network for scene in scenes for network in shipped_networks(scene)]
         for reader in self.readers:
             scene, _, file = reader.partition("=")
             if scene not in self.scenes or not file:
                 raise BadArgument(
                     f"--readers must be SCENE=FILE with a scene of {', '.join(self.scenes)}; got {reader!r}"
                 )
-            networks.append(Network.of(scene, Path(file)))
+            networks.append(Network.in_file(scene, Path(file)))
         calibrated = [scene for scene in self.scenes if (repeats_folder(scene) / "manifest.json").exists()]
         configurations = sweep(networks, calibrated, self.episodes, self.seed)
         if self.vary:

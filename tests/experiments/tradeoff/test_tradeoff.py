@@ -11,7 +11,6 @@ from scipy.stats import beta, kstest
 
 from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
-from activetouch.sensor_files import MODELS, READER_FILE
 from belief.errors import UnknownName
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
@@ -26,6 +25,7 @@ from experiments.tradeoff.configuration import (
     VARIED,
     Configuration,
     Network,
+    shipped_networks,
     sweep,
 )
 from experiments.tradeoff.figures import _MARKERS as MARKERS
@@ -36,10 +36,11 @@ from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 
-COARSE = Network("coarse", "", "cnn 16 px", "ab" * 32)
-GEL = Network("gel", "", "cnn 64 px", "cd" * 32)
-HARD = Network("hard", "", "cnn 64 px", "12" * 32)
-SMALL = Network("gel", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
+COARSE = Network("coarse", "coarse", "", "cnn 16 px", "ab" * 32, knows_orientation=True)
+GEL = Network("gel", "gel", "", "cnn 32 px", "cd" * 32, knows_orientation=True)
+HARD = Network("hard", "hard", "", "cnn 32 px", "12" * 32, knows_orientation=True)
+PLAIN = Network("gel", "gel-independent", "", "cnn 64 px", "34" * 32)
+SMALL = Network("gel", "", "runs/small.safetensors", "cnn 8 px", "ef" * 32)
 
 
 def point(name: str, successes: int, touches: float, physics: float = 1.0, **changes) -> Candidate:
@@ -64,23 +65,31 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
 
 
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
-    found = sweep([COARSE, GEL, SMALL], ["coarse", "gel"], episodes=100, seed=0)
+    found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
     wanted = {name for name in DECIDERS if name != "random_confirm" and name not in NEED_FILES}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
+    assert {c.decider for c in found if c.network == PLAIN} == {"information_gain", "point_based"}
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
 
 
-def test_a_network_that_knows_orientation_is_measured_with_every_number_of_hypotheses():
-    joint = replace(SMALL, knows_orientation=True)
-    found = [c for c in sweep([GEL, joint], ["gel"], episodes=100, seed=0) if c.observation_model == JOINT]
-    assert [c.num_hypotheses for c in found] == list(NUM_HYPOTHESES)
-    assert len({c.key for c in found}) == len({c.name for c in found}) == len(NUM_HYPOTHESES)
-    assert {c.network for c in found} == {joint}
-    assert Network.of("coarse", MODELS / "coarse" / READER_FILE).knows_orientation
-    assert not Network.of("coarse").knows_orientation
-    assert replace(found[0], network=replace(joint, knows_orientation=False)).key == found[0].key  # part of the file
+def test_the_default_sensor_is_measured_with_every_number_of_hypotheses():
+    other = replace(SMALL, knows_orientation=True)
+    found = [c for c in sweep([GEL, other], ["gel"], episodes=100, seed=0) if c.observation_model == JOINT]
+    assert [c.num_hypotheses for c in found if c.network == GEL] == list(NUM_HYPOTHESES)
+    assert [c.num_hypotheses for c in found if c.network == other] == [2048]
+    assert len({c.key for c in found}) == len({c.name for c in found}) == len(NUM_HYPOTHESES) + 1
+    unknown = replace(found[0], network=replace(found[0].network, knows_orientation=False))
+    assert unknown.key == found[0].key  # it is part of the file
+
+
+def test_the_shipped_sensors_of_a_scene_come_with_the_default_first():
+    found = shipped_networks("coarse")
+    assert [network.sensor for network in found] == ["coarse", "coarse-independent", "coarse-robust"]
+    assert [network.knows_orientation for network in found] == [True, False, True]
+    assert [network.sensor for network in shipped_networks("gel")] == ["gel", "gel-independent"]
+    assert all(network.path.is_file() and not network.file for network in found)
 
 
 @pytest.mark.mujoco
@@ -88,15 +97,18 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     plan = CollectionPlan(train=0, calibration=3, test=1, repeats=2)
     collect(SceneChoice("coarse"), plan, tmp_path / "coarse-repeats", jobs=1)
     monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path / f"{scene}-repeats")
-    network = Network.of("coarse", MODELS / "coarse" / READER_FILE)
+    network = Network.of_sensor("coarse", "coarse")
     configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
     assert observation_model(configuration, tmp_path).table.shape[:3] == (6, 4, 64)
     result, _ = measured(configuration, tmp_path)
     assert min(result.touches) > 0
+    same = replace(configuration, network=Network.in_file("coarse", network.path))  # as if it were a user's
+    again, _ = measured(same, tmp_path)
+    assert (again.successes, again.touches) == (result.successes, result.touches)
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
-    found = sweep([COARSE, GEL, SMALL], ["coarse"], episodes=100, seed=0)
+    found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse"], episodes=100, seed=0)
     assert {c.observation_model for c in found if c.scene == "gel"} == {SHIPPED}
     assert SMALL not in {c.network for c in found}
 
@@ -106,16 +118,16 @@ def test_an_interrupted_sweep_has_the_main_deciders_of_all_scenes_first_and_tree
     assert [c.scene for c in found[:12]] == ["gel"] * 4 + ["coarse"] * 4 + ["hard"] * 4
     assert len({c.decider for c in found[:12]}) == 4
     assert [c.decider in ("pouct", "pomcp") for c in found].index(True) == len(found) - 8
-    assert [c.episodes for c in found[::4][:3]] == [100, 60, 16]
+    assert [c.episodes for c in found[::4][:3]] == [100, 100, 20]
 
 
 def test_what_is_varied_has_a_word():
     base = Configuration(GEL)
     words = {
         "nothing": {}, "decider": {"decider": "threshold"}, "touch cost λ": {"touch_cost": 0.1},
-        "network": {"network": SMALL, "observation_model": "ratio"},
-        "hypotheses": {"network": SMALL, "observation_model": JOINT, "num_hypotheses": 64},
-        "observation model": {"observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
+        "sensor": {"network": PLAIN}, "network": {"network": SMALL, "observation_model": "ratio"},
+        "hypotheses": {"observation_model": JOINT, "num_hypotheses": 64},
+        "observation model": {"network": PLAIN, "observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
     }  # fmt: skip
     assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
     assert all(replace(base, **change).varied == word for word, change in words.items())
@@ -198,7 +210,7 @@ def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
     shards = sorted((tmp_path / "results").glob("*.json"))
     numbers = json.loads((tmp_path / "tradeoff.json").read_text())
     assert len(shards) == len(numbers["points"]) == 3
-    assert all(p["searches"] == 8 and p["touches"] > 0 and p["ms_per_search"] > 0 for p in numbers["points"])
+    assert all(p["searches"] == 16 and p["touches"] > 0 and p["ms_per_search"] > 0 for p in numbers["points"])
     assert any("activetouch compare --scene coarse --deciders" in line for line in numbers["answers"])
     assert "<svg" in (tmp_path / "report.html").read_text()
     kept = {path: path.stat().st_mtime_ns for path in shards[1:]}
@@ -214,7 +226,7 @@ def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
 @pytest.mark.mujoco
 @pytest.mark.torch
 def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
-    configuration = Configuration(Network.of("coarse"), episodes=1, decider="threshold")
+    configuration = Configuration(Network.of_sensor("coarse", "coarse"), episodes=1, decider="threshold")
     first, _ = measured(configuration, tmp_path)
     [shard] = (tmp_path / "results").iterdir()
     assert shard.stem == configuration.key
