@@ -24,7 +24,7 @@ from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
-_FITTED_ON = 1200  # sequences, at most, for the temperature
+_FITTED_ON, _AT_LEAST = 1200, 400  # sequences for the temperature: at most, and at least where memory is short
 _MOST_OF_DRIFT, _STEPS_OF_DRIFT = 40, 8  # touches of a sequence for the drift, and how many of its steps count
 _REPEATED = 400  # groups of repeats, at most, for their correlation
 _MOST_NUMBERS = 1 << 26  # log weights that are held for a fit
@@ -121,7 +121,7 @@ def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
     begins several sequences, up to P.
     """
     length = min(model.num_poses, MOST_TOUCHES)
-    return _best_temperature(model, *_in_different_poses(model, data, length, length), _ANYWHERE)
+    return _best_temperature(model, *_in_different_poses(model, data, length, length, _AT_LEAST), _ANYWHERE)
 
 
 def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, float]:
@@ -156,7 +156,7 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
 
 
 def _in_different_poses(
-    model: JointModel, data: LabelledTouches, length: int, kept: int
+    model: JointModel, data: LabelledTouches, length: int, kept: int, least: int = 1
 ) -> tuple[TouchBatch, NDArray[np.int64]]:
     """Sequences of touches in different poses, if the objects were touched in all, and the shapes of their objects.
 
@@ -165,9 +165,10 @@ def _in_different_poses(
         data: all touches.
         length: of a sequence.
         kept: number of steps of a sequence that are held in memory.
+        least: number of sequences even if they do not fit in memory together.
     """
     rng, found = np.random.default_rng(0), []
-    most = max(1, min(_FITTED_ON, _MOST_NUMBERS // (kept * len(model.shape_labels) * model.num_hypotheses)))
+    most = max(least, min(_FITTED_ON, _that_fit(model, kept)))
     for _ in range(min(model.num_poses, -(-most // data.num_objects))):
         order = rng.permutation(len(data.objects))
         poses = (data.objects * data.num_poses + data.poses)[order]
@@ -190,14 +191,23 @@ def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.
         spread: of the prior of the log temperature.
     """
     expected, model = np.log(model.temperature), model.at(1.0)
-    sums = [after.astype(np.float32) for _, _, after in model.steps(touches)]
+    size = max(1, _that_fit(model, touches.num_touches))
+    blocks = [slice(first, first + size) for first in range(0, len(truth), size)]
+
+    def steps(block: slice) -> Iterator[NDArray[np.float32]]:
+        return (after.astype(np.float32) for _, _, after in model.steps(touches.sequences(block)))
+
+    held = list(steps(blocks[0])) if len(blocks) == 1 else None  # otherwise computed anew for every temperature
 
     def loss(log_temperature: float) -> float:
         scale = np.float32(np.exp(-log_temperature))
         total = ((log_temperature - expected) / spread) ** 2 / (2 * len(truth))
-        for some in sums:
-            found = logsumexp(some * scale, axis=2)
-            total += float((logsumexp(found, axis=1) - found[np.arange(len(truth)), truth]).mean())
+        for block in blocks:
+            right = truth[block]
+            for some in held or steps(block):
+                found = logsumexp(some * scale, axis=2)
+                nll = logsumexp(found, axis=1) - found[np.arange(len(right)), right]
+                total += float(nll.sum()) / len(truth)
         return float(total)
 
     best = scipy.optimize.minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
@@ -214,7 +224,7 @@ def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
         return ASSUMED_CORRELATION
     complete = np.flatnonzero((found.rows >= 0).sum(axis=1) == found.rows.shape[1])
     length = found.rows.shape[1]
-    most = max(2, min(_REPEATED, _MOST_NUMBERS // (length * len(model.shape_labels) * model.num_hypotheses)))
+    most = max(2, min(_REPEATED, _that_fit(model, length)))
     some = np.sort(np.random.default_rng(3).permutation(complete)[:most])
     found = Repeats(found.rows[some], found.shapes[some])
     touches = _touches(data, found.rows)
@@ -241,6 +251,11 @@ def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) ->
     assert touches.features is not None, "checked by the caller"
     misfits, certainties = model.misfits(touches)
     return ConflictTest.fit(touches.features.astype(np.float64), misfits, shapes, certainties)
+
+
+def _that_fit(model: JointModel, kept: int) -> int:
+    """How many sequences fit in memory, of which the log weights after so many steps are kept."""
+    return _MOST_NUMBERS // (kept * len(model.shape_labels) * model.num_hypotheses)
 
 
 def _sequences(

@@ -199,7 +199,7 @@ def _table1(mark: str) -> list[str]:
     return [*rows, _row("accuracy", f"{mark}0.81{mark}", *ours), _row(nearest, "", *near)]
 
 
-_READ = ("held out", "fresh objects")
+_READ = ("held out", "held-out objects")
 
 
 def _precision(found: Mapping[str, Any]) -> str:

@@ -181,6 +181,15 @@ def test_a_reader_that_is_too_sure_gets_a_temperature(world, rng):
     assert sure.temperature == pytest.approx(3.0 * honest.temperature, rel=0.05)
 
 
+def test_as_many_sequences_give_the_temperature_where_memory_is_short(world, rng, monkeypatch):
+    shapes, objects, bodies = np.arange(60) % K, np.repeat(np.arange(60), P), rng.integers(N, size=60)
+    touches = [t for i in range(60) for t in touches_of(world, shapes[i], bodies[i], range(P), rng)]
+    held = RigidBodyModel.fit(touches, shapes[objects], objects, embed=world.embed, num_hypotheses=N)
+    monkeypatch.setattr("belief.observation_model.rigid_body_fit._MOST_NUMBERS", 7 * P * K * N)  # of seven sequences
+    in_parts = RigidBodyModel.fit(touches, shapes[objects], objects, embed=world.embed, num_hypotheses=N)
+    assert in_parts.temperature == pytest.approx(held.temperature, rel=1e-6)
+
+
 def test_ten_thousand_touches_leave_it_finite_and_as_large_as_one(world, rng):
     model = world.model(rng)
     evidence = model.start()
