@@ -16,6 +16,8 @@ import resource
 import shlex
 import subprocess
 import sys
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 from experiments.search.run_folder import versions
@@ -60,7 +62,8 @@ def main(name: str, files: list[str], words: list[str]) -> None:
     printed += "".join(f"\n{file}:\n\n{(ROOT / file).read_text(encoding='utf-8')}" for file in files)
     path = (RECORDS / name).with_suffix(".txt")
     path.parent.mkdir(parents=True, exist_ok=True)
-    made_with = ", ".join(f"{package} {version}" for package, version in versions().items())
+    torch = {"torch": version("torch")} if find_spec("torch") else {}  # trains networks; searches do not need it
+    made_with = ", ".join(f"{package} {number}" for package, number in (versions() | torch).items())
     header = f"command: {shlex.join(words)}\ncommit: {made_by}\nversions: {made_with}\nprocessor time: {seconds:.0f} s"
     lines = "\n".join(line.rstrip() for line in printed.splitlines() if PROGRESS not in line)
     path.write_text(f"{header}\n\n{lines.strip(chr(10))}\n", encoding="utf-8")

@@ -102,12 +102,10 @@ def calibration(page: str) -> str:
 
 
 def tradeoff(page: str) -> str:
-    """The page with its Pareto fronts, and its tables of hypotheses without decisions, and of networks."""
-    with (DOCS / "tradeoff" / "tradeoff.csv").open(encoding="utf-8", newline="") as file:
-        _, *configurations = csv.reader(file)
+    """The page with its Pareto fronts, and its tables of hypotheses and of networks."""
     for task, scenes in TASKS.items():
-        front = [_row(*cells) for cells in configurations if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
-        page = _with_rows(page, f"**{task}**", front)
+        front = [cells for cells in _configurations() if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
+        page = _with_rows(page, f"**{task}**", [_row(*_searched(cells)) for cells in front])
     page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses()))
     page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
     rows = []
@@ -178,7 +176,6 @@ TASKS = {  # of the trade-off, and the scenes of each
     "eight objects of twelve shapes, any mixture": ("hard",),
     "twelve objects of twelve shapes": ("many",),
 }
-_NONE = "none: independent, point-based"
 _SHOWN = 0.095  # least probability of being on the front, 0.10 when rounded
 _TARGETS = ("sphere", "cube", "cylinder", "cone")
 _PAPER_MANUAL = ("1.00", "1.00", "0.05", "0.08", "0.532", "", "", "")
@@ -221,18 +218,34 @@ def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str
     return rows
 
 
+def _configurations() -> list[list[str]]:
+    """The rows of the trade-off."""
+    with (DOCS / "tradeoff" / "tradeoff.csv").open(encoding="utf-8", newline="") as file:
+        _, *rows = csv.reader(file)
+    return rows
+
+
+def _searched(cells: list[str]) -> Iterator[str]:
+    """Cells of a row of the trade-off, rounded; differences are quoted in the file so that no program adds them up."""
+    for cell, spec in zip(cells, _SEARCHED, strict=True):
+        yield f"{float(cell):{spec}}" if spec else cell.removeprefix("'")
+
+
+_SEARCHED = ("", "", "", "", ".2f", ".3f", ".1f", ".2f", ".2f", ".2f", ".1f", ".0f", ".2f")
+
+
 def _live_hypotheses() -> Iterator[str]:
-    """A row for every number of hypotheses in live searches."""
-    lines = (DOCS / "records" / "tradeoff" / "hypotheses.txt").read_text(encoding="utf-8").splitlines()
-    heading = next(number for number, line in enumerate(lines) if line.startswith("configuration,"))
-    found = {}
-    for cells in csv.DictReader(lines[heading:]):
-        number = re.search(r"rigid body × (\d+)", cells["configuration"])
-        found[int(number[1]) if number else 0] = cells
-    for hypotheses, cells in sorted(found.items()):
-        columns = ("touches", "return", "ms per search", "ms per decision")
-        numbers = (f"{float(cells[name]):.{d}f}" for name, d in zip(columns, (2, 3, 1, 2), strict=True))
-        yield _row(_grouped(hypotheses) if hypotheses else _NONE, cells["success"], *numbers)
+    """A row for every number of hypotheses in live searches of a scene, after that of independent touches."""
+    rows = {cells[0]: list(_searched(cells)) for cells in _configurations()}
+    for scene in ("coarse", "hard"):
+        names = {"independent": f"{scene}-independent, information_gain, λ 0.02"}
+        names |= {_grouped(n): f"{scene}, rigid body × {n}, information_gain, λ 0.02" for n in _NUM_HYPOTHESES}
+        for hypotheses, name in names.items():
+            cells = rows[name]
+            yield _row(f"`{scene}`", hypotheses, cells[2], *cells[4:8])
+
+
+_NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
 
 
 def _by_touches(results: Mapping[int, Any]) -> list[str]:

@@ -45,6 +45,7 @@ _MAIN = ("information_gain", "point_based", "threshold", "value_of_information")
 _USUAL_HYPOTHESES = 2048
 _TREES = ("pouct", "pomcp")  # deciders that use simulations for each decision
 _TOUCH_COSTS = (0.005, 0.05, 0.1)  # besides the default
+_WEIGH_COSTS = ("point_based", "value_of_information")  # deciders that weigh the cost of a touch
 
 
 @dataclass(frozen=True)
@@ -229,7 +230,7 @@ def _variants(base: Configuration, others: Sequence[Network]) -> list[list[Confi
         [replace(base, network=n, decider=decider) for n in others if n.sensor for decider in _MAIN[:2]],
         [
             replace(base, decider=decider, touch_cost=touch_cost)
-            for decider in (_MAIN[:2] if is_whole else _MAIN[:1])
+            for decider in (_WEIGH_COSTS if is_whole else _WEIGH_COSTS[:1])
             for touch_cost in _TOUCH_COSTS
         ],
         [
