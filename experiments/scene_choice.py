@@ -138,7 +138,7 @@ class SceneChoice:
     """Metres per unit of the mesh files: 0.001 for millimetres."""
     randomised: bool = False
     """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
-    readers that stand changes of the world."""
+    readers that also work in changed worlds."""
     robot: Literal["panda_allegro"] | None = None
     """Robot to model behind the pad; its models are read from $MENAGERIE_ROOT."""
 

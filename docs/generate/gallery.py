@@ -71,13 +71,14 @@ def page() -> str:
         "# Gallery",
         "",
         "Short scripts in `examples/gallery/`, each with one figure. Each takes less than a minute on an idle machine.",
-        "`python docs/generate/gallery.py` makes figures and page; seeds are in the scripts.",
+        "`python examples/gallery/NAME.py` writes `NAME.png` into the working folder; seeds are in the scripts.",
         "",
     ]
     for script in scripts():
         first, paragraph = description(script)
         name = script.stem
-        lines += [f"## {name.replace('_', ' ').capitalize()}", "", f"![{first}](gallery/{name}.png)", ""]
+        title = name.replace("_", " ").capitalize().replace("ppo", "PPO").replace("pomdp", "POMDP")
+        lines += [f"## {title}", "", f"![{first}](gallery/{name}.png)", ""]
         lines += [f"**{first}** {paragraph}", "", f"[`examples/gallery/{name}.py`](../examples/gallery/{name}.py)", ""]
     return "\n".join(lines)
 

@@ -20,32 +20,37 @@ from mkdocs.structure.files import File  # noqa: E402
 
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
-LATER = {"Look up": ["real_touch.md"], "Understand": ["where_to_touch.md"]}
-"""Pages that are shown as soon as they exist."""
 NAV: dict[str, list[str]] = {
     "Learn": ["start.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
-    "Look up": ["commands.md", "columns.md", "environments.md", "extending.md", "scale.md"],
-    "Understand": ["world.md", "perception.md", "calibration.md", "planners.md", "ppo.md", "architecture.md"],
-    "Check": ["results.md", "robustness.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "limits.md"],
+    "Look up": ["commands.md", "columns.md", "environments.md", "extending.md"],
+    "Understand": [
+        "world.md",
+        "perception.md",
+        "calibration.md",
+        "planners.md",
+        "where_to_touch.md",
+        "ppo.md",
+        "real_touch.md",
+        "scale.md",
+        "architecture.md",
+    ],
+    "Check": ["results.md", "reproduction.md", "tradeoff.md", "benchmarks.md", "robustness.md", "limits.md"],
 }
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s#]*)(#[^)\s]*)?\)")
 
 
 def on_config(config: Any) -> Any:
     """Set the contents."""
-    there = {
-        section: [page for page in (*found, *LATER.get(section, [])) if _exists(page)] for section, found in NAV.items()
-    }
     made = pages.generated()
     config["nav"] = [
         "index.md",
-        {"Learn": there["Learn"]},
+        {"Learn": NAV["Learn"]},
         {"Gallery": ["gallery.md", *(f"gallery/{script.stem}.md" for script in gallery.scripts())]},
         {"Deciders": [name for name in made if name.startswith("deciders/")]},
         {"Worlds": [*(name for name in made if name.startswith("worlds/")), "scenes.md"]},
-        {"Look up": [*there["Look up"], "reference/commands.md", "reference/environments.md"]},
-        {"Understand": there["Understand"]},
-        {"Check": there["Check"]},
+        {"Look up": [*NAV["Look up"], "reference/commands.md", "reference/environments.md"]},
+        {"Understand": NAV["Understand"]},
+        {"Check": NAV["Check"]},
         {"API": [name for name in made if name.startswith("reference/api/")]},
         {
             "Decisions": [
@@ -104,7 +109,3 @@ def _page_of(target: str, files: Any) -> str | None:
         if files.get_file_from_path(name) is not None:
             return name
     return None
-
-
-def _exists(page: str) -> bool:
-    return (ROOT / "docs" / page).exists()

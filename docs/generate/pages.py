@@ -13,8 +13,9 @@ import shelves
 
 from activetouch.envs import IDS, MOST_STEPS, VECTOR_IDS
 from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import MODELS, POLICIES
 from experiments.cli import COMMAND_GROUPS, commands
-from planners.registry import DECIDERS, summary_of
+from planners.registry import DECIDERS, NEED_FILES, summary_of, trained_state
 
 ROOT = Path(__file__).parent.parent.parent
 API = {
@@ -70,6 +71,11 @@ def _decider(name: str) -> str:
         if one.name not in _GIVEN and one.default is not inspect.Parameter.empty
     ]
     shown = table(("setting", "default"), settings) if settings else "It has no settings."
+    sensor, files, argument = _sensor_of(name), "", ""
+    if name in NEED_FILES:
+        files = "\nfrom activetouch.sensor_files import MODELS, POLICIES"
+        argument = f', MODELS / "{sensor}" / POLICIES'
+    option = "" if sensor == "coarse" else f" --sensor {sensor}"
     return f"""# {name}
 
 {summary_of(name)}
@@ -81,15 +87,15 @@ def _decider(name: str) -> str:
 ## Use
 
 ```sh
-activetouch compare --scene coarse --deciders {name} random_confirm --episodes 25
+activetouch compare --scene coarse{option} --deciders {name} random_confirm --episodes 25
 ```
 
 ```python
-from activetouch import TactileSensor
+from activetouch import TactileSensor{files}
 from planners import make_decider
 
-model = TactileSensor.shipped("coarse").model
-decider = make_decider("{name}", model.outcome_table(), model)
+model = TactileSensor.shipped("{sensor}").model
+decider = make_decider("{name}", model.outcome_table(), model{argument})
 ```
 
 {shown}
@@ -109,6 +115,13 @@ decider = make_decider("{name}", model.outcome_table(), model)
 `python benchmarks/deciders.py --episodes 400 --trees 40 20 0`;
 [table and text](../planners.md#comparison-of-all-deciders).
 """
+
+
+def _sensor_of(name: str) -> str:
+    """The sensor of the scene coarse that has the policies of a decider."""
+    state = trained_state(name)
+    there = any((MODELS / "coarse" / POLICIES).glob(f"{state}[-.]*"))
+    return "coarse" if state is None or there else "coarse-independent"
 
 
 def _world(name: str) -> str:

@@ -155,5 +155,14 @@ WORLDS = {
         _SUCCESS.format(guess="0.08", where="in touches: a search visits half of the objects on average"),
         "Time: the exact belief about twelve objects is the most expensive one.",
     ),
+    "keyed": Said(
+        "Cubes, shafts and plates that differ in one place each, such as a cut corner, touched from 26 directions. Here it matters where the next "
+        "touch is ([where to touch next](../where_to_touch.md)).",
+        _SUCCESS.format(
+            guess="0.50, because in half the scenes the target is absent and rejecting all is right",
+            where="mostly in touches: `shape_information_gain` finds the place that matters",
+        ),
+        "Time: it has more directions, and needs more touches, than the other scenes.",
+    ),
 }
 """By name; a scene without an entry has a page all the same."""

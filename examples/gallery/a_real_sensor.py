@@ -1,8 +1,8 @@
 """A real sensor: naming 41 objects by grasps that a robot hand with three BioTac fingers recorded.
 
 A plain classifier learns from the first grasps of every object and is tested on the last ones. Its probabilities are
-multiplied as if grasps were independent. The dashed line states more than the solid one achieves: this is why touches
-need a calibrated model of how they repeat. `activetouch recorded` does all of it, with searches and intervals.
+multiplied as if grasps were independent. The stated confidence (dashed) is above the accuracy (solid): this is why
+touches need a calibrated model of how they repeat. `activetouch recorded` has such a model, searches and intervals.
 
 Run: python examples/gallery/a_real_sensor.py [FIGURE.png]      (needs scikit-learn)
 """

@@ -1,6 +1,6 @@
 """Is a sensor calibrated? Stated confidence against accuracy, after one and after two touches.
 
-Objects that the sensor was not made with are pressed in MuJoCo. Where 0.8 is stated, eight of ten should be right. The
+Objects that the sensor was not trained on are pressed in MuJoCo. Where 0.8 is stated, eight of ten should be right. The
 bands hold 95 % of the points of a perfectly calibrated sensor.
 
 Run: python examples/gallery/is_it_calibrated.py [FIGURE.png]

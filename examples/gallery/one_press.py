@@ -1,7 +1,7 @@
-"""One press in MuJoCo: a cone in six poses, as the pad feels it.
+"""One press in MuJoCo: the tactile images of a cone in six poses.
 
-Each press lowers the pad until a set force is reached. The image is the pressure on 128 × 128 taxels. One pose shows a
-point, another an edge: this is why several touches of one body tell more than one.
+Each press moves the object against the pad until a set force is reached. The image is the pressure on 128 × 128
+taxels (tactile pixels). One pose shows a point, another an edge: several touches of one body tell more than one.
 
 Run: python examples/gallery/one_press.py [FIGURE.png]
 """

@@ -1,7 +1,8 @@
 """Train PPO in Gymnasium: the return of the paper's test while Stable-Baselines3 learns it.
 
 `make_vec` plays many tests at once on touches that were recorded and come with the package, so that a step takes
-microseconds. The horizontal lines are what a policy gets that never touches, and one that always answers right at once.
+microseconds. The horizontal lines are the returns of a policy that never touches, and of one that gives the
+right answer at once.
 
 Run: python examples/gallery/train_ppo.py [FIGURE.png]      (needs the extra rl; about half a minute)
 """

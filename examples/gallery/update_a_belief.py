@@ -1,7 +1,7 @@
 """Update a belief about a shape, touch by touch.
 
 A classifier names a shape, and its confusion matrix says how often it does so for each true shape. Bayes' rule
-multiplies the belief with that column. Two contradicting statements cancel in part; agreement adds up.
+multiplies the belief with that column. Contradicting statements partly cancel; agreeing ones add up.
 
 Run: python examples/gallery/update_a_belief.py [FIGURE.png]
 """

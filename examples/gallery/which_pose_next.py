@@ -1,7 +1,7 @@
 """Which pose to touch next: the expected information gain of every pose, before each touch of a search.
 
 The gain is about one question: is this object the target? It is large where the answer is open and the outcome of the
-touch depends on it. After touches of one body, the gain of each pose depends on what they felt.
+touch depends on it. After touches of one body, the gain of each pose depends on their images.
 
 Run: python examples/gallery/which_pose_next.py [FIGURE.png]
 """

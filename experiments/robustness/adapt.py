@@ -1,4 +1,4 @@
-"""``activetouch adapt``: fit a sensor to the world that it is in, by touches of a few objects there."""
+"""``activetouch adapt``: fit a sensor to a changed world by touches of a few objects there."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ _BEFORE, _KNOWN, _UNKNOWN = "before", "known shapes", "unknown shapes"
 
 @dataclass(frozen=True)
 class Adapt:
-    """Fit a sensor to the world that it is in: same reader, touches of a few objects, less than a minute.
+    """Fit a sensor to a changed world: same reader, touches of a few objects, less than a minute.
 
     From touches of some objects it finds the stiffness of the set-up, if the reader knows stiffness (``coarse-robust``,
-    for example), and, where their shapes are known, how far to trust touches. The table says what each number of
-    objects is worth, on other objects of the same world, with known and with unknown shapes. Writes the sensor with the
-    largest number, known shapes, into a folder.
+    for example), and, where their shapes are known, how far to trust touches. The table compares the numbers of
+    objects, with known and with unknown shapes, on other objects of the same world. Writes the sensor that was fitted
+    to the largest number, with known shapes, into a folder.
 
     For example:
 

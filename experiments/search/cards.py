@@ -60,10 +60,10 @@ def tie_sentence(names: Sequence[str], comparison: Comparison) -> str:
     """A tie in words; empty where one decider is certainly the best."""
     if len(names) < 2:
         return ""
-    shares = ", ".join(f"{name} {100 * comparison.prob_best[name]:.0f} %" for name in names)
+    shares = ", ".join(f"that of {name} in {100 * comparison.prob_best[name]:.0f} %" for name in names)
     return (
-        f"This is a tie of {len(names)}: no return is certainly the highest (highest in so many bootstrap resamples of "
-        f"the episodes: {shares})."
+        f"This is a tie of {len(names)}: no return is certainly the highest. In bootstrap resamples of the episodes, "
+        f"the highest return is {shares}."
     )
 
 

@@ -34,7 +34,12 @@ def short_names(names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     short |= long
     said = [f"{name} is {full}." for full, name in long.items()]
     if shared:
-        who = f"All but {', '.join(plain)} have" if plain else ("All have" if len(names) > 1 else "It has")
+        if len(names) == 1:
+            who = "It has"
+        elif len(settings) == 1:
+            who = f"{short[next(iter(settings))]} has"
+        else:
+            who = f"All but {', '.join(plain)} have" if plain else "All have"
         said.insert(0, f"{who} the settings {_words(shared)}.")
     return short, said
 

@@ -40,8 +40,8 @@ def _best(comparison: Comparison) -> str:
     if sure > 0.999:
         return f"{said} Its return is almost certainly the highest of the {len(names)}."
     return (
-        f"{said} Its return is certainly the highest of the {len(names)}: it is the highest in {100 * sure:.0f} % of "
-        f"bootstrap resamples of the episodes. The second best is {names[1]} with a return of "
+        f"{said} Its return is very probably the highest of the {len(names)}: it is the highest in {100 * sure:.0f} % "
+        f"of bootstrap resamples of the episodes. The second best is {names[1]} with a return of "
         f"{comparison.cells[names[1], ALL].reward:.3f}."
     )
 

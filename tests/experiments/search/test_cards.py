@@ -40,7 +40,9 @@ def test_equals_are_tied_and_the_verdict_says_so(with_a_tie):
     assert {card.name for card in found[:2]} == {"information_gain", SAME}
     assert [card.rank for card in found] == ["tied for best", "tied for best", ""]
     assert set(tied(with_a_tie)) == {card.name for card in found[:2]}
-    assert "This is a tie of 2" in verdict_sentences(with_a_tie)[0]
+    told = verdict_sentences(with_a_tie)[0]
+    assert "This is a tie of 2" in told
+    assert "the highest return is that of" in told
 
 
 def test_a_clear_winner_is_best():

@@ -21,6 +21,11 @@ SHARED = "confirm=0.98,reject=0.02,max_touches=20"
             ["random_poses(confirm=0.9)", "information_gain(confirm=0.98)"],
             [],
         ),
+        (
+            ["own_decider:EveryPose(confirm=0.9)", "information_gain"],
+            ["own_decider:EveryPose", "information_gain"],
+            ["own_decider:EveryPose has the settings confirm=0.9."],
+        ),
         (["threshold(high=0.9)"], ["threshold"], ["It has the settings high=0.9."]),
         (["threshold", "threshold(high=0.9)"], ["threshold", "threshold(high=0.9)"], []),
         (

@@ -1,0 +1,43 @@
+"""The pages that are made from the code describe every part, and what they show works as it stands."""
+
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import MODELS, POLICIES
+from planners.registry import DECIDERS, NEED_FILES, trained_state
+
+GENERATE = Path(__file__).parent.parent / "docs" / "generate"
+
+
+@pytest.fixture(scope="module")
+def made():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(GENERATE)
+        yield import_module("pages").generated()
+    for name in ("pages", "shelves"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    "page", [*(f"deciders/{name}.md" for name in DECIDERS), *(f"worlds/{name}.md" for name in SCENES)]
+)
+def test_every_decider_and_every_scene_is_described(made, page):
+    assert "Not described yet" not in made[page]
+
+
+@pytest.mark.parametrize("name", sorted(NEED_FILES))
+def test_the_code_on_the_page_of_a_decider_with_files_runs(made, name, sensors_loaded_once):
+    [code] = re.findall(r"```python\n(.*?)```", made[f"deciders/{name}.md"], flags=re.S)
+    exec(compile(code, name, "exec"), {})
+
+
+@pytest.mark.parametrize("name", sorted(name for name in NEED_FILES if trained_state(name)))
+def test_the_command_on_the_page_of_a_trained_decider_names_a_sensor_that_has_its_policies(made, name):
+    [command] = re.findall(r"```sh\n(.*?)```", made[f"deciders/{name}.md"], flags=re.S)
+    named = re.search(r"--sensor (\S+)", command) or re.search(r"--scene (\S+)", command)
+    assert list((MODELS / named[1] / POLICIES).glob(f"{trained_state(name)}[-.]*"))
