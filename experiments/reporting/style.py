@@ -63,6 +63,7 @@ class Picture:
         panels: functions, each of which draws one panel.
         legend: colour by name; no legend if empty.
         size: width and height of a panel [inches].
+        columns: of panels; all panels side by side by default.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Picture:
     panels: Sequence[Callable[[Axes], None]]
     legend: Mapping[str, str] = field(default_factory=dict)
     size: tuple[float, float] = (4.0, 3.2)
+    columns: int | None = None
 
     def inline(self) -> list[str]:
         """Every panel as SVG; the page shows the legend."""
@@ -94,13 +96,17 @@ class Picture:
 
     @cached_property
     def _files(self) -> dict[str, bytes]:
-        """All panels side by side with the legend, by suffix; drawn once, which takes most of the time of a report."""
-        (width, height), count = self.size, len(self.panels)
-        columns = 4 * count - 1 if count > 1 else 2
+        """All panels with the legend, by suffix; drawn once, which takes most of the time of a report."""
+        (width, height), count = self.size, min(self.columns or len(self.panels), len(self.panels))
+        rows = -(-len(self.panels) // count)
+        columns = self.columns or (4 * count - 1 if count > 1 else 2)
         width = max(width * count, 5.2) if self.legend else width * count
-        with figure((width, height + 0.3 * np.ceil(len(self.legend) / columns))) as drawn:
-            for draw, axes in zip(self.panels, drawn.subplots(1, count, squeeze=False)[0], strict=True):
+        with figure((width, height * rows + 0.3 * np.ceil(len(self.legend) / columns))) as drawn:
+            grid = drawn.subplots(rows, count, squeeze=False).ravel()
+            for draw, axes in zip(self.panels, grid, strict=False):
                 draw(axes)
+            for axes in grid[len(self.panels) :]:
+                axes.set_axis_off()
             if self.legend:
                 lines = [Line2D([], [], color=colour, linewidth=3) for colour in self.legend.values()]
                 drawn.legend(lines, list(self.legend), loc="outside upper center", ncols=columns, frameon=False)

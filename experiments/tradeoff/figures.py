@@ -1,61 +1,70 @@
-"""Figure of the trade-off: success against time per search, with the Pareto fronts."""
+"""Figure of the trade-off: failed searches against time per search, one panel per scene."""
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
+from belief.statistics import pareto_front
 from experiments.reporting.style import INK, PALETTE, Picture
-from experiments.tradeoff.picks import Front
+from experiments.tradeoff.configuration import SHARES, Configuration
+from experiments.tradeoff.picks import Candidate, Front
 
-_SCENES = {"paper": PALETTE[3], "coarse": PALETTE[1], "gel": PALETTE[0], "hard": PALETTE[2], "many": PALETTE[4]}
-_MARKERS = {
-    "nothing": "*",
-    "decider": "o",
-    "touch cost λ": "v",
-    "sensor": "X",
-    "network": "s",
-    "hypotheses": "P",
-    "observation model": "^",
-    "fidelity": "D",
-}
-_LABELS = {
-    "nothing": "the scene's default",
-    "decider": "another decider",
-    "network": "network or resolution",
-    "sensor": "another shipped sensor",
-    "hypotheses": "number of hypotheses",
+_DEFAULT = "nothing"
+_STYLES = {  # colour, marker, and name in the legend, by what differs from the default
+    "hypotheses": (PALETTE[0], "P", "number of hypotheses, 64 to 16 384"),
+    "touch cost λ": (PALETTE[1], "v", "touch cost λ, 0.1 to 0.005"),
+    "sensor": (PALETTE[2], "X", "another shipped sensor"),
+    "decider": (PALETTE[3], "o", "decider"),
+    "network": (PALETTE[4], "s", "network or resolution"),
+    "observation model": (PALETTE[5], "^", "observation model"),
+    "fidelity": ("#777777", "D", "fidelity of the press"),
+    _DEFAULT: (INK, "*", "the scene's default"),
 }
 _LEAST_ERROR = 3e-4  # lower end of the axis, where an error of zero is drawn
+_NAMED = 0.05  # fraction of failed searches above which a point may have a word
 _CAPTION = (
-    "Failed searches against time. Each point is a configuration with its 95 % Wilson interval. Colours are scenes; "
-    "markers say what differs from the scene's default. The larger a point, the more probable it is on the front "
-    "(dashed line)."
+    "Failed searches against time, one panel per scene. Each point is a configuration that differs from the scene's "
+    "default in one thing, with its 95 % Wilson interval. Lines join the settings of a number. Dashed: no "
+    "configuration of the scene is both faster and more successful."
 )
 
 
 def front_picture(fronts: Sequence[Front]) -> Picture:
-    """Fraction of failed searches against milliseconds per search, both logarithmic, one panel per task."""
-    return Picture("tradeoff", _CAPTION, [partial(_draw, front=front) for front in fronts], size=(4.6, 5.2))
+    """Fraction of failed searches against milliseconds per search, both logarithmic, one panel per scene."""
+    points = [point for front in fronts for point in front.points]
+    scenes = [scene for scene in SHARES if any(point.configuration.scene == scene for point in points)]
+    panels = [
+        partial(_draw, scene=scene, points=[point for point in points if point.configuration.scene == scene])
+        for scene in scenes
+    ]
+    legend = {label: colour for colour, _, label in _STYLES.values()}
+    return Picture("tradeoff", _CAPTION, panels, legend, size=(3.6, 3.0), columns=3)
 
 
-def _draw(axes: Axes, front: Front) -> None:
-    for point, prob in zip(front.points, front.probs, strict=True):
-        colour, marker = _SCENES[point.configuration.scene], _MARKERS[point.configuration.varied]
-        x, (low, high) = point.ms_per_search, point.interval
-        axes.plot([x, x], [_error(high), _error(low)], color=colour, linewidth=0.6, alpha=0.35)
-        size = 22 + 60 * prob
-        axes.scatter(x, _error(point.success), size, colour, marker=marker, alpha=0.85, linewidths=0, zorder=3)
-    best = [point for point, on in zip(front.points, front.on_front, strict=True) if on]
-    times, errors = [point.ms_per_search for point in best], [_error(point.success) for point in best]
-    axes.step(times, errors, where="post", color=INK, linewidth=1, linestyle="--")
-    title = "\n".join(textwrap.wrap(front.task, 30))
-    axes.set(xscale="log", yscale="log", xlabel="ms per search, on one core", ylabel="failed searches", title=title)
+def _draw(axes: Axes, scene: str, points: Sequence[Candidate]) -> None:
+    for what, (colour, marker, _) in _STYLES.items():
+        some = [point for point in points if point.configuration.varied == what]
+        for point in some:
+            low, high = point.interval
+            axes.plot([point.ms_per_search] * 2, [_error(high), _error(low)], color=colour, linewidth=0.6, alpha=0.35)
+        size = 150 if what == _DEFAULT else 30
+        times, errors = [point.ms_per_search for point in some], [_error(point.success) for point in some]
+        axes.scatter(times, errors, size, colour, marker=marker, alpha=0.85, linewidths=0, zorder=3)
+        for point in some:
+            if 1 - point.success > _NAMED:
+                at, offset = (point.ms_per_search, _error(point.success)), (4, -9 if what == "fidelity" else 3)
+                axes.annotate(_word(point), at, offset, textcoords="offset points", fontsize=7, color=colour)
+        for line in _dials(some):
+            path = [(point.ms_per_search, _error(point.success)) for point in line]
+            axes.plot(*np.transpose(path), color=colour, linewidth=1.2, alpha=0.7)
+    best = _front(points)
+    axes.step(*np.transpose(best), where="post", color=INK, linewidth=1, linestyle="--")
+    axes.set(xscale="log", yscale="log", xlabel="ms per search, on one core", ylabel="failed searches", title=scene)
     axes.set_ylim(_LEAST_ERROR * 0.7, 1.0)
     axes.yaxis.set_major_locator(FixedLocator([_LEAST_ERROR, 0.001, 0.01, 0.1, 1.0]))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y == _LEAST_ERROR else f"{y:g}"))
@@ -63,16 +72,35 @@ def _draw(axes: Axes, front: Front) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
-    shown = {point.configuration.scene for point in front.points}
-    scenes = [_handle("o", colour, scene) for scene, colour in _SCENES.items() if scene in shown]
-    varied = [_handle(marker, "0.5", _LABELS.get(what, what)) for what, marker in _MARKERS.items()]
-    axes.legend(
-        handles=[*scenes, *varied], frameon=False, fontsize=8, ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.14)
+
+
+def _word(point: Candidate) -> str:
+    """What is written beside a point that fails often; most have nothing."""
+    c = point.configuration
+    if c.varied == "sensor" and c.decider == Configuration.decider:
+        return c.network.sensor.removeprefix(f"{c.scene}-")
+    return {"threshold": "the paper's rule"}.get(c.decider, c.fidelity or "").replace("_", " ")
+
+
+def _dials(points: Sequence[Candidate]) -> list[list[Candidate]]:
+    """Configurations that differ in one number, in the order of this number: one list for each decider."""
+
+    def setting(point: Candidate) -> float:
+        c = point.configuration
+        return c.num_hypotheses or -c.touch_cost
+
+    numbered = [p for p in points if p.configuration.varied in ("hypotheses", "touch cost λ")]
+    deciders = dict.fromkeys(p.configuration.decider for p in numbered)
+    return [sorted((p for p in numbered if p.configuration.decider == name), key=setting) for name in deciders]
+
+
+def _front(points: Sequence[Candidate]) -> list[tuple[float, float]]:
+    """Time and error of the configurations than which none is both faster and at least as successful."""
+    times, successes = np.array([p.ms_per_search for p in points]), np.array([p.success for p in points])
+    return sorted(
+        (points[i].ms_per_search, _error(points[i].success))
+        for i in np.flatnonzero(pareto_front(times, successes)).tolist()
     )
-
-
-def _handle(marker: str, colour: str, label: str) -> Line2D:
-    return Line2D([], [], marker=marker, linestyle="", color=colour, label=label)
 
 
 def _error(success: float) -> float:

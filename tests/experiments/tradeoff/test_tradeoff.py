@@ -28,7 +28,7 @@ from experiments.tradeoff.configuration import (
     shipped_networks,
     sweep,
 )
-from experiments.tradeoff.figures import _MARKERS as MARKERS
+from experiments.tradeoff.figures import _STYLES as STYLES
 from experiments.tradeoff.measure import SearchResult, TouchCost, measured
 from experiments.tradeoff.models import observation_model
 from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
@@ -129,7 +129,7 @@ def test_what_is_varied_has_a_word():
         "hypotheses": {"observation_model": JOINT, "num_hypotheses": 64},
         "observation model": {"network": PLAIN, "observation_model": "plda"}, "fidelity": {"fidelity": "quasistatic"},
     }  # fmt: skip
-    assert {replace(base, **change).varied for change in words.values()} == set(words) == set(MARKERS)
+    assert {replace(base, **change).varied for change in words.values()} == set(words) == set(STYLES)
     assert all(replace(base, **change).varied == word for word, change in words.items())
     assert set(words) == {"nothing", *VARIED}
 
