@@ -110,6 +110,34 @@ def test_a_reader_that_errs_alike_in_a_pose_gets_a_correlation(world, rng):
     assert fitted[1].correlation > 0.8
 
 
+def test_one_pose_that_was_touched_more_often_does_not_decide_the_correlation_alone(world, rng):
+    """All touches in a pose are the same; one object has one more in one pose."""
+    found, shapes, ids = [], [], []
+    for number in range(240):
+        for pose in range(P):
+            found += [world.touch(number % K, number % N, pose, rng)] * 4
+            shapes += [number % K] * 4
+            ids += [number] * 4
+    whole = (found, shapes, ids), ([*found, found[0]], [*shapes, shapes[0]], [*ids, ids[0]])
+    even, uneven = (RigidBodyModel.fit(*data, embed=world.embed, num_hypotheses=N) for data in whole)
+    assert even.correlation > 0.3
+    assert uneven.correlation == pytest.approx(even.correlation, abs=0.1)
+
+
+def test_one_object_with_a_single_touch_does_not_shorten_the_sequences_of_all(world, rng):
+    found, shapes, ids = [], [], []
+    for number in range(80):
+        poses = [0] if number == 0 else list(range(P)) * 2
+        found += touches_of(world, number % K, number % N, poses, rng)
+        shapes += [number % K] * len(poses)
+        ids += [number] * len(poses)
+    model = RigidBodyModel.fit(found, shapes, ids, embed=world.embed, num_hypotheses=N)
+    assert model.conflict is not None
+    assert model.conflict.num_touches == 2 * P
+    without = RigidBodyModel.fit(found[1:], shapes[1:], ids[1:], embed=world.embed, num_hypotheses=N)
+    assert model.temperature == pytest.approx(without.temperature, rel=0.2)
+
+
 def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
     """Two shapes that look the same in 14 poses; the reader's error is of the touch, or of the object."""
     rng, hypotheses = np.random.default_rng(0), np.zeros((14, 2, 1, 2), np.float32)
