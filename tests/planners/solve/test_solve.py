@@ -177,6 +177,16 @@ def test_choosing_anew_after_a_touch_loses_next_to_nothing_against_the_plan():
     assert loss.mean() < 0.0  # one exact step gains, on average
 
 
+def test_a_touch_in_a_search_of_one_object_is_discounted_as_for_the_object_alone():
+    table, belief = random_table(4), np.array([0.4, 0.35, 0.25])
+    alone = solve(TouchProblem(table, belief, 0, 0.02, discount=0.6))
+    search = solve(SearchTouchProblem(table, 1, "independent", 0, 0.02, belief, discount=0.6))
+    hidden = search.search.initial  # the shape, and that no target was rejected
+    probes = search.probe_values(0, hidden, 0, np.ones(len(table)))
+    np.testing.assert_allclose(probes, alone.q_values(belief)[: len(table)], atol=1e-4)
+    assert probes.max() <= search.upper_bound + 1e-9
+
+
 def test_free_touches_need_a_limit():
     with pytest.raises(ValueError, match="touch limit"):
         solve(uniform(NINE_OF_TEN, touch_cost=0.0))
