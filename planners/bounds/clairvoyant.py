@@ -50,4 +50,8 @@ def clairvoyant_bound(
             return -1.0  # no action can succeed
         return bound_for(tuple(possible.tolist()))(belief, confirm, reject)
 
+    if not distinct:  # there may be many objects: from the last one on, so that no recursion is deep
+        for number in range(problem.num_objects - 1, 0, -1):
+            for shape in np.flatnonzero(prior > 0.0).tolist():
+                value(number, frozenset({target} if shape == target else ()))
     return value
