@@ -78,14 +78,18 @@ class PointBased:
         require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:
-            weights = weights_in_turn(self.repeats, problem.num_poses, _MOST_USES)
-            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, weights)
+            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, self._weights)
         return _POLICIES[key]
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         """The settings on which a policy depends besides the search."""
-        return self.table.sha256, repr(self.repeats), tuple(self.rounds)
+        return self.table.sha256, tuple(self._weights.tolist()), tuple(self.rounds)
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """Weights of an object's first, second, … touch in the policy."""
+        return weights_in_turn(self.repeats, self.table.num_poses, _MOST_USES)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""

@@ -15,6 +15,19 @@ from planners.target_abstraction import belief_by_target, stages_by_target
 POSES = ("p0", "p1", "p2")
 
 
+class FlatRepeats:
+    """A user's own discount: every repeat is worth the same."""
+
+    def __init__(self, weight):
+        self.weight = weight
+
+    def weights(self, uses):
+        return np.where(np.asarray(uses) > 0, self.weight, 1.0)
+
+    def __repr__(self):
+        return "FlatRepeats"
+
+
 class SampledWorld:
     """Objects whose touches come from the model itself."""
 
@@ -151,3 +164,13 @@ def test_shape_labels_in_a_list_will_do():
     problem = SearchProblem(list(model.shape_labels), ["p"], 2)
     info = InformationState(problem, 0, Belief.uniform(model.shape_labels))
     assert PointBased(model.outcome_table()).decide(info, np.random.default_rng(0)).action in (Probe(0), Confirm())
+
+
+def test_discounts_that_look_alike_have_policies_of_their_own():
+    problem, table = (
+        SearchProblem(("a", "b"), ("p", "q"), 2, "independent"),
+        OutcomeTable([[[0.7, 0.3], [0.3, 0.7]]] * 2),
+    )
+    policies = [PointBased(table, FlatRepeats(weight), rounds=(50,)).policy(problem, 0) for weight in (0.9, 0.0)]
+    after_two = [policy.value(0, policy.search.initial, num_touches=2) for policy in policies]
+    assert after_two[0] > after_two[1] + 0.01
