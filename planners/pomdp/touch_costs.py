@@ -49,7 +49,7 @@ class TouchCosts:
         weight = self.weights[-1]
         if weight == 0.0:
             return float("inf"), self.discount
-        rate = 1.0 - self.discount * (1.0 - weight)
+        rate = 1.0 - self.discount * (1.0 - weight) or weight  # a tiny weight is lost in the difference
         return self.cost / rate, self.discount * weight / rate
 
     def weight(self, touches: int) -> float:

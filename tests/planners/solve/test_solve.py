@@ -315,6 +315,10 @@ def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(comp
     assert found <= fresh + 1e-9
 
 
+def test_an_outcome_that_nearly_never_comes_costs_nearly_without_limit():
+    assert TouchCosts(0.02, 1.0, (1.0, 1e-17)).lasting == pytest.approx((2e15, 1.0))
+
+
 def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
     table = random_table(1, 2, 3, 3)
     rare = ObjectBound(table, np.arange(3), TouchCosts(0.02, 1.0, (0.25,)), np.random.default_rng(0))
