@@ -131,8 +131,10 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
     the belief after many too certain, and the other way round.
     """
     length = min(model.num_poses, _MOST_OF_DRIFT)
-    numbers = np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(int))
-    touches, truth = _in_different_poses(model, data, length, len(numbers))
+    touches, truth = _in_different_poses(model, data, length, len(_some_numbers(length)))
+    numbers = _some_numbers(touches.num_touches)  # objects may have been touched less often than there are poses
+    if len(numbers) < 2:
+        return model.temperature, 0.0
     sums = [
         after.astype(np.float32)
         for number, (_, _, after) in enumerate(model.at(1.0, 0.0, 0.0).steps(touches), 1)
@@ -153,6 +155,11 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
     options: Any = {"xatol": 2e-3, "fatol": 1e-4, "initial_simplex": simplex}
     best = scipy.optimize.minimize(loss, simplex[0], method="Nelder-Mead", bounds=bounds, options=options)
     return float(np.exp(best.x[0])), float(best.x[1])
+
+
+def _some_numbers(length: int) -> NDArray[np.int64]:
+    """Numbers of touches up to ``length`` that count for the drift."""
+    return np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(np.int64))
 
 
 def _in_different_poses(

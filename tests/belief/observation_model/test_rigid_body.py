@@ -158,6 +158,19 @@ def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
     assert RigidBodyModel.from_fields(found[1].shape_labels, found[1].to_fields()).drift == found[1].drift
 
 
+@pytest.mark.parametrize("num_touches", [1, 5])
+def test_objects_that_were_touched_in_few_of_many_poses_can_be_fitted(num_touches):
+    rng, hypotheses = np.random.default_rng(0), np.zeros((14, 2, 1, 2), np.float32)
+    hypotheses[:, 0, 0, 0] = hypotheses[:, 1, 0, 1] = 1.0
+    shapes = np.repeat(np.arange(400) % 2, num_touches)
+    felt = np.eye(2)[shapes] + rng.normal(size=(len(shapes), 2))
+    touches = [Touch(number % num_touches, np.zeros(2), feature) for number, feature in enumerate(felt)]
+    ids = np.repeat(np.arange(400), num_touches)
+    model = RigidBodyModel.fit(touches, shapes, ids, num_poses=14, embed=lambda _: hypotheses, num_hypotheses=1)
+    assert model.temperature == pytest.approx(1.0, abs=0.3)
+    assert model.drift < 0.1
+
+
 def test_no_touches_say_nothing(world, rng):
     model = world.model(rng)
     assert not model.start().log_likelihood.any()
