@@ -12,7 +12,7 @@ from scipy.special import softmax
 from belief.errors import InvalidArgument
 from planners.bounds.belief_grid import BeliefGrid
 from planners.bounds.object import ObjectBound, object_bound
-from planners.bounds.search import search_bound
+from planners.bounds.search import revealing_touch_bound, search_bound
 from planners.bounds.simplex import SimplexGrid
 from planners.pomdp.stages import stage_belief, staged
 from planners.pomdp.touch_costs import TouchCosts
@@ -279,6 +279,19 @@ def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, 
     # touches are dear, so that three in all are nearly as good as any number
     assert policy.lower_bound >= least - 0.01
     assert policy.initial_value == policy.lower_bound
+
+
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+@pytest.mark.parametrize(("discount", "touch_cost"), [(0.9, 0.01), (0.5, 0.05), (0.5, 0.2)])
+def test_bounds_allow_that_a_discounted_failure_is_postponed(composition, discount, touch_cost):
+    """A search that has failed touches on where this costs less than the failure: its value is -λ / (1 - γ)."""
+    for seed in range(3):
+        table = random_table(seed, 1, 3, 2, sharpness=0.5)
+        problem = SearchTouchProblem(table, 2, composition, seed, touch_cost, discount=discount)
+        reached = solve(problem, rounds=(60, 60)).initial_value
+        assert reached <= search_bound(problem, np.random.default_rng(0)) + 1e-6
+        for touches, names_rival in ((0, False), (2, False), (1, True)):
+            assert reached <= revealing_touch_bound(problem, touches, names_rival=names_rival) + 1e-6
 
 
 def value_of_touches_that_may_show_nothing(problem, arrangements, weights, number, touches, shown):
