@@ -2,7 +2,7 @@
 
     mine:decider                    the object ``decider`` of the module ``mine``
     mine:TwoLooks(touches=4)        the result of calling its class or function ``TwoLooks``
-    point_based(rounds=2)           an entry of a registry, with settings
+    point_based(rounds=[200, 400])  an entry of a registry, with settings
 
 The module is searched in the working folder first, then among installed modules. Settings are Python literals.
 """

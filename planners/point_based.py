@@ -31,6 +31,7 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES
+from planners.pomdp.problem import require_rounds
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
 from planners.solve.plan_cache import solve_once
@@ -57,7 +58,7 @@ class PointBased:
             is about one rigid body (decision 0059).
 
     Raises:
-        InvalidArgument: ``given`` is something else.
+        InvalidArgument: ``given`` or ``rounds`` are something else.
     """
 
     table: OutcomeTable
@@ -68,6 +69,7 @@ class PointBased:
     def __post_init__(self) -> None:
         if self.given not in ("body", "shape"):
             raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
+        require_rounds(self.rounds)
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
         """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
