@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -138,8 +139,10 @@ class SearchProblem:
                 f"{self.num_objects} objects cannot all differ in shape when there are only {self.num_shapes} "
                 f"shapes ({', '.join(self.shape_labels)}); use the composition 'independent'"
             )
-        if not (np.isfinite(self.touch_cost) and self.touch_cost >= 0.0):
+        if not (isinstance(self.touch_cost, Real) and np.isfinite(float(self.touch_cost)) and self.touch_cost >= 0.0):
             raise ValueError(f"touch_cost must be finite and ≥ 0, got {self.touch_cost}")
+        if not isinstance(self.touch_cost, int):  # a float16 would round every return
+            object.__setattr__(self, "touch_cost", float(self.touch_cost))
         if self.unsure_reward is not None and not -1.0 <= self.unsure_reward < 1.0:  # NaN fails too
             raise ValueError(
                 "unsure_reward must be None, or at least -1 (a wrong answer) and below 1 (a success), "

@@ -2,7 +2,7 @@
 
     mine:decider                    the object ``decider`` of the module ``mine``
     mine:TwoLooks(touches=4)        the result of calling its class or function ``TwoLooks``
-    point_based(rounds=2)           an entry of a registry, with settings
+    point_based(rounds=[200, 400])  an entry of a registry, with settings
 
 The module is searched in the working folder first, then among installed modules. Settings are Python literals.
 """
@@ -60,11 +60,13 @@ class Reference:
             raise BadReference(f"{text!r} is not a name; write name, module:attribute, or either with (key=value, ...)")
         try:
             call = ast.parse(f"f({rest}" if bracket else "f()", mode="eval").body
-            if not isinstance(call, ast.Call) or call.args:
-                raise ValueError("settings need names")
+            if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name) or call.args:
+                raise ValueError("settings need names, in one pair of brackets")
             settings = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
             if None in (keyword.arg for keyword in call.keywords):
                 raise ValueError("settings cannot be unpacked with **")
+            if len(settings) < len(call.keywords):
+                raise ValueError("a setting is given twice")
         except (SyntaxError, ValueError) as error:
             raise BadReference(
                 f"{text!r} cannot be read: {error}. Settings are literals by name, such as {name.strip()}(touches=4)"

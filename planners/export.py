@@ -109,7 +109,7 @@ def as_pomdp(
             transitions[num_poses + 1, here, end] = 0.0
             transitions[num_poses + 1, here, starts[number + 1] : starts[number + 2]] = stage.moves
     return TabularPomdp(
-        problem.discount,
+        float(problem.discount),
         legal_labels([*_state_names(stages, shapes), "end"]),
         legal_labels([*(f"probe_{pose}" for pose in poses), "confirm", "reject"]),
         legal_labels([*(f"outcome_{outcome}" for outcome in range(num_outcomes)), "nothing"]),

@@ -31,6 +31,7 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import Decision, InformationState, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES
+from planners.pomdp.problem import require_rounds
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
 from planners.solve import SearchPolicy, SearchTouchProblem, StagedProblem
 from planners.solve.plan_cache import solve_once
@@ -57,7 +58,7 @@ class PointBased:
             is about one rigid body (decision 0059).
 
     Raises:
-        InvalidArgument: ``given`` is something else.
+        InvalidArgument: ``given`` or ``rounds`` are something else.
     """
 
     table: OutcomeTable
@@ -68,6 +69,7 @@ class PointBased:
     def __post_init__(self) -> None:
         if self.given not in ("body", "shape"):
             raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
+        require_rounds(self.rounds)
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
         """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
@@ -78,14 +80,18 @@ class PointBased:
         require_fit(self.table, problem)
         key = (*self._identity, repr(problem), target)
         if key not in _POLICIES:
-            weights = weights_in_turn(self.repeats, problem.num_poses, _MOST_USES)
-            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, weights)
+            _POLICIES[key] = solve_once(self._touch_problem(problem, target), self.rounds, self._weights)
         return _POLICIES[key]
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         """The settings on which a policy depends besides the search."""
-        return self.table.sha256, repr(self.repeats), tuple(self.rounds)
+        return self.table.sha256, tuple(self._weights.tolist()), tuple(self.rounds)
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """Weights of an object's first, second, … touch in the policy."""
+        return weights_in_turn(self.repeats, self.table.num_poses, _MOST_USES)
 
     def decide(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.Decider`."""

@@ -125,7 +125,9 @@ def search_lockstep(
     labels = problem.shape_labels
     loops = [
         _loop(world, decider, problem, index_of("target", labels, target), model, seed_words(seed), bets)
-        for world, target, seed, bets in zip(worlds, targets, seeds, log_bets or [0.0] * len(worlds), strict=True)
+        for world, target, seed, bets in zip(
+            worlds, targets, seeds, [0.0] * len(worlds) if log_bets is None else log_bets, strict=True
+        )
     ]
     finished: dict[int, Episode] = {}
     answers: dict[int, Touch | None] = dict.fromkeys(range(len(loops)))

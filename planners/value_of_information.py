@@ -41,7 +41,7 @@ _CANDIDATES = 12  # first poses, the best by a single touch, after which a secon
 _OUTCOMES = 64
 _HYPOTHESES = 64
 
-_Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int]
+_Key: TypeAlias = tuple[int, tuple[int, ...] | None, float, int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +154,7 @@ class ValueOfInformation:
         return np.ascontiguousarray(self.table.probs.transpose(1, 0, 2).reshape(self.table.num_shapes, -1))
 
     def _continuation(self, problem: SearchProblem, target: int) -> ContinuationValue:
-        key = (problem.num_objects, problem.counts, problem.touch_cost, target)
+        key = (problem.num_objects, problem.counts, problem.touch_cost, problem.touch_limit, target)
         if key not in self._continuations:
             self._continuations[key] = ContinuationValue.of(problem, target, self.table, self.repeats)
         return self._continuations[key]

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.errors import InvalidArgument
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import fit_kernel
@@ -29,7 +30,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import require_choice, require_count
+from belief.validation import require_choice, require_count, unmasked
 
 Law: TypeAlias = Literal["none", "repeats", "flat", "kernel"]
 """Which touches are correlated: none; those in one pose; all, equally; all, by the likeness of their poses."""
@@ -119,19 +120,20 @@ class ActionKernelModel(ArrayModel):
             touches: with log likelihood ratios as logits.
             shapes: true shape index of each, ``(n,)``.
             object_ids: object of each, ``(n,)``; by default every touch is of another object.
-            sessions: recording session of each, ``(n,)``: the first touches of an object in its poses come from one
-                session, the second ones from another. By default the sessions of an object and pose are numbered.
+            sessions: recording session of each, ``(n,)``, any labels that can be sorted: the first touches of an object
+                in its poses come from one session, the second ones from another. By default the sessions of an object
+                and pose are numbered.
             shape_labels: names of the shapes.
             num_poses: P.
             repeats: see :class:`ActionKernelModel`.
             law: which touches may be correlated.
 
         Raises:
-            ValueError: as :meth:`LabelledTouches.of`, or an unknown law.
+            ValueError: as :meth:`LabelledTouches.of`, another number of sessions, or an unknown law.
         """
         require_choice("law", law, get_args(Law))
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        kernel = fit_kernel(data, law, None if sessions is None else np.asarray(sessions))
+        kernel = fit_kernel(data, law, None if sessions is None else _numbered(sessions, len(touches)))
         return cls(data.shape_labels, kernel, data.logits[data.rows_of_poses(_REFERENCES)], repeats, law)
 
     @property
@@ -250,6 +252,14 @@ class KernelEvidence:
             weights = np.where(self.counts < self.model.repeats, weights, 0.0)
         table = self.model.outcome_table(num_outcomes).probs
         return OutcomeMixture(np.ones((table.shape[1], 1)), with_nothing_new(table, weights)[:, :, None])
+
+
+def _numbered(sessions: ArrayLike, num_touches: int) -> NDArray[np.int64]:
+    """Sessions as numbers from 0, in ascending order of their labels."""
+    labels = unmasked(sessions, "sessions")
+    if labels.shape != (num_touches,):
+        raise InvalidArgument(f"need a session for each of {num_touches} touches, got {labels.shape}")
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
 def _limited(ratios: Floats) -> Floats:

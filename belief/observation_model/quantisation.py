@@ -79,9 +79,12 @@ def tabulate(log_posteriors: Floats, shares: Floats, num_outcomes: int, rng: np.
     """
     every = log_posteriors.reshape(-1, log_posteriors.shape[2])
     some = every if len(every) <= _CLUSTERED else every[rng.choice(len(every), _CLUSTERED, replace=False)]
-    outcomes = nearest(log_posteriors, cluster(some, num_outcomes, rng))  # (P, N)
-    is_outcome = outcomes[..., None] == np.arange(num_outcomes)
-    return np.swapaxes(shares, 1, 2) @ is_outcome.astype(np.float64)
+    centroids = cluster(some, num_outcomes, rng)
+    tables = np.empty((len(shares), shares.shape[2], num_outcomes))
+    for table, posteriors, share in zip(tables, log_posteriors, shares, strict=True):  # one pose at a time fits memory
+        outcomes = nearest(posteriors, centroids)  # (N,)
+        table[:] = share.T @ (outcomes[:, None] == np.arange(num_outcomes)).astype(np.float64)
+    return tables
 
 
 def smoothed(table: Floats, num_touches: ArrayLike) -> Floats:

@@ -47,6 +47,7 @@ from belief.observation_model.rigid_body_fit import fitted, refitted
 from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
+from belief.validation import checked_indices
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
@@ -161,9 +162,17 @@ class RigidBodyModel(ArrayModel):
         Args:
             touches: of S objects, one sequence each.
             shapes: true shape of each object, ``(S,)``.
+
+        Raises:
+            ValueError: no objects, touches that do not fit the model, or shapes that are out of range or not as many as
+                objects.
         """
+        self.require_fit(touches)
         self.embeddings(touches)
-        model, conflict = refitted(self, touches, shapes)
+        truth = checked_indices("shapes", shapes, len(self.shape_labels))
+        if truth.shape != (len(touches),) or touches.poses.size == 0:
+            raise ValueError(f"need touches and a shape of each object, got {touches.poses.shape} and {truth.shape}")
+        model, conflict = refitted(self, touches, truth)
         return replace(model, conflict=conflict)
 
     def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:

@@ -131,8 +131,10 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
     the belief after many too certain, and the other way round.
     """
     length = min(model.num_poses, _MOST_OF_DRIFT)
-    numbers = np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(int))
-    touches, truth = _in_different_poses(model, data, length, len(numbers))
+    touches, truth = _in_different_poses(model, data, length, len(_some_numbers(length)))
+    numbers = _some_numbers(touches.num_touches)  # objects may have been touched less often than there are poses
+    if len(numbers) < 2:
+        return model.temperature, 0.0
     sums = [
         after.astype(np.float32)
         for number, (_, _, after) in enumerate(model.at(1.0, 0.0, 0.0).steps(touches), 1)
@@ -153,6 +155,11 @@ def _fitted_drift(model: JointModel, data: LabelledTouches) -> tuple[float, floa
     options: Any = {"xatol": 2e-3, "fatol": 1e-4, "initial_simplex": simplex}
     best = scipy.optimize.minimize(loss, simplex[0], method="Nelder-Mead", bounds=bounds, options=options)
     return float(np.exp(best.x[0])), float(best.x[1])
+
+
+def _some_numbers(length: int) -> NDArray[np.int64]:
+    """Numbers of touches up to ``length`` that count for the drift."""
+    return np.unique(np.geomspace(1, length, _STEPS_OF_DRIFT).round().astype(np.int64))
 
 
 def _in_different_poses(
@@ -222,12 +229,11 @@ def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
     found = repeats(data)
     if found is None:
         return ASSUMED_CORRELATION
-    complete = np.flatnonzero((found.rows >= 0).sum(axis=1) == found.rows.shape[1])
     length = found.rows.shape[1]
     most = max(2, min(_REPEATED, _that_fit(model, length)))
-    some = np.sort(np.random.default_rng(3).permutation(complete)[:most])
+    some = np.sort(np.random.default_rng(3).permutation(np.arange(len(found.rows)))[:most])
     found = Repeats(found.rows[some], found.shapes[some])
-    touches = _touches(data, found.rows)
+    touches = _touches(data, np.where(found.rows >= 0, found.rows, found.rows[:, :1]))  # padding does not count
     sums = np.stack([after.astype(np.float32) for _, _, after in model.steps(touches)][1:], axis=1)  # (G, n - 1, K, N)
     numbers = np.arange(2, length + 1)
 
@@ -263,18 +269,22 @@ def _sequences(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows ``(S, n)`` of the first touches of random objects, of each as many, and the shapes ``(S,)`` of the objects.
 
+    Three in four objects of every shape have as many touches; objects with fewer are left out.
+
     Args:
         data: all touches.
         by_object: their rows, objects one after the other.
         most_objects: number of objects.
         longest: number of touches of each.
     """
-    ids = np.arange(data.num_objects)
-    if data.num_objects > most_objects:  # random ones, because shapes alternate in collections
-        ids = np.sort(np.random.default_rng(2).permutation(ids)[:most_objects])
     ends = np.searchsorted(data.objects[by_object], np.arange(data.num_objects + 1))
-    length = min(longest, int(np.diff(ends)[ids].min()))
-    return by_object[ends[ids][:, None] + np.arange(length)], data.shape_of_object[ids]
+    numbers, shapes = np.diff(ends), data.shape_of_object
+    usual = [np.quantile(numbers[shapes == shape], 0.25, method="lower") for shape in np.unique(shapes)]
+    length = min(longest, int(min(usual)))
+    ids = np.flatnonzero(numbers >= length)
+    if len(ids) > most_objects:  # random ones, because shapes alternate in collections
+        ids = np.sort(np.random.default_rng(2).permutation(ids)[:most_objects])
+    return by_object[ends[ids][:, None] + np.arange(length)], shapes[ids]
 
 
 def _touches(data: LabelledTouches, rows: NDArray[np.int64]) -> TouchBatch:

@@ -67,6 +67,6 @@ class TabularModel:
                 touches.append(Touch(int(pose), np.log(self.table.probs[pose, :, outcome])))
         return touches
 
-    def outcome_table(self) -> OutcomeTable:
-        """See :class:`ObservationModel`."""
-        return self.table
+    def outcome_table(self, num_outcomes: int | None = None) -> OutcomeTable:
+        """See :class:`ObservationModel`; the table itself, or merged into fewer outcomes."""
+        return self.table if num_outcomes is None else self.table.merged(num_outcomes)

@@ -14,6 +14,7 @@ import numpy as np
 from belief import Composition
 from belief.problem import Floats
 from planners.pomdp.problem import SearchTouchProblem
+from planners.pomdp.touch_costs import TouchCosts
 
 BoundOfObject: TypeAlias = Callable[[Floats, Floats, Floats], float]
 """Upper bound on the value for one object at a belief, for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
@@ -32,6 +33,7 @@ def clairvoyant_bound(
     assert prior is not None, "filled in at construction"
     confirm = np.where(np.arange(num_shapes) == target, 1.0, -1.0)
     distinct = problem.composition is Composition.DISTINCT
+    for_ever = TouchCosts(problem.touch_cost, problem.discount).for_ever
 
     @cache
     def value(number: int, gone: frozenset[int]) -> float:
@@ -47,7 +49,11 @@ def clairvoyant_bound(
         if number + 1 < problem.num_objects:
             reject *= problem.discount
         if (confirm[possible] == -1.0).all() and (reject[possible] == -1.0).all():
-            return -1.0  # no action can succeed
+            return max(-1.0, for_ever)  # no action can succeed
         return bound_for(tuple(possible.tolist()))(belief, confirm, reject)
 
+    if not distinct:  # there may be many objects: from the last one on, so that no recursion is deep
+        for number in range(problem.num_objects - 1, 0, -1):
+            for shape in np.flatnonzero(prior > 0.0).tolist():
+                value(number, frozenset({target} if shape == target else ()))
     return value

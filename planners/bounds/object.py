@@ -41,8 +41,9 @@ class ObjectBound:
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
         """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
         belief, payoffs = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
+        known = np.maximum(payoffs.max(axis=0), self._costs.for_ever)  # value where the shape is known
         if len(belief) == 1:
-            return float(payoffs.max())
+            return float(known[0])
         if self._grid is None:
             self._grid = BeliefGrid(self._likelihoods, self._around(belief, payoffs))
         points = self._grid.points
@@ -50,7 +51,7 @@ class ObjectBound:
         def stop(beliefs: Floats) -> Floats:
             return np.asarray((beliefs @ payoffs.T).max(axis=1))
 
-        revealed = points @ payoffs.max(axis=0)
+        revealed = points @ known
         later = self._costs.after(_EXACT_STEPS)
         values = self._grid.bound(stop(points)[:, None], revealed[:, None], later)[:, 0]
         return look_ahead(self._grid, values, belief, stop, self._likelihoods, self._costs, _EXACT_STEPS)

@@ -56,4 +56,7 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
         touch = prob - cost + ((1.0 - prob) * value(others + 1, unknown) if prob < 1.0 else 0.0)
         return max(touch, 2.0 * prob - 1.0, value(others, unknown + 1), unsure)
 
+    for decided in range(problem.num_objects, 0, -1):  # from the last object on, so that no recursion is deep
+        for others in range(decided + 1):
+            value(others, decided - others)
     return value(0, 0)

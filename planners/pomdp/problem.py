@@ -6,6 +6,7 @@ A policy decides which observations to buy, and when to stop.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import comb
 from numbers import Integral, Real
@@ -153,6 +154,21 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
     if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
         raise InvalidArgument(f"discount must be in (0, 1], got {discount!r}")
     return table
+
+
+def require_rounds(rounds: object) -> None:
+    """Raise InvalidArgument unless rounds are one or more numbers of simulated searches, each at least 1.
+
+    >>> require_rounds(2)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: rounds must be one or more integers, each at least 1, such as (200, 400); got 2
+    """
+    numbers = list(rounds) if isinstance(rounds, Iterable) else []
+    if not numbers or not all(isinstance(n, Integral) and not isinstance(n, bool) and int(n) >= 1 for n in numbers):
+        raise InvalidArgument(
+            f"rounds must be one or more integers, each at least 1, such as (200, 400); got {rounds!r}"
+        )
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:

@@ -49,8 +49,17 @@ class TouchCosts:
         weight = self.weights[-1]
         if weight == 0.0:
             return float("inf"), self.discount
-        rate = 1.0 - self.discount * (1.0 - weight)
+        rate = 1.0 - self.discount * (1.0 - weight) or weight  # a tiny weight is lost in the difference
         return self.cost / rate, self.discount * weight / rate
+
+    @property
+    def for_ever(self) -> float:
+        """Value of touching without end, which postpones a failure; -inf without a discount.
+
+        >>> round(TouchCosts(0.02, 0.9).for_ever, 6), TouchCosts(0.02).for_ever
+        (-0.2, -inf)
+        """
+        return -self.cost / (1.0 - self.discount) if self.discount < 1.0 else -float("inf")
 
     def weight(self, touches: int) -> float:
         """Weight of the next touch after so many touches."""

@@ -19,7 +19,7 @@ import numpy as np
 from belief.errors import InvalidArgument
 from belief.problem import Floats
 from planners.pomdp.finite_horizon import finite_horizon_value
-from planners.pomdp.problem import SearchTouchProblem, TouchProblem
+from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds
 from planners.pomdp.repeat_aware import repeat_aware_vectors
 from planners.pomdp.solver import point_based_value_iteration
 from planners.pomdp.stages import StagedProblem, staged
@@ -73,8 +73,11 @@ def solve(
             a repeat-aware policy (:mod:`planners.pomdp.repeat_aware`) of a search. None: every touch does.
 
     Raises:
-        ValueError: touch cost 0 with discount 1, too many hidden states, or repeat weights for a single object.
+        ValueError: touch cost 0 with discount 1, too many hidden states, repeat weights for a single object, or no
+            rounds.
     """
+    if rounds is not None:
+        require_rounds(rounds)
     rng = rng if rng is not None else np.random.default_rng(0)
     if isinstance(problem, TouchProblem):
         if repeat_weights is not None:

@@ -97,7 +97,8 @@ def _key(search: StagedProblem, rounds: Sequence[int], repeat_weights: Floats) -
         parts: dict[str, NDArray[Any] | None] = {"shapes": stage.shapes, "confirm": stage.confirm}
         parts |= {"reject": stage.reject, "moves": stage.moves}
         arrays |= {f"{name}_{number}": part for name, part in parts.items() if part is not None}
-    settings = [_FORMAT, array_digest(arrays), search.touch_cost, search.discount, [int(num) for num in rounds]]
+    numbers = float(search.touch_cost), float(search.discount), [int(num) for num in rounds]
+    settings = [_FORMAT, array_digest(arrays), *numbers]
     return hashlib.sha256(json.dumps([*settings, np.__version__, *_code()]).encode()).hexdigest()
 
 

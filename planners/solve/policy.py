@@ -167,7 +167,7 @@ class SearchPolicy:
         joint = np.moveaxis(belief[:, None] * probs, 2, 1)  # (P, M, n)
         informed = (joint @ after.alphas.T).max(axis=2).sum(axis=1)
         repeated = float((after.alphas @ belief).max())
-        values = weights * informed + (1.0 - weights) * repeated - self.search.touch_cost
+        values = self.search.discount * (weights * informed + (1.0 - weights) * repeated) - self.search.touch_cost
         return np.where(weights > 0.0, values, -np.inf)
 
     @property

@@ -56,7 +56,7 @@ def save_policy(path: Path, policy: TouchPolicy | SearchPolicy) -> None:
         "discount": float(problem.discount),
     }
     if isinstance(problem, SearchTouchProblem):
-        header |= {"num_objects": problem.num_objects, "composition": str(problem.composition)}
+        header |= {"num_objects": int(problem.num_objects), "composition": str(problem.composition)}
     by_object = policy.vectors if isinstance(policy, SearchPolicy) else ((policy.vectors,),)
     header["num_touches"] = len(by_object[0])
     arrays: dict[str, Any] = {"outcome_probs": problem.outcome_probs}

@@ -1,3 +1,5 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,7 @@ def test_a_search_without_the_answer_unsure_has_no_reward_for_it():
         ({"num_objects": 0}, "at least 1"),
         ({"touch_cost": -0.1}, "≥ 0"),
         ({"touch_cost": float("nan")}, "finite"),
+        ({"touch_cost": "0.1"}, "finite and ≥ 0, got 0.1"),
         ({"touch_limit": 0}, "touch_limit"),
         ({"touch_limit": float("nan")}, "touch_limit"),
         ({"num_objects": 1.5}, "num_objects .* 1.5"),
@@ -109,3 +112,11 @@ def test_no_object_follows_the_last():
     with pytest.raises(ActiveTouchError, match="last of 2"):
         world.advance()
     assert world.touch(0, np.random.default_rng(0)).pose == 0
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64, Fraction])
+def test_a_touch_cost_of_any_type_of_number_loses_no_digits_of_the_return(kind):
+    cost = kind(0.0625)
+    search = problem(touch_cost=cost)
+    assert type(search.touch_cost) is float
+    assert search.reward(1, 1, 1001) == 1.0 - 1001 * 0.0625

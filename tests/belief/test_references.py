@@ -38,7 +38,11 @@ def test_a_name_leads_to_an_object_of_the_working_folder():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a b", "mine:", "1:a", "mine:x(", "mine:x(3)", "mine:x(a=b)", "mine:x(**{})", "x(a=1", "x(a=1)y", ":a"]
+    "text",
+    [
+        *("", "a b", "mine:", "1:a", "mine:x(", "mine:x(3)", "mine:x(a=b)", "mine:x(**{})", "x(a=1", "x(a=1)y", ":a"),
+        *("x(a=1)(b=2)", "x(a=1, a=2)"),
+    ],
 )
 def test_what_is_no_name_is_refused(text):
     with pytest.raises(BadReference):

@@ -32,6 +32,11 @@ def test_what_is_written_reads_back_to_the_last_bit(problem):
         np.testing.assert_array_equal(getattr(copy, name), getattr(pomdp, name))
 
 
+def test_a_discount_that_numpy_computed_reads_back():
+    problem = TouchProblem(TABLE, [0.5, 0.3, 0.2], 1, 0.05, np.float64(0.9))
+    assert read_pomdp(to_pomdp(problem)).discount == 0.9
+
+
 @every_problem
 def test_tables_are_distributions_labels_are_legal_and_the_end_is_absorbing(problem):
     pomdp = as_pomdp(problem, ["45° cube", "45. cube", "-"], ["p q", "p.q"])

@@ -1,5 +1,7 @@
 """The default planner in whole searches: its plans are followed, repeats are priced, extremes are survived."""
 
+import ast
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,19 @@ from planners.solve import SearchTouchProblem, solve
 from planners.target_abstraction import belief_by_target, stages_by_target
 
 POSES = ("p0", "p1", "p2")
+
+
+class FlatRepeats:
+    """A user's own discount: every repeat is worth the same."""
+
+    def __init__(self, weight):
+        self.weight = weight
+
+    def weights(self, uses):
+        return np.where(np.asarray(uses) > 0, self.weight, 1.0)
+
+    def __repr__(self):
+        return "FlatRepeats"
 
 
 class SampledWorld:
@@ -151,3 +166,22 @@ def test_shape_labels_in_a_list_will_do():
     problem = SearchProblem(list(model.shape_labels), ["p"], 2)
     info = InformationState(problem, 0, Belief.uniform(model.shape_labels))
     assert PointBased(model.outcome_table()).decide(info, np.random.default_rng(0)).action in (Probe(0), Confirm())
+
+
+def test_discounts_that_look_alike_have_policies_of_their_own():
+    problem, table = (
+        SearchProblem(("a", "b"), ("p", "q"), 2, "independent"),
+        OutcomeTable([[[0.7, 0.3], [0.3, 0.7]]] * 2),
+    )
+    policies = [PointBased(table, FlatRepeats(weight), rounds=(50,)).policy(problem, 0) for weight in (0.9, 0.0)]
+    after_two = [policy.value(0, policy.search.initial, num_touches=2) for policy in policies]
+    assert after_two[0] > after_two[1] + 0.01
+
+
+@pytest.mark.parametrize("rounds", ["2", "()", "(0,)", "(2.5,)", "'ab'", "(True,)"])
+def test_rounds_that_are_none_are_refused_when_the_planner_is_made(rounds):
+    table = OutcomeTable([[[0.7, 0.3], [0.3, 0.7]]])
+    with pytest.raises(ValueError, match="rounds must be one or more integers, each at least 1"):
+        make_decider(f"point_based(rounds={rounds})", table)
+    with pytest.raises(ValueError, match="rounds must be one or more integers, each at least 1"):
+        solve(SearchTouchProblem(table.probs, 2, "distinct", 0, 0.05), rounds=ast.literal_eval(rounds))

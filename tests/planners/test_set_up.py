@@ -69,6 +69,16 @@ def test_a_search_begins_where_the_one_before_it_ended(model):
     assert log_bets.shape == model.start().log_bets.shape
 
 
+def test_earlier_bets_may_be_one_array(model):
+    decider, worlds, targets, seeds = deployed(model, noise=1.3, num_set_ups=2)
+    some, bets = [row[0] for row in worlds], np.full((2, 12), 0.1)
+    played, again = (
+        search_lockstep(some, decider, PROBLEM, targets[0][:2], model, [row[0] for row in seeds], log_bets=given)
+        for given in (bets, list(bets))
+    )
+    assert [episode.to_dict() for episode in played] == [episode.to_dict() for episode in again]
+
+
 def test_several_searches_notice_what_one_does_not(model):
     decider, worlds, targets, seeds = deployed(model, noise=2.5)
     first = search_lockstep(

@@ -151,6 +151,17 @@ def test_free_touches_never_exceed_an_equal_share_of_the_limit():
     assert not any(e.outcome == "truncated" for e in episodes)
 
 
+def test_a_decider_that_saw_a_shorter_search_values_a_longer_one_as_a_new_decider_does():
+    table = random_table(np.random.default_rng(0))
+    short, long = (
+        InformationState(problem, 0, Belief.uniform(problem.shape_labels))
+        for problem in (SearchProblem(tuple("abc"), ("p0", "p1", "p2"), 3, touch_limit=limit) for limit in (3, 48))
+    )
+    used, new = ValueOfInformation(table), ValueOfInformation(table)
+    assert used.payoffs(short)[1, 1] < new.payoffs(long)[1, 1]
+    np.testing.assert_array_equal(used.payoffs(long), new.payoffs(long))
+
+
 def test_another_depth_is_refused():
     with pytest.raises(ValueError, match="depth must be 1 or 2, got 3"):
         ValueOfInformation(random_table(np.random.default_rng(0)), 3)

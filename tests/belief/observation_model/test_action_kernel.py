@@ -138,3 +138,14 @@ def test_ratios_of_any_size_stay_finite():
 def test_what_is_no_model_is_refused(kernel, references, words):
     with pytest.raises(ValueError, match=words):
         ActionKernelModel(("a", "b"), kernel, references)
+
+
+def test_sessions_may_have_any_labels_but_as_many_as_touches(rng):
+    touches, shapes, ids = correlated(rng, num_objects=30)
+    days = np.tile([0, 0, 1], 30)
+    numbered = ActionKernelModel.fit(touches, shapes, ids, sessions=days).kernel
+    for labels in (np.array(["monday", "tuesday"])[days], 0.25 * days):
+        np.testing.assert_array_equal(ActionKernelModel.fit(touches, shapes, ids, sessions=labels).kernel, numbered)
+    for wrong in (days[1:], np.append(days, 0)):
+        with pytest.raises(ValueError, match="need a session for each of 90 touches, got"):
+            ActionKernelModel.fit(touches, shapes, ids, sessions=wrong)

@@ -1,6 +1,7 @@
 """Clusters of touches, and the tables made of them."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -72,3 +73,14 @@ def test_smoothing_leaves_no_outcome_impossible_and_moves_no_more_than_a_tenth_o
 def test_information_of_a_discrete_model_is_that_of_its_table(model):
     # 2 000 touches of four shapes: four standard errors of about half a nat each are .02.
     np.testing.assert_allclose(information_of_touch(model), model.outcome_table().information(), atol=0.03)
+
+
+def test_a_table_of_many_poses_takes_the_memory_of_one_pose(rng):
+    posteriors = np.stack([log_posteriors(rng, n=20_000, num_shapes=2)] * 8)
+    shares = np.exp(posteriors)
+    shares /= shares.sum(axis=1, keepdims=True)
+    tracemalloc.start()
+    tabulate(posteriors, shares, 60, rng)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6

@@ -110,6 +110,34 @@ def test_a_reader_that_errs_alike_in_a_pose_gets_a_correlation(world, rng):
     assert fitted[1].correlation > 0.8
 
 
+def test_one_pose_that_was_touched_more_often_does_not_decide_the_correlation_alone(world, rng):
+    """All touches in a pose are the same; one object has one more in one pose."""
+    found, shapes, ids = [], [], []
+    for number in range(240):
+        for pose in range(P):
+            found += [world.touch(number % K, number % N, pose, rng)] * 4
+            shapes += [number % K] * 4
+            ids += [number] * 4
+    whole = (found, shapes, ids), ([*found, found[0]], [*shapes, shapes[0]], [*ids, ids[0]])
+    even, uneven = (RigidBodyModel.fit(*data, embed=world.embed, num_hypotheses=N) for data in whole)
+    assert even.correlation > 0.3
+    assert uneven.correlation == pytest.approx(even.correlation, abs=0.1)
+
+
+def test_one_object_with_a_single_touch_does_not_shorten_the_sequences_of_all(world, rng):
+    found, shapes, ids = [], [], []
+    for number in range(80):
+        poses = [0] if number == 0 else list(range(P)) * 2
+        found += touches_of(world, number % K, number % N, poses, rng)
+        shapes += [number % K] * len(poses)
+        ids += [number] * len(poses)
+    model = RigidBodyModel.fit(found, shapes, ids, embed=world.embed, num_hypotheses=N)
+    assert model.conflict is not None
+    assert model.conflict.num_touches == 2 * P
+    without = RigidBodyModel.fit(found[1:], shapes[1:], ids[1:], embed=world.embed, num_hypotheses=N)
+    assert model.temperature == pytest.approx(without.temperature, rel=0.2)
+
+
 def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
     """Two shapes that look the same in 14 poses; the reader's error is of the touch, or of the object."""
     rng, hypotheses = np.random.default_rng(0), np.zeros((14, 2, 1, 2), np.float32)
@@ -128,6 +156,34 @@ def test_a_reader_that_errs_alike_about_an_object_gets_a_drift():
         )
     assert found[0].drift < 0.05 < 0.2 < found[1].drift
     assert RigidBodyModel.from_fields(found[1].shape_labels, found[1].to_fields()).drift == found[1].drift
+
+
+@pytest.mark.parametrize("num_touches", [1, 5])
+def test_objects_that_were_touched_in_few_of_many_poses_can_be_fitted(num_touches):
+    rng, hypotheses = np.random.default_rng(0), np.zeros((14, 2, 1, 2), np.float32)
+    hypotheses[:, 0, 0, 0] = hypotheses[:, 1, 0, 1] = 1.0
+    shapes = np.repeat(np.arange(400) % 2, num_touches)
+    felt = np.eye(2)[shapes] + rng.normal(size=(len(shapes), 2))
+    touches = [Touch(number % num_touches, np.zeros(2), feature) for number, feature in enumerate(felt)]
+    ids = np.repeat(np.arange(400), num_touches)
+    model = RigidBodyModel.fit(touches, shapes, ids, num_poses=14, embed=lambda _: hypotheses, num_hypotheses=1)
+    assert model.temperature == pytest.approx(1.0, abs=0.3)
+    assert model.drift < 0.1
+
+
+@pytest.mark.parametrize(
+    ("shapes", "number", "words"),
+    [
+        ([0, -1], 2, r"shapes must be integers in \[0, 2\), got -1 in row 1"),
+        ([0, K], 2, "got 2 in row 1"),
+        ([0], 2, r"a shape of each object, got \(2, 3\) and \(1,\)"),
+        (np.zeros(0, int), 0, "need touches"),
+    ],
+)
+def test_touches_of_another_world_need_the_shape_of_each_object(world, rng, shapes, number, words):
+    touches = TouchBatch.of([touches_of(world, 0, 0, range(P), rng) for _ in range(2)])
+    with pytest.raises(ValueError, match=words):
+        world.model(rng).refitted(touches.sequences(slice(0, number)), shapes)
 
 
 def test_no_touches_say_nothing(world, rng):

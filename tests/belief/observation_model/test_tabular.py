@@ -25,3 +25,9 @@ def test_touches_multiply_and_an_outcome_a_shape_cannot_give_rules_it_out():
 def test_as_many_names_as_shapes_are_needed():
     with pytest.raises(ValueError, match="2 shapes"):
         TabularModel(("a",), TABLE)
+
+
+def test_a_planner_may_ask_for_fewer_outcomes():
+    model = TabularModel(("a", "b"), TABLE)
+    assert model.outcome_table() is model.outcome_table(3) is TABLE
+    assert model.outcome_table(2).num_outcomes == 2

@@ -34,3 +34,8 @@ def test_a_target_that_is_not_in_the_bag_needs_no_touch():
 def test_free_touches_reveal_everything():
     problem = SearchProblem(SHAPES, ("front",), 3, "independent", touch_cost=0.0)
     assert one_touch_bound(problem, "cone") == pytest.approx(1.0)
+
+
+def test_of_a_thousand_objects_it_is_a_bound_too():
+    problem = SearchProblem(("a", "b"), ("front",), 1000, "independent", touch_cost=0.02)
+    assert one_touch_bound(problem, "a") == pytest.approx(1.0 - 2 * 0.02)  # every other object is a target

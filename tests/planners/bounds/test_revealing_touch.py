@@ -68,3 +68,8 @@ def test_too_many_sets_of_rejected_shapes_are_refused():
     problem = SearchTouchProblem(np.full((1, 30, 2), 0.5), 15, "distinct", target=0, touch_cost=0.05)
     with pytest.raises(InvalidArgument, match="30 shapes needs too many sets"):
         revealing_touch_bound(problem, 1)
+
+
+def test_of_a_thousand_objects_it_is_a_bound_too():
+    perfect = SearchTouchProblem(np.eye(2)[None], 1000, "independent", target=0, touch_cost=0.02)
+    assert revealing_touch_bound(perfect, touches=1) == pytest.approx(1.0 - 2 * 0.02)  # every other object is a target

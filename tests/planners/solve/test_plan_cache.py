@@ -163,3 +163,9 @@ def test_another_process_follows_the_plan_of_the_default_planner(folder, solved)
     assert_same(decider.policy(search, 1), first)
     assert len(solved) == len(list(folder.iterdir())) == 1
     _POLICIES.clear()
+
+
+def test_numbers_of_numpy_name_the_same_plan(folder, solved):
+    for kind in (float, np.float32, np.float64):
+        solve_once(problem(touch_cost=kind(0.0625), discount=kind(1.0)), ROUNDS, WEIGHTS)
+    assert len(solved) == 1

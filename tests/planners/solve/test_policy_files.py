@@ -134,3 +134,9 @@ def test_a_pickle_is_not_opened(tmp_path):
 def test_a_file_that_is_not_there_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="nothing"):
         load_policy(tmp_path / "nothing.npz")
+
+
+def test_a_number_of_objects_that_numpy_counted_is_written(tmp_path):
+    policy = solve(SearchTouchProblem(TABLE, np.int64(2), "distinct", 1, 0.05), rounds=ROUNDS)
+    save_policy(tmp_path / "policy.npz", policy)
+    assert load_policy(tmp_path / "policy.npz").problem.num_objects == 2

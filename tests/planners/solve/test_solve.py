@@ -12,7 +12,7 @@ from scipy.special import softmax
 from belief.errors import InvalidArgument
 from planners.bounds.belief_grid import BeliefGrid
 from planners.bounds.object import ObjectBound, object_bound
-from planners.bounds.search import search_bound
+from planners.bounds.search import revealing_touch_bound, search_bound
 from planners.bounds.simplex import SimplexGrid
 from planners.pomdp.stages import stage_belief, staged
 from planners.pomdp.touch_costs import TouchCosts
@@ -177,6 +177,16 @@ def test_choosing_anew_after_a_touch_loses_next_to_nothing_against_the_plan():
     assert loss.mean() < 0.0  # one exact step gains, on average
 
 
+def test_a_touch_in_a_search_of_one_object_is_discounted_as_for_the_object_alone():
+    table, belief = random_table(4), np.array([0.4, 0.35, 0.25])
+    alone = solve(TouchProblem(table, belief, 0, 0.02, discount=0.6))
+    search = solve(SearchTouchProblem(table, 1, "independent", 0, 0.02, belief, discount=0.6))
+    hidden = search.search.initial  # the shape, and that no target was rejected
+    probes = search.probe_values(0, hidden, 0, np.ones(len(table)))
+    np.testing.assert_allclose(probes, alone.q_values(belief)[: len(table)], atol=1e-4)
+    assert probes.max() <= search.upper_bound + 1e-9
+
+
 def test_free_touches_need_a_limit():
     with pytest.raises(ValueError, match="touch limit"):
         solve(uniform(NINE_OF_TEN, touch_cost=0.0))
@@ -271,6 +281,19 @@ def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, 
     assert policy.initial_value == policy.lower_bound
 
 
+@pytest.mark.parametrize("composition", ["distinct", "independent"])
+@pytest.mark.parametrize(("discount", "touch_cost"), [(0.9, 0.01), (0.5, 0.05), (0.5, 0.2)])
+def test_bounds_allow_that_a_discounted_failure_is_postponed(composition, discount, touch_cost):
+    """A search that has failed touches on where this costs less than the failure: its value is -λ / (1 - γ)."""
+    for seed in range(3):
+        table = random_table(seed, 1, 3, 2, sharpness=0.5)
+        problem = SearchTouchProblem(table, 2, composition, seed, touch_cost, discount=discount)
+        reached = solve(problem, rounds=(60, 60)).initial_value
+        assert reached <= search_bound(problem, np.random.default_rng(0)) + 1e-6
+        for touches, names_rival in ((0, False), (2, False), (1, True)):
+            assert reached <= revealing_touch_bound(problem, touches, names_rival=names_rival) + 1e-6
+
+
 def value_of_touches_that_may_show_nothing(problem, arrangements, weights, number, touches, shown):
     """Value of a search in which an object's t-th touch shows an outcome with probability shown[t], else nothing."""
     if number == problem.num_objects:
@@ -303,6 +326,10 @@ def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(comp
     assert expected - 1e-9 <= found <= expected + 0.03
     fresh = search_bound(problem, np.random.default_rng(0))
     assert found <= fresh + 1e-9
+
+
+def test_an_outcome_that_nearly_never_comes_costs_nearly_without_limit():
+    assert TouchCosts(0.02, 1.0, (1.0, 1e-17)).lasting == pytest.approx((2e15, 1.0))
 
 
 def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
