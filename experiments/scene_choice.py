@@ -75,12 +75,13 @@ def renderer_named(name: str) -> TactileRenderer:
 
     Raises:
         UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed.
+        BadReference: The name cannot be parsed, or a renderer that is ready has settings.
         WrongRenderer: The name is not that of a renderer.
     """
     found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
     is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
-    made = found if is_plain else build(reference.name, found, reference.settings, {}, reference.is_called)
+    is_ready = is_plain and not reference.is_called
+    made = found if is_ready else build(reference.name, found, reference.settings, {}, reference.is_called)
     require_renderer(made)
     return made
 
