@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from belief.errors import UnknownName
 from experiments.press.leak import Leak, RecordedSet
 from experiments.recorded.recorded import Recorded
 from planners.episode import Episode, Outcome
@@ -90,3 +91,16 @@ def test_sets_that_may_not_be_here_are_searched_where_they_are(name, task, tmp_p
         pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
     Recorded(Path(folder), name, task, scenes=0, rounds=1, random_splits=1, folds=2, out=tmp_path).run()
     assert (tmp_path / "report.html").is_file()
+
+
+def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):
+    with pytest.raises(UnknownName, match="point_based"):
+        Recorded(tmp_path / "nowhere", "csv", deciders=("best fixed order", "point_base"), out=tmp_path).run()
+
+
+def test_deciders_of_one_name_are_told_apart(tmp_path, own):
+    deciders = ("information_gain(confirm=0.6)", "information_gain(confirm=0.99)", "random_confirm")
+    small = {"objects": 3, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": deciders}
+    Recorded(own.parent, "csv", out=tmp_path, **small).run()
+    result = json.loads((tmp_path / "results.json").read_text())
+    assert [row[0] for row in result["tables"]["searches"]][:3] == list(deciders)
