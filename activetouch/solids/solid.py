@@ -113,10 +113,10 @@ def between(along: Floats, slope: float, extent: float) -> tuple[Floats, Floats]
 
 
 def quadratic_roots(a: float, half_b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """Roots of a·t² + 2·half_b·t + c, without cancellation; NaN if there is none, and for the first root if a = 0."""
+    """Roots of a·t² + 2·half_b·t + c with a ≠ 0, without cancellation; NaN if there is none."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         q = -(half_b + np.copysign(np.sqrt(half_b**2 - a * c), half_b))
-        return q / a if a != 0 else np.full_like(q, np.nan), c / q
+        return q / a, c / q
 
 
 def ring(radius: float, z: float, num_points: int) -> Floats:
