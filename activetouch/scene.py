@@ -35,6 +35,7 @@ from activetouch.pressing.press import Press, Quasistatic
 from activetouch.pressing.robot import ROBOTS, Robot
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
+from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.solids.mirror import is_own_mirror_image
@@ -174,6 +175,7 @@ class Scene:
                 )
         object.__setattr__(self, "shapes", solids)
         require_renderer(self.renderer)
+        require_faults(self.faults)
         for name, kind in (("pad", Pad), ("variation", Variation)):
             if not isinstance(getattr(self, name), kind):
                 raise InvalidArgument(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
