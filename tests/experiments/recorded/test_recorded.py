@@ -104,3 +104,18 @@ def test_deciders_of_one_name_are_told_apart(tmp_path, own):
     Recorded(own.parent, "csv", out=tmp_path, **small).run()
     result = json.loads((tmp_path / "results.json").read_text())
     assert [row[0] for row in result["tables"]["searches"]][:3] == list(deciders)
+
+
+@pytest.mark.parametrize("sessions", [1, 2])
+def test_categories_of_objects_with_few_sessions_have_no_control_by_random_sessions(tmp_path, rng, sessions):
+    lines = ["object,session,category,f0,f1"]
+    for session in range(sessions):
+        for thing in range(6):
+            row = ",".join(map(str, rng.normal(size=2) + thing % 2))
+            lines.append(f"thing{thing},{session},kind{thing % 2},{row}")
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    small = {"objects": 2, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",)}
+    Recorded(tmp_path, "csv", task="categories", out=tmp_path / "run", **small).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    splits = {row[0] for row in result["tables"]["controls"]}
+    assert splits == {"unseen objects", "–"}
