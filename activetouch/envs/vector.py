@@ -18,8 +18,9 @@ from activetouch.envs.batched_episodes import BankEpisodes, as_actions
 class BankVectorEnv(VectorEnv):
     """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that use Gymnasium.
 
-    An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation. ``infos`` also
-    has ``is_success`` and ``num_touches`` of every episode before the replacement.
+    An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation, and
+    ``infos["final_info"]`` what Gymnasium's own environments say of it. ``infos`` also has ``is_success`` and
+    ``num_touches`` of every episode before the replacement.
 
         bank = TouchBank.open(Path("data/coarse-bank/calibration"))
         envs = BankVectorEnv(BankEpisodes(bank, model, target="cone", num_envs=64, state="posterior"))
@@ -75,7 +76,8 @@ class BankVectorEnv(VectorEnv):
             final = np.full(self.num_envs, None, object)
             for row in rows.tolist():
                 final[row] = observations[row]
-            infos |= {"final_obs": final, "_final_obs": ended}
+            last = infos | {f"_{name}": ended for name in infos}
+            infos |= {"final_obs": final, "_final_obs": ended, "final_info": last, "_final_info": ended}
             self._episodes.reset(rows, self.np_random)
             observations = self._episodes.observe()
         return observations, result.reward, result.terminated, result.truncated, infos

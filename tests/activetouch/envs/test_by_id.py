@@ -126,3 +126,15 @@ def test_a_bank_refuses_settings_that_a_live_environment_refuses(setting, sample
 def test_episodes_of_a_bank_refuse_what_the_shaping_wrapper_refuses(setting):
     with pytest.raises(BadOption, match=next(iter(setting))):
         bank_episodes("coarse", "cone", **setting)
+
+
+def test_the_last_information_of_an_episode_is_where_gymnasium_has_it():
+    envs = gymnasium.make_vec(TEST, num_envs=4, scene="coarse")
+    envs.reset(seed=0)
+    _, _, terminated, _, infos = envs.step(np.array([0, 6, 7, 1]))
+    np.testing.assert_array_equal(infos["_final_info"], terminated)
+    for name in ("is_success", "num_touches"):
+        np.testing.assert_array_equal(infos["final_info"][name], infos[name])
+        np.testing.assert_array_equal(infos["final_info"][f"_{name}"], terminated)
+    *_, infos = envs.step(np.zeros(4, np.int64))
+    assert "final_info" not in infos
