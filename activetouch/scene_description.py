@@ -177,7 +177,8 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
     if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}
-    slots = [name for part in type(value).__mro__ for name in part.__dict__.get("__slots__", ())]
+    given = [part.__dict__.get("__slots__", ()) for part in type(value).__mro__]
+    slots = [name for names in given for name in ((names,) if isinstance(names, str) else names)]
     members = {name: getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
     return {name: _described(part, depth + 1) for name, part in members.items() if name not in cached}
 

@@ -175,13 +175,19 @@ def test_settings_in_slots_in_a_closure_and_in_a_partial_call_are_part_of_the_sc
         def __init__(self, width):
             self.width = width
 
+    class SlottedByText:
+        __slots__ = "width"
+
+        def __init__(self, width):
+            self.width = width
+
     def closed(width):
         return lambda contact: width * contact.pressure
 
     def scaled(contact, width):
         return width * contact.pressure
 
-    for make in (Slotted, closed, lambda width: partial(scaled, width=width)):
+    for make in (Slotted, SlottedByText, closed, lambda width: partial(scaled, width=width)):
         first, again, second = (scene_fields(_Holder(make(width))) for width in (1, 1, 2))
         assert first == again
         assert len(scene_differences(first, second)) == 1
