@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.poses import Quaternion
+from activetouch.poses import Quaternion, require_unit
 from activetouch.shapes import Shape
 
 
@@ -39,6 +39,7 @@ class Placement:
                 f"scale and stiffness must be above zero, friction at least zero, all finite; got {self}, friction "
                 f"{self.friction}, stiffness {self.stiffness}"
             )
+        require_unit("orientation", self.orientation)
 
     @property
     def bounding_radius(self) -> float:

@@ -9,6 +9,7 @@ To add a pose, add one entry to :data:`POSES`; to add a set of poses, one to :da
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
@@ -17,7 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
+
 Quaternion = NDArray[np.float64]
+
+_UNIT_SLACK = 1e-3  # of a norm, for numbers that were rounded to three digits
 
 
 def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
@@ -65,6 +70,19 @@ def random_orientation(rng: np.random.Generator) -> Quaternion:
     """A uniformly distributed unit quaternion (Haar measure on SO(3))."""
     quaternion = rng.normal(size=4)
     return quaternion / np.linalg.norm(quaternion)
+
+
+def require_unit(what: str, quaternion: Sequence[float] | Quaternion) -> None:
+    """Check that four numbers are a unit quaternion; others would stretch objects.
+
+    Raises:
+        InvalidArgument: they are not.
+    """
+    if len(quaternion) != 4 or not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:
+        raise InvalidArgument(
+            f"{what} must be a unit quaternion (w, x, y, z), got {np.asarray(quaternion).tolist()}; divide it by its "
+            "norm, or make it with activetouch.poses.turn"
+        )
 
 
 def turn(axis: str, angle: float) -> Quaternion:

@@ -18,6 +18,7 @@ from dataclasses import replace
 from activetouch.distributions import Constant, Distribution, LogUniform, Mixture, Uniform
 from activetouch.rendering.faults import DrawnDeadTaxels, DrawnNoise, Fault, Gain, Noise
 from activetouch.scene import Scene, Variation
+from belief.errors import InvalidArgument
 
 STIFFNESS = LogUniform(0.5, 2.0)
 """Factor on the scene's own stiffness, where that is constant."""
@@ -33,9 +34,14 @@ def randomised(scene: Scene) -> Scene:
     """The scene with wider distributions of size, force, friction, stiffness, noise, gain and broken taxels.
 
     Images that are drawings, such as the force patch, have no faults, and get none.
+
+    Raises:
+        InvalidArgument: the smallest force of the scene is zero, so that no factor makes it smaller.
     """
     vary = scene.variation
     lightest, heaviest = vary.force.support
+    if lightest <= 0.0:
+        raise InvalidArgument(f"a scene to be randomised needs forces above zero, got {vary.force}")
     wider = replace(
         vary,
         size=_wider_sizes(vary.size),

@@ -27,7 +27,7 @@ from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import BadMesh, UnstablePress
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
-from activetouch.poses import POSE_SETS, POSES, Quaternion
+from activetouch.poses import POSE_SETS, POSES, Quaternion, require_unit
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.dynamic import Dynamic
 from activetouch.pressing.pad import Pad
@@ -35,8 +35,10 @@ from activetouch.pressing.press import Press, Quasistatic
 from activetouch.pressing.robot import ROBOTS, Robot
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
+from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
 from activetouch.shapes import SHAPES, Mesh, Shape
+from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 
@@ -160,6 +162,8 @@ class Scene:
                 raise UnknownName("set of poses", self.poses, list(POSE_SETS))
             object.__setattr__(self, "poses", POSE_SETS[self.poses])
         object.__setattr__(self, "poses", dict(self.rotations))  # plain, so that a scene can be sent to another process
+        for label, rotation in self.rotations.items():
+            require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
         solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():
@@ -171,6 +175,7 @@ class Scene:
                 )
         object.__setattr__(self, "shapes", solids)
         require_renderer(self.renderer)
+        require_faults(self.faults)
         for name, kind in (("pad", Pad), ("variation", Variation)):
             if not isinstance(getattr(self, name), kind):
                 raise InvalidArgument(f"{name} must be a {kind.__name__}, got {getattr(self, name)!r}")
@@ -232,13 +237,17 @@ class Scene:
     def symmetry(self) -> Symmetry:
         """How its images may be turned by quarters and mirrored without becoming less likely.
 
-        Nothing may be turned where up and down differ (objects stand upright) or the sensor has a direction (coloured
-        lights, broken taxels); nothing mirrored that may not be its own mirror image, as a user's mesh.
+        Nothing may be turned where up and down differ (objects stand upright, or are pressed beside the middle) or the
+        sensor has a direction (coloured lights, broken taxels); nothing mirrored that may not be its own mirror image,
+        as a user's mesh.
         """
         parts: tuple[Presentation | TactileRenderer | Fault, ...] = (self.presentation, self.renderer, *self.faults)
         if not all(part.isotropic for part in parts):
             return Symmetry.NONE
-        if any(isinstance(shape, Mesh) for shape in self.shapes.values()):
+        low, high = self.variation.offset.support
+        if low != -high:
+            return Symmetry.NONE
+        if not all(map(is_own_mirror_image, self.solids.values())):
             return Symmetry.ROTATIONS
         return Symmetry.ROTATIONS_AND_MIRROR
 

@@ -17,9 +17,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -132,6 +132,8 @@ def _described(value: Any, depth: int = 0) -> Any:
         return _array(value)
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, ModuleType):
+        return value.__name__
     if isinstance(value, Mesh):
         return {"class": "Mesh", "triangles": len(value.faces), "sha256": value.digest}
     if depth > _DEEPEST:
@@ -163,14 +165,21 @@ def _class_of(value: Any) -> dict[str, str]:
 
 def _state(value: Any, depth: int) -> dict[str, Any]:
     """The state of an object."""
-    if isinstance(value, type | FunctionType):
+    if isinstance(value, FunctionType):
+        cells = [cell.cell_contents for cell in value.__closure__ or ()]
+        return {"closure": _described(cells, depth + 1)} if cells else {}
+    if isinstance(value, type):
         return {}
+    if isinstance(value, partial):
+        return {name: _described(getattr(value, name), depth + 1) for name in ("func", "args", "keywords")}
     if is_dataclass(value):
         return {field.name: _described(getattr(value, field.name), depth + 1) for field in fields(value)}
     if "__repr__" in {name for part in type(value).__mro__[:-1] for name in vars(part)}:
         return {"repr": repr(value)}
     cached = {name for part in type(value).__mro__ for name, m in vars(part).items() if isinstance(m, cached_property)}
-    members = getattr(value, "__dict__", {})
+    given = [part.__dict__.get("__slots__", ()) for part in type(value).__mro__]
+    slots = [name for names in given for name in ((names,) if isinstance(names, str) else names)]
+    members = {name: getattr(value, name) for name in slots if hasattr(value, name)} | getattr(value, "__dict__", {})
     return {name: _described(part, depth + 1) for name, part in members.items() if name not in cached}
 
 

@@ -60,10 +60,16 @@ def named_scene(name: str) -> NamedScene:
 
 
 def as_named(scene: Scene) -> NamedScene:
-    """A scene with the default search: up to four different objects, classifier images of at most 64 pixels."""
+    """A scene with the default search: up to four different objects, classifier images of at most 64 pixels.
+
+    Images that cannot be averaged to so few pixels keep their size.
+    """
     edge = scene.image_shape[0]
-    size = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
-    return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size * max(1, 16 // size))
+    divisor = max(n for n in range(1, _LARGEST_INPUT + 1) if edge % n == 0)
+    size = divisor * max(1, 16 // divisor)
+    if edge % size and size % edge:  # as of 67 pixels
+        size = edge
+    return NamedScene(scene, num_objects=min(4, len(scene.shapes)), input_size=size)
 
 
 def renderer_named(name: str) -> TactileRenderer:
@@ -75,12 +81,13 @@ def renderer_named(name: str) -> TactileRenderer:
 
     Raises:
         UnknownName: There is no such name; the message suggests the nearest.
-        BadReference: The name cannot be parsed.
+        BadReference: The name cannot be parsed, or a renderer that is ready has settings.
         WrongRenderer: The name is not that of a renderer.
     """
     found, reference = find("renderer", name, RENDERERS, "activetouch.renderers")
     is_plain = callable(found) and hasattr(found, "isotropic") and not isinstance(found, type)
-    made = found if is_plain else build(reference.name, found, reference.settings, {}, reference.is_called)
+    is_ready = is_plain and not reference.is_called
+    made = found if is_ready else build(reference.name, found, reference.settings, {}, reference.is_called)
     require_renderer(made)
     return made
 

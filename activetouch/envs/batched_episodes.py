@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activetouch.envs.base import BadOption
+from activetouch.envs.base import BadAction, BadOption
 from activetouch.envs.joint_evidence import JointBankEvidence, weighed_touches
 from activetouch.envs.priors import ObjectPriors, TargetProb
 from activetouch.envs.running_evidence import BankEvidence, evidence_of
 from activetouch.envs.touch_bank import TouchBank
+from belief import Composition, SearchProblem
 from belief.bayes import update
 from belief.errors import UnknownName
 from belief.observation_model import ArrayModel
@@ -65,7 +66,8 @@ class BankEpisodes:
 
     Raises:
         UnknownName: the target or the state is unknown.
-        BadOption: a target is drawn and not observed, or the other way round.
+        BadOption: a target is drawn and not observed, or the other way round; or a number is out of its range.
+        ValueError: touch_cost or touch_limit is out of its range.
         LabelMismatch: bank and model have different shapes or poses.
         NoGains: the state has gains, and the model is no joint model or the bank has no features.
     """
@@ -89,7 +91,13 @@ class BankEpisodes:
             raise UnknownName("state", state, list(ENCODINGS))
         if (target is None) != (state == GOAL):
             raise BadOption(f"the state {GOAL!r} goes with target=None, got {state!r} and target={target!r}")
+        if num_envs < 1:
+            raise BadOption(f"num_envs must be at least 1, got {num_envs}")
+        if not (0.0 <= beta < np.inf and 0.0 <= discount <= 1.0):
+            raise BadOption(f"need a finite beta ≥ 0 and a discount in [0, 1], got {beta} and {discount}")
         bank.require_labels(model.shape_labels, model.num_poses)
+        # Checks touch_cost and touch_limit, as in the environment of live touches.
+        SearchProblem(bank.shape_labels, bank.pose_labels, 1, Composition.INDEPENDENT, touch_cost, touch_limit)
         self.bank, self.num_envs, self.touch_limit, self.state = bank, num_envs, touch_limit, state
         self._shapes = np.array(bank.shapes)  # a copy: a file mapped into memory is slow to index
         self.num_poses = len(bank.pose_labels)
@@ -186,7 +194,16 @@ class BankEpisodes:
         return masks
 
     def step(self, actions: Ints) -> StepResult:
-        """Take one action in each episode; episodes that end keep their state until they are started again."""
+        """Take one action in each episode; episodes that end keep their state until they are started again.
+
+        Raises:
+            BadAction: there is not one action for each episode, or one is outside the action space.
+        """
+        if actions.shape != (self.num_envs,) or actions.min() < 0 or actions.max() >= self.num_actions:
+            raise BadAction(
+                f"actions must be {self.num_envs} integers in [0, {self.num_actions - 1}], got {actions.shape}: "
+                f"{actions}"
+            )
         probes = actions < self.num_poses
         allowed = probes & (self._num_touches < self.touch_limit)
         rows = np.flatnonzero(allowed)
@@ -219,6 +236,18 @@ class BankEpisodes:
 
     def _potential_of(self, rows: Ints) -> NDArray[np.float64]:
         return np.abs(certainty(self.log_probs[rows], self.targets[rows]))
+
+
+def as_actions(actions: ArrayLike) -> Ints:
+    """Actions of a learner as integers.
+
+    Raises:
+        BadAction: they are of another type.
+    """
+    found = np.asarray(actions)
+    if found.dtype.kind not in "iu":
+        raise BadAction(f"actions must be integers, got {found.dtype}")
+    return found.astype(np.int64, copy=False)
 
 
 def _choose(probs: NDArray[np.float64], rng: np.random.Generator) -> Ints:

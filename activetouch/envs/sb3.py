@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.batched_episodes import BankEpisodes, as_actions
 from belief.seeding import keyed_rng
 
 
@@ -58,7 +58,7 @@ class BankVecEnv(VecEnv):
 
     def step_async(self, actions: NDArray[np.integer]) -> None:
         """Set the actions of the next :meth:`step_wait`."""
-        self._actions = np.asarray(actions, np.int64)
+        self._actions = as_actions(actions)
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the actions; replace episodes that end by new ones."""

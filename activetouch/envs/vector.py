@@ -6,19 +6,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from activetouch.envs.base import BadOption
-from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.batched_episodes import BankEpisodes, as_actions
 
 
 class BankVectorEnv(VectorEnv):
     """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that use Gymnasium.
 
-    An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation. ``infos`` also
-    has ``is_success`` and ``num_touches`` of every episode before the replacement.
+    An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation, and
+    ``infos["final_info"]`` what Gymnasium's own environments say of it. ``infos`` also has ``is_success`` and
+    ``num_touches`` of every episode before the replacement.
 
         bank = TouchBank.open(Path("data/coarse-bank/calibration"))
         envs = BankVectorEnv(BankEpisodes(bank, model, target="cone", num_envs=64, state="posterior"))
@@ -27,7 +29,7 @@ class BankVectorEnv(VectorEnv):
     metadata: ClassVar[dict[str, Any]] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # type: ignore[misc]
 
     def __init__(self, episodes: BankEpisodes) -> None:
-        self._episodes = episodes
+        self._episodes, self._is_started = episodes, False
         self.num_envs = episodes.num_envs
         self.single_action_space = spaces.Discrete(episodes.num_actions)
         low = 0.0 if episodes.state == "paper" else -1.0
@@ -50,14 +52,22 @@ class BankVectorEnv(VectorEnv):
         if options:
             raise BadOption(f"reset() of episodes from a bank has no options, got {options!r}")
         super().reset(seed=seed)
+        self._is_started = True
         self._episodes.reset(np.arange(self.num_envs), self.np_random)
         return self._episodes.observe(), {}
 
     def step(
         self, actions: NDArray[np.integer]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Take one action in each episode."""
-        result = self._episodes.step(np.asarray(actions, np.int64))
+        """Take one action in each episode.
+
+        Raises:
+            BadAction: there is not one action for each episode, or one is outside the action space.
+            ResetNeeded: no episode was started.
+        """
+        if not self._is_started:
+            raise ResetNeeded("no episode was started: call reset()")
+        result = self._episodes.step(as_actions(actions))
         observations, touches = self._episodes.observe(), self._episodes.num_touches
         infos: dict[str, Any] = {"is_success": result.success, "num_touches": touches}
         ended = result.terminated | result.truncated
@@ -66,7 +76,8 @@ class BankVectorEnv(VectorEnv):
             final = np.full(self.num_envs, None, object)
             for row in rows.tolist():
                 final[row] = observations[row]
-            infos |= {"final_obs": final, "_final_obs": ended}
+            last = infos | {f"_{name}": ended for name in infos}
+            infos |= {"final_obs": final, "_final_obs": ended, "final_info": last, "_final_info": ended}
             self._episodes.reset(rows, self.np_random)
             observations = self._episodes.observe()
         return observations, result.reward, result.terminated, result.truncated, infos

@@ -39,8 +39,8 @@ class Pad:
     damping_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.num_taxels < 1:
-            raise ValueError(f"num_taxels must be at least 1, got {self.num_taxels}")
+        if not isinstance(self.num_taxels, int | np.integer) or self.num_taxels < 1:
+            raise ValueError(f"num_taxels must be a whole number, at least 1, got {self.num_taxels}")
         lengths = (self.half_width, self.half_thickness, self.stiffness, self.max_depth, self.contact_time)
         if not (np.isfinite(lengths).all() and min(lengths) > 0.0 and 0.0 <= self.damping_ratio < np.inf):
             raise ValueError(f"sizes, stiffness and contact_time must be positive, damping_ratio ≥ 0; got {self}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -24,7 +25,7 @@ def read_bounded(path: Path, most: int = MOST_BYTES) -> bytes:
     try:
         with _opened(path) as file:
             content = file.read(most + 1)
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise BadRecording(f"{path} cannot be read: {error}") from error
     if len(content) > most:
         raise BadRecording(f"{path} holds more than {most} bytes when decompressed; such files are not read")

@@ -51,6 +51,8 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                 ) from error
             names.append(cells[0])
             actions.append(action)
+    if not rows:
+        raise BadRecording(f"the files in {folder} have no rows below their headers")
     known = sorted(set(names))
     objects = np.array([known.index(name) for name in names])
     values = np.array(rows)

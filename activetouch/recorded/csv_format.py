@@ -37,8 +37,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     places: list[tuple[Path, int]] = []
     for path in paths:
         lines = lines_of(path)
-        _, first = next(lines, (1, ""))
-        names = [name.strip() for name in next(csv.reader([first]), [])]
+        names = [name.strip() for name in _cells(path, *next(lines, (1, "")))]
         if "object" not in names or len(set(names)) < len(names):
             raise BadRecording(
                 f"the first line of {path} must name the columns, each once, with 'object' among them; got {names[:12]}"
@@ -47,7 +46,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
         header = names
         for number, line in lines:
-            cells = next(csv.reader([line]))
+            cells = _cells(path, number, line)
             if len(cells) != len(header):
                 raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
             values = []
@@ -77,3 +76,11 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         return f"line {number} of {path}"
 
     return touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder), place), ()
+
+
+def _cells(path: Path, number: int, line: str) -> list[str]:
+    """The cells of a line."""
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error as error:
+        raise BadRecording(f"line {number} of {path} is not CSV: {error}") from error

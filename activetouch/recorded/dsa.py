@@ -114,6 +114,8 @@ def _decoded(content: str, size: int) -> Floats:
     if not np.isfinite(numbers).all():
         raise ValueError("a frame holds a number that is not finite")
     lengths = np.where(numbers < 0.0, -numbers, 1.0)
+    if (lengths % 1.0).any():
+        raise ValueError("a frame holds a number of zeros that is not whole")
     if lengths.sum() != size:
         raise ValueError(f"a frame holds {lengths.sum():g} pressures, the pads have {size} cells")
     return np.repeat(np.maximum(numbers, 0.0), lengths.astype(np.int64))

@@ -88,7 +88,7 @@ def _whole_numbers(name: str, values: NDArray[np.generic], place: Callable[[int]
     for row, value in enumerate(values.tolist()):
         try:
             is_whole = float(value).is_integer() and abs(float(value)) < _MOST
-        except ValueError:
+        except (TypeError, ValueError):  # such as dates
             is_whole = False
         if not is_whole:
             raise BadRecording(

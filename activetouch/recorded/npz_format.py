@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import MOST_BYTES
@@ -43,17 +44,20 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if _is_known(name)}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        if isinstance(error, BadRecording):
-            raise
+            given = {name: _text(arrays[name]) for name in _NAMES if name in arrays}
+    except BadRecording:
+        raise
+    except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
         raise BadRecording(f"{path} cannot be read as .npz of plain arrays: {error}") from error
     if missing := [name for name in ("features", "object") if name not in arrays]:
         raise BadRecording(f"{path} has no array {missing[0]!r}; it has {', '.join(arrays) or 'none that is known'}")
+    for name, rows in arrays.items():
+        is_numbers = name in ("features", "untouched") or name.startswith(_CONTROL)
+        if is_numbers and (rows.ndim != 2 or rows.dtype.kind not in "biuf"):
+            width = "F" if name == "features" else "C"
+            raise BadRecording(f"{name} in {path} must be numbers (n, {width}), got {rows.dtype} {rows.shape}")
     features = arrays["features"]
-    if features.ndim != 2 or not np.issubdtype(features.dtype, np.number) or np.iscomplexobj(features):
-        raise BadRecording(f"features in {path} must be numbers (n, F), got {features.dtype} {features.shape}")
     untouched = arrays.get("untouched", np.empty((len(features), 0)))
-    given = {name: arrays[name] for name in _NAMES if name in arrays}
     touches = touches_of_columns(features.astype(np.float64), untouched, given, str(path))
     controls = {name.removeprefix(_CONTROL): arrays[name] for name in arrays if name.startswith(_CONTROL)}
     words: dict[str, Any] = {name: str(arrays[name]) for name in _WORDS if name in arrays}
@@ -82,3 +86,8 @@ def write_npz(path: Path, touches: RecordedTouches) -> None:
 
 def _is_known(name: str) -> bool:
     return name in (*_NAMES, *_WORDS, "features", "untouched") or name.startswith(_CONTROL)
+
+
+def _text(column: NDArray[Any]) -> NDArray[Any]:
+    """A column, whose bytes are text in UTF-8."""
+    return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column

@@ -77,8 +77,10 @@ class RecordedTouches(FrozenArrays):
             if size is not None and not ((values >= 0) & (values < size)).all():
                 raise BadRecording(f"{name} must be in [0, {size}), got {values.min()} to {values.max()}")
         for name, rows in {"features": self.features, **self.controls}.items():
-            if len(rows) != n:
-                raise BadRecording(f"the control {name!r} has {len(rows)} rows, there are {n} touches")
+            if np.ndim(rows) != 2 or len(rows) != n:
+                raise BadRecording(
+                    f"the control {name!r} must be ({n}, C), as there are {n} touches; got {np.shape(rows)}"
+                )
             if not np.isfinite(rows).all():
                 row = int(np.argmax(~np.isfinite(rows).all(axis=1)))
                 raise BadRecording(f"{name} of {self.describe(row)} hold {rows[row][~np.isfinite(rows[row])][0]}")

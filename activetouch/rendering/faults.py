@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution
 from activetouch.errors import UnknownLikelihood
+from belief.errors import InvalidArgument
 
 Image = NDArray[np.floating]
 
@@ -191,6 +192,22 @@ class Hysteresis:
         return np.maximum(image - self.width, 0.0)
 
 
+def require_faults(faults: object) -> None:
+    """Check that something is a sequence of faults.
+
+    Raises:
+        InvalidArgument: it is not, or a fault does not say whether it is isotropic.
+    """
+    if not isinstance(faults, Sequence):
+        raise InvalidArgument(f"faults must be a tuple such as (Gain(0.1), Noise(0.02)), got {faults!r}")
+    for fault in faults:
+        if isinstance(fault, type) or not callable(fault) or not isinstance(getattr(fault, "isotropic", None), bool):
+            raise InvalidArgument(
+                f"{fault!r} is no fault: a fault is an object that is called with an image and a generator, and has "
+                "the attribute isotropic: whether it commutes with quarter turns and mirroring"
+            )
+
+
 def faults_of(kind: type[AnyFault], faults: Sequence[Fault]) -> list[AnyFault]:
     """The faults of one kind."""
     return [fault for fault in faults if isinstance(fault, kind)]
@@ -255,11 +272,18 @@ def rescaled_noise(faults: Sequence[Fault], factor: float) -> tuple[Fault, ...]:
 def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) -> NDArray[np.uint8]:
     """The sensor's reading of an image: all faults in turn, then clipping to [0, 1] and 8 bits.
 
+    The image itself stays as it is.
+
     Raises:
+        InvalidArgument: a fault gives an image of another shape.
         ValueError: the image contains NaN.
     """
+    ideal = image
+    image = image.copy() if faults else image  # a user's fault may write into it
     for fault in faults:
         image = fault(image, rng)
+        if np.shape(image) != ideal.shape:
+            raise InvalidArgument(f"{fault!r} gave an image of shape {np.shape(image)} from one of shape {ideal.shape}")
     image = np.maximum(image, 0.0)
     np.minimum(image, 1.0, out=image)
     if np.isnan(image.min()):

@@ -8,6 +8,8 @@ import numpy as np
 
 from activetouch.solids.solid import Floats, Geom, between, entered, quadratic_roots, require_lengths, ring
 
+_ALONG = 1e-10  # relative difference of slopes below which a ray counts as parallel to a line on the side of a cone
+
 
 @dataclass(frozen=True)
 class Frustum:
@@ -57,7 +59,14 @@ class Frustum:
         a = dx * dx + dy * dy - growth * growth
         enter, leave = between(z, dz, self.height / 2)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            if a > 0.0:  # inside between the roots; ahead of a ray half_b is negative, so the difference below is a sum
+            if abs(a) < _ALONG * growth * growth:  # along the side: one crossing
+                crossing = c / (-2.0 * half_b)
+                np.maximum(enter, crossing, out=enter, where=half_b < 0.0)
+                np.minimum(leave, crossing, out=leave, where=half_b > 0.0)
+                leave[(half_b == 0.0) & (c > 0.0)] = -np.inf
+            elif (
+                a > 0.0
+            ):  # inside between the roots; ahead of a ray half_b is negative, so the difference below is a sum
                 root = half_b * half_b
                 root -= a * c
                 np.sqrt(root, out=root)

@@ -8,9 +8,10 @@ from functools import cached_property
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.solids.solid import Floats, Geom, Shape, clip, entered, ring
-
-_NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
+from activetouch.solids.mesh import Mesh
+from activetouch.solids.solid import Floats, Geom, Shape, clip, corners, entered
+from activetouch.solids.torus import Torus
+from activetouch.solids.union import Union
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,8 @@ class Cut:
             ``(x, y, z, distance)``.
 
     Raises:
-        ValueError: a plane is not four finite numbers with a normal, or cuts the origin off.
+        ValueError: a plane is not four finite numbers with a normal, or cuts the origin off; or the solid is a mesh, a
+            torus or a union, which need not be convex.
 
     >>> from activetouch.solids.straight import Box
     >>> cube = Cut(Box((1.0, 1.0, 1.0)), ((1.0, 1.0, 0.0, 1.0),))           # without one edge
@@ -37,6 +39,8 @@ class Cut:
     planes: tuple[tuple[float, float, float, float], ...]
 
     def __post_init__(self) -> None:
+        if isinstance(self.solid, Mesh | Torus | Union):
+            raise ValueError(f"only convex solids can be cut, got a {type(self.solid).__name__}")
         for plane in self.planes:
             if len(plane) != 4 or not np.isfinite(plane).all() or not any(plane[:3]) or plane[3] <= 0.0:
                 raise ValueError(
@@ -72,19 +76,3 @@ class Cut:
         """Unit normals ``(m, 3)`` and distances ``(m,)`` [m]."""
         planes = np.array(self.planes, float).reshape(-1, 4)
         return planes[:, :3] / np.linalg.norm(planes[:, :3], axis=1, keepdims=True), planes[:, 3]
-
-
-def corners(geom: Geom) -> Floats:
-    """Points whose convex hull stands for a geom.
-
-    Raises:
-        ValueError: it is neither a box, nor a cylinder, nor a mesh.
-    """
-    if geom.vertices is not None:
-        return geom.vertices
-    if geom.type == "box":
-        return np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T * geom.size
-    if geom.type == "cylinder":
-        radius, half_length = geom.size[:2]
-        return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
-    raise ValueError(f"only boxes, cylinders and polyhedra can be cut, got a {geom.type}")

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+_NUM_FACETS = 64  # sides of the mesh that stands for a cylinder
+
 PARALLEL = 1e-12
 """Sine of the angle below which a ray counts as parallel to a plane."""
 
@@ -111,13 +113,29 @@ def between(along: Floats, slope: float, extent: float) -> tuple[Floats, Floats]
 
 
 def quadratic_roots(a: float, half_b: Floats, c: Floats) -> tuple[Floats, Floats]:
-    """Roots of a·t² + 2·half_b·t + c, without cancellation; NaN if there is none, and for the first root if a = 0."""
+    """Roots of a·t² + 2·half_b·t + c with a ≠ 0, without cancellation; NaN if there is none."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         q = -(half_b + np.copysign(np.sqrt(half_b**2 - a * c), half_b))
-        return q / a if a != 0 else np.full_like(q, np.nan), c / q
+        return q / a, c / q
 
 
 def ring(radius: float, z: float, num_points: int) -> Floats:
     """Corners of a regular polygon around the z axis, the first on the x axis, ``(num_points, 3)`` [m]."""
     angle = np.linspace(0.0, 2 * np.pi, num_points, endpoint=False)
     return np.column_stack([np.cos(angle) * radius, np.sin(angle) * radius, np.full(num_points, z)])
+
+
+def corners(geom: Geom) -> Floats:
+    """Points whose convex hull stands for a geom.
+
+    Raises:
+        ValueError: it is neither a box, nor a cylinder, nor a mesh.
+    """
+    if geom.vertices is not None:
+        return geom.vertices
+    if geom.type == "box":
+        return np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T * geom.size
+    if geom.type == "cylinder":
+        radius, half_length = geom.size[:2]
+        return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
+    raise ValueError(f"only boxes, cylinders and polyhedra can be cut, got a {geom.type}")

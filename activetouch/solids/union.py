@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from activetouch.solids.cut import corners
-from activetouch.solids.solid import Floats, Geom, Shape
+from activetouch.solids.solid import Floats, Geom, Shape, corners
 
 
 @dataclass(frozen=True)

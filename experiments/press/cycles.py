@@ -36,5 +36,6 @@ def record_cycles(scene: Scene, thing: WorldObject, num_cycles: int, rng: np.ran
         rotation = scene.press_model.rotate(scene.setup, placement, orientation)
         assert contact.trace is not None, "presses that rotate are traced"
         cycles.append(join([contact.trace, rotation]))
-        placement = replace(placement, orientation=orientation, offset=scene.variation.sample_offset(rng))
+        offset = scene.variation.sample_offset(rng) + scene.aim_offsets[0]
+        placement = replace(placement, orientation=orientation, offset=offset)
     return cycles

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 from rich.progress import track
 
-from activetouch.errors import MissingRobot
+from activetouch.errors import LabelMismatch, MissingRobot, WrongScene
 from activetouch.named_scenes import NamedScene
-from activetouch.sensor_files import load_observation_model
+from activetouch.scene import Scene
+from activetouch.sensor_files import load_observation_model, sensor_shift
 from belief import Composition
 from belief.observation_model import OutcomeTable
 from experiments.command_line.arguments import Count, check_arguments
@@ -47,27 +49,36 @@ class Explain:
     """Number of presses to measure in each scene."""
 
     def run(self) -> None:
-        """Print the tables; the lower bounds only if the scene has a shipped sensor."""
+        """Print the tables; the lower bounds only if a sensor that comes with the package fits the scene."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
-        independent = independent_sensor(self.choice.scene)
-        if independent.exists():
+        independent, scene = independent_sensor(self.choice.scene), named.scene
+        shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
+        if independent in shipped:
             model = load_observation_model(independent)
             console.print(limits_table(model.outcome_table(), model.shape_labels).rich())
-        shipped = [folder for folder in (independent, sensor_folder(None, self.choice.scene)) if folder.exists()]
-        console.print(belief_table(self.choice.scene, named.scene, shipped).rich())
-        variants = [("", "this scene", named.scene)]
-        for position, found, relation in ((0, leaner(named.scene), "leaner"), (2, richer(named.scene), "richer")):
+        console.print(belief_table(self.choice.scene, scene, shipped).rich())
+        variants = [("", "this scene", scene)]
+        for position, found, relation in ((0, leaner(scene), "leaner"), (2, richer(scene), "richer")):
             if found is not None:
                 variants.insert(position, (relation, *found))
         rows = []
-        for relation, change, scene in track(variants, "measuring", console=console, transient=True):
+        for relation, change, variant in track(variants, "measuring", console=console, transient=True):
             try:
-                rows.append((relation, change, press_cost(scene, self.presses)))
+                rows.append((relation, change, press_cost(variant, self.presses)))
             except MissingRobot:
                 console.print(f"not measured: {change} (no Menagerie checkout; set MENAGERIE_ROOT)")
         console.print(_cost_table(rows).rich())
+
+
+def _fits(sensor: Path, scene: Scene) -> bool:
+    """Whether the sensor in a folder was made for a scene, or for one that differs by a known shift."""
+    try:
+        sensor_shift(sensor, scene)
+    except (LabelMismatch, WrongScene):
+        return False
+    return True
 
 
 def hidden_variables(named: NamedScene) -> list[InventoryItem]:

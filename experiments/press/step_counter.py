@@ -47,10 +47,8 @@ def press_cost(scene: Scene, num_presses: int) -> Cost:
 def _measure_here(scene: Scene, num_presses: int) -> Cost:
     rng = np.random.default_rng(0)
     things = [scene.sample_object(number % len(scene.shapes), rng) for number in range(num_presses)]
-    for thing in things[: len(scene.shapes)]:
-        scene.press(thing, 0, rng)  # compiles the models
     steps: list[float] = []
-    if "mujoco" in sys.modules:
+    if scene.press_model.compiled(scene.setup, next(iter(scene.solids.values()))) is not None:
         import mujoco
 
         original = mujoco.mj_step
@@ -60,7 +58,10 @@ def _measure_here(scene: Scene, num_presses: int) -> Cost:
             original(*arguments)
             steps.append(time.perf_counter() - started)
 
-        mujoco.mj_step = timed
+        mujoco.mj_step = timed  # before there are models, which look it up once
+    for thing in things[: len(scene.shapes)]:
+        scene.press(thing, 0, rng)  # compiles the models
+    steps.clear()
     presses, images = [], []
     for number, thing in enumerate(things):
         started = time.perf_counter()

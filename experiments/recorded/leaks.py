@@ -43,7 +43,9 @@ class Control:
 def controls(
     touches: TaskTouches, splits: list[Split], readings: list[Reading], main: str, seed: int, num_random: int
 ) -> list[Control]:
-    """The main reading, that of a random split, and those of the set's controls.
+    """The main reading, that of random splits, and those of the set's controls.
+
+    There are no random splits where no object has the three sessions of an action that they take.
 
     Args:
         touches: of the task.
@@ -56,7 +58,9 @@ def controls(
     found = [_control(touches, splits, readings, main, ALL, seed)]
     drawn = [by_session(touches, np.random.default_rng([seed, number])) for number in range(num_random)]
     name = "random sessions" if touches.task == "objects" else "random sessions of objects that were learned too"
-    found.append(_control(touches, drawn, [read(touches, split) for split in drawn], name, ALL, seed))
+    drawn = [split for split in drawn if len(split.test)]
+    if drawn:
+        found.append(_control(touches, drawn, [read(touches, split) for split in drawn], name, ALL, seed))
     for control in touches.source.controls:
         found.append(
             _control(touches, splits, [read(touches, split, control) for split in splits], main, control, seed)

@@ -23,6 +23,7 @@ from experiments.recorded.fold import Fold, main_splits, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
 from experiments.recorded.leaks import controls
 from experiments.recorded.results import Measured, Part
+from planners.registry import find_decider
 
 DECIDERS = (
     "point_based",
@@ -83,6 +84,9 @@ class Recorded:
         """Read, split, search, print and write."""
         check_arguments(self)
         require_extra("recorded")
+        for name in self.deciders:
+            if name != FIXED:
+                find_decider(name.replace("{max_touches}", str(self.max_touches)))  # raises UnknownName
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
         touches, notes = self._touches(out)

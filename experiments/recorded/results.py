@@ -267,17 +267,17 @@ def after_table(part: Part) -> Table:
 
 def search_table(part: Part) -> Table:
     """Searches for a target among objects of known, different labels."""
-    rows = []
-    for name in dict.fromkeys(one.decider for one in part.found):
+    rows, deciders = [], list(dict.fromkeys(one.decider for one in part.found))
+    words = [name.split("(")[0] for name in deciders]
+    for name, word in zip(deciders, words, strict=True):
         chosen = [one for one in part.found if one.decider == name]
         scenes = [one.scene for one in chosen]
         rng = np.random.default_rng(0)
         success = cluster_bootstrap([float(one.episode.success) for one in chosen], scenes, rng)
         touches = cluster_bootstrap([one.episode.num_touches for one in chosen], scenes, rng)
         reward = cluster_bootstrap([one.reward for one in chosen], scenes, rng)
-        rows.append(
-            (name.split("(")[0], interval(*success), interval(*touches, spec=".2f"), interval(*reward), len(chosen))
-        )
+        shown = word if words.count(word) == 1 else name
+        rows.append((shown, interval(*success), interval(*touches, spec=".2f"), interval(*reward), len(chosen)))
     right, places = np.array([right for _, right in part.oracle], np.float64), [place for place, _ in part.oracle]
     known = cluster_bootstrap(right, places, np.random.default_rng(0))
     rows.append((ORACLE, interval(*known), "–", "–", len(right)))

@@ -49,7 +49,7 @@ from experiments.robustness.shifted_touches import (
     measure_touches,
 )
 from experiments.robustness.stranger_searches import stranger_searches
-from experiments.scene_choice import SceneChoice
+from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.sensor_choice import open_sensor, sensor_folder
 
 INDEPENDENT_MODEL = "independent"
@@ -105,7 +105,7 @@ class Robustness:
         from experiments.robustness.report import draw_conditions, robustness_tables  # loads matplotlib
 
         scene, name = self.choice.named.scene, self.choice.scene
-        out = self.out if self.out is not None else Path(f"runs/robustness-{name}")
+        out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(name)}")
         require_writable(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)

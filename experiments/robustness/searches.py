@@ -90,7 +90,7 @@ def search_scores(
         named.scene.pose_labels,
         num_objects=named.num_objects,
         composition=named.composition,
-        touch_limit=12 * named.num_objects,
+        touch_limit=named.touches_per_object * named.num_objects,
     )
     kinds = [(name, None) for name in models] + [(name, abstain) for name in list(models)[:1] if abstain is not None]
     tasks = [

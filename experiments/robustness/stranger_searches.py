@@ -86,9 +86,8 @@ def _search_all(
     wide = replace(sensor.scene, shapes={**sensor.scene.shapes, **{label: EXTENDED_SHAPES[label] for label in novel}})
     bag = Counts({**dict.fromkeys(known, 1), aware.label: len(known)})
     num_objects = min(named.num_objects, bag.total)
-    problem = SearchProblem(
-        aware.shape_labels, sensor.scene.pose_labels, num_objects, bag, touch_limit=12 * num_objects
-    )
+    limit = named.touches_per_object * num_objects
+    problem = SearchProblem(aware.shape_labels, sensor.scene.pose_labels, num_objects, bag, touch_limit=limit)
     seeds = [(seed, target, n) for target in range(len(known)) for n in range(number)]
     worlds = []
     for seed_of_episode in seeds:

@@ -85,7 +85,7 @@ class Calibrate:
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
-        _require_enough(manifest, data)
+        require_enough(manifest, data)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         known = read_touches(reader, calibration, "reading calibration touches")
         tested = read_touches(reader, test, "reading test touches")
@@ -156,8 +156,12 @@ class TooFewObjects(ActiveTouchError, ValueError):
     """A collection has too few objects to choose a model by cross-validation."""
 
 
-def _require_enough(manifest: Manifest, data: Path) -> None:
-    """Refuse a collection with which no model can be chosen, before any image is read."""
+def require_enough(manifest: Manifest, data: Path) -> None:
+    """Refuse a collection with which no model can be chosen, before any image is read.
+
+    Raises:
+        TooFewObjects: it has too few objects.
+    """
     plan, num_shapes = manifest.plan, len(manifest.shape_labels)
     least = max(2, math.ceil(NUM_FOLDS / num_shapes))
     if plan.calibration < least or plan.test < 1:

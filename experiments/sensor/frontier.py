@@ -149,7 +149,8 @@ class Frontier:
 
     def _time(self, readers: list[ImageReader], images: NDArray[np.uint8], batch: int) -> NDArray[np.float64]:
         """Seconds of one batch, by round and reader, ``(rounds, readers)``."""
-        calls: list[Callable[[], object]] = [partial(reader.read, images[:batch], batch) for reader in readers]
+        images = images[np.arange(batch) % len(images)]  # again from the first, if there are fewer
+        calls: list[Callable[[], object]] = [partial(reader.read, images, batch) for reader in readers]
         for call in calls:
             call()
         seconds = np.empty((self.rounds, len(calls)))

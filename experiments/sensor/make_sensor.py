@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from activetouch import Scene, TactileSensor
-from activetouch.data.manifest import CollectionPlan
+from activetouch.data.manifest import CollectionPlan, Manifest
+from activetouch.errors import LabelMismatch
 from activetouch.extras import require_extra
 from activetouch.named_scenes import NamedScene
+from activetouch.perception.card import read_card
+from activetouch.perception.recipe import RECIPES
 from activetouch.sensor_files import READER_FILE
 from experiments.parallel import default_jobs
 from experiments.scene_choice import as_named, named_scene
-from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.calibrate import Calibrate, require_enough
 from experiments.sensor.collect import record
-from experiments.sensor.train import Changes, Train
+from experiments.sensor.train import Changes, Train, require_input_size
 
 
 def make_sensor(
@@ -50,7 +53,8 @@ def make_sensor(
         The sensor in this scene.
 
     Raises:
-        LabelMismatch: the folder holds the touches of another scene, or of other sizes.
+        BadArgument: the network cannot read images of this size.
+        LabelMismatch: the folder holds the touches of another scene, or of other sizes, or another training.
         MissingPackage: the extra ``train`` is not installed.
         TooFewObjects: ``calibration`` or ``test`` is too small.
     """
@@ -63,12 +67,32 @@ def make_sensor(
     touches, again, trained = folder / "touches", folder / "repeats", folder / "training"
     plan = CollectionPlan(train=train, calibration=calibration, test=0, seed=seed)
     repeated = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
+    changes, network = Changes(**{"seed": seed, **change}), (named.backbone, named.input_size)
+    require_input_size(named.input_size, named.scene.image_shape[0], named.backbone)
+    require_enough(Manifest.of(named.scene, repeated), again)
+    if (trained / READER_FILE).exists():
+        _require_same_training(trained / READER_FILE, changes, network)
     record(named.scene, plan, touches, jobs)
     record(named.scene, repeated, again, jobs)
     if not (trained / READER_FILE).exists():
         sizes: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
-        changes = Changes(**{"seed": seed, **change})
         Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **sizes).run()
     if not (folder / "evaluation.json").exists():
         Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run(named.scene)
     return TactileSensor.load(folder, named.scene)
+
+
+def _require_same_training(reader: Path, changes: Changes, network: tuple[str, int]) -> None:
+    """Check that a finished reader was trained as asked for.
+
+    Raises:
+        LabelMismatch: it was trained with other settings.
+    """
+    card, wanted = read_card(reader), changes.of(RECIPES["large"]).words
+    found = card.training.partition(";")[0]
+    if (found, card.backbone, card.input_size) != (wanted, *network):
+        raise LabelMismatch(
+            f"{reader} was trained with other settings: {card.backbone} at {card.input_size} pixels, {found}; "
+            f"asked for is {network[0]} at {network[1]} pixels, {wanted}. Choose another folder, or delete "
+            f"{reader.parent}"
+        )

@@ -1,5 +1,7 @@
 """A randomised scene varies more than the scene, and contains it; drawn faults are drawn anew in every touch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from activetouch import SCENES
 from activetouch.distributions import Constant, Mixture, Uniform
 from activetouch.randomisation import assumed, randomised
 from activetouch.rendering import DrawnDeadTaxels, DrawnNoise
+from belief.errors import InvalidArgument
 
 QUANTITIES = ("size", "force", "friction", "stiffness")
 
@@ -61,3 +64,9 @@ def test_most_of_what_a_belief_assumes_is_what_the_scene_says(rng):
     assert drawn.min() < 0.6
     assert drawn.max() > 1.8
     assert assumed(vary, Constant(0.7)).stiffness == Constant(0.7)
+
+
+def test_a_scene_without_force_is_not_randomised():
+    scene = SCENES["coarse"].scene
+    with pytest.raises(InvalidArgument, match="forces above zero"):
+        randomised(replace(scene, variation=replace(scene.variation, force=Uniform(0.0, 2.0))))

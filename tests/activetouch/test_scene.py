@@ -14,8 +14,8 @@ from activetouch.orientations import Resampled, Tumbled, Upright
 from activetouch.poses import to_matrix
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Mesh
-from belief.errors import UnknownName
+from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Union
+from belief.errors import InvalidArgument, UnknownName
 
 STILL = Scene(press_model=Quasistatic())
 
@@ -64,6 +64,46 @@ def test_turned_images_are_as_likely_only_where_nothing_has_a_direction():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) * 0.02
     mesh = Mesh("corner", vertices - 0.005, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     assert replace(STILL, shapes={"corner": mesh}).symmetry is Symmetry.ROTATIONS
+    beside = replace(STILL.variation, offset=Uniform(0.0, 0.004))
+    assert replace(STILL, variation=beside).symmetry is Symmetry.NONE
+
+
+class _OwnBox(Box):
+    """A shape of a class that nothing is known of."""
+
+
+@pytest.mark.parametrize(
+    ("shape", "is_mirrored"),
+    [
+        (Cut(Box((0.016,) * 3), ((1.0, 1.0, 1.0, 0.022),)), True),
+        (Cut(Box((0.016,) * 3), ((1.0, 2.0, 3.0, 0.02),)), False),
+        (Union((Box((0.016, 0.01, 0.004)), Cylinder(0.004, 0.012))), True),
+        (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
+        (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
+        (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.02, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), True),
+        (_OwnBox((0.016,) * 3), False),
+    ],
+)
+def test_images_are_mirrored_only_where_every_shape_is_its_own_mirror_image(shape, is_mirrored):
+    wanted = Symmetry.ROTATIONS_AND_MIRROR if is_mirrored else Symmetry.ROTATIONS
+    assert replace(STILL, shapes={**SHAPES, "own": shape}).symmetry is wanted
+
+
+@pytest.mark.parametrize("pose", [(1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (np.nan, 0.0, 0.0, 0.0)])
+def test_a_pose_that_would_stretch_objects_is_refused(pose):
+    with pytest.raises(InvalidArgument, match="the pose 'own' must be a unit quaternion"):
+        replace(STILL, poses={"own": np.array(pose)})
+    assert replace(STILL, poses={"own": np.array([0.707, 0.0, 0.0, 0.707])}).pose_labels == ("own",)
+
+
+def test_a_presentation_that_would_stretch_objects_is_refused(rng):
+    class Twice(Tumbled):
+        def rest(self, rng):
+            return 2.0 * super().rest(rng)
+
+    scene = replace(STILL, presentation=Twice())
+    with pytest.raises(InvalidArgument, match="orientation must be a unit quaternion"):
+        scene.press(scene.sample_object("cone", rng), "front", rng)
 
 
 @pytest.mark.parametrize(

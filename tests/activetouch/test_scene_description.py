@@ -4,6 +4,7 @@ import importlib
 import json
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -165,3 +166,28 @@ def test_settings_of_an_own_class_without_fields_are_part_of_the_scene():
 def test_a_scene_without_engine_differs_from_one_with_it_by_a_known_shift_only():
     (found,) = scene_differences(scene_fields(GEL), scene_fields(replace(GEL, press_model=Quasistatic())))
     assert found.is_shift
+
+
+def test_settings_in_slots_in_a_closure_and_in_a_partial_call_are_part_of_the_scene():
+    class Slotted:
+        __slots__ = ("width",)
+
+        def __init__(self, width):
+            self.width = width
+
+    class SlottedByText:
+        __slots__ = "width"
+
+        def __init__(self, width):
+            self.width = width
+
+    def closed(width):
+        return lambda contact: width * contact.pressure
+
+    def scaled(contact, width):
+        return width * contact.pressure
+
+    for make in (Slotted, SlottedByText, closed, lambda width: partial(scaled, width=width)):
+        first, again, second = (scene_fields(_Holder(make(width))) for width in (1, 1, 2))
+        assert first == again
+        assert len(scene_differences(first, second)) == 1

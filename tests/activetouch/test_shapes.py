@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from activetouch.poses import random_orientation, to_matrix
+from activetouch.placement import Placement
+from activetouch.poses import multiply, random_orientation, to_matrix, turn
+from activetouch.pressing.contact import first_touch
+from activetouch.pressing.pad import Pad
 from activetouch.pressing.rig import build_spec
 from activetouch.shapes import (
     EXTENDED_SHAPES,
@@ -302,3 +305,22 @@ def test_every_shape_compiles_into_a_scene_with_one_contact_pair(name):
 
     model = build_spec(Setup(), EXTENDED_SHAPES[name], timestep=0.002).compile()
     assert (model.ngeom, model.njnt, model.nu, model.npair) == (2, 1, 1, 1)
+
+
+@pytest.mark.parametrize("height", [0.01, 0.02, 0.04])
+@pytest.mark.parametrize("top", [0.0, 0.012])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("heading", [0.0, 90.0, 180.0])
+def test_rays_along_the_side_of_a_cone_meet_it_as_rays_beside_them_do(height, top, side, heading):
+    cone, pad = Frustum(0.02, top, height), Pad(num_taxels=32)
+    along = np.arctan2(height, 0.02 - top)
+    gaps, places = [], []
+    for angle in (along, along + 1e-7):
+        tilted = multiply(turn("y", side * angle), turn("z", np.deg2rad(heading)))
+        gap, place = first_touch(pad, Placement(cone, 1.0, tilted))
+        gaps.append(gap)
+        places.append(place)
+    assert places[0] == pytest.approx(places[1], abs=1e-7)
+    both = np.isfinite(gaps[0]) & np.isfinite(gaps[1])
+    assert (np.isfinite(gaps[0]) != np.isfinite(gaps[1])).sum() <= 2  # rays that graze it
+    np.testing.assert_allclose(gaps[0][both], gaps[1][both], atol=1e-5)

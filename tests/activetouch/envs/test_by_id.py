@@ -5,10 +5,12 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from activetouch.envs import IDS, MOST_STEPS
-from activetouch.envs.base import BadOption
+from activetouch.envs.base import BadAction, BadOption
+from activetouch.envs.make import bank_episodes
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from activetouch.envs.wrappers import BeliefShaping, GainState, PosteriorState
@@ -89,3 +91,50 @@ def test_the_target_is_drawn_and_observed(wrap, model, body):
         assert env.step(unwrapped.confirm)[4]["is_success"] == is_target
         seen.add((info["target"], is_target))
     assert len(seen) == 8
+
+
+@pytest.mark.parametrize(
+    ("actions", "words"),
+    [
+        ([-1, 0], r"in \[0, 7\], got \(2,\): \[-1  0\]"),
+        ([0, 8], r"in \[0, 7\]"),
+        ([0], "must be 2 integers"),
+        ([[0], [1]], "must be 2 integers"),
+        ([0.5, 1.0], "must be integers, got float64"),
+    ],
+)
+def test_a_bank_refuses_actions_that_a_live_environment_refuses(actions, words):
+    envs = gymnasium.make_vec(TEST, num_envs=2, scene="coarse")
+    with pytest.raises(ResetNeeded):
+        envs.step(np.zeros(2, np.int64))
+    envs.reset(seed=0)
+    with pytest.raises(BadAction, match=words):
+        envs.step(np.array(actions))
+
+
+@pytest.mark.parametrize(
+    "setting", [{"touch_limit": 0}, {"touch_limit": -1}, {"touch_cost": float("nan")}, {"touch_cost": -1.0}]
+)
+def test_a_bank_refuses_settings_that_a_live_environment_refuses(setting, sampled):
+    with pytest.raises(ValueError, match=next(iter(setting))):
+        gymnasium.make(TEST, target="a", touches=sampled, **setting)
+    with pytest.raises(ValueError, match=next(iter(setting))):
+        gymnasium.make_vec(TEST, num_envs=2, scene="coarse", **setting)
+
+
+@pytest.mark.parametrize("setting", [{"beta": float("nan")}, {"beta": -1.0}, {"discount": 2.0}, {"num_envs": 0}])
+def test_episodes_of_a_bank_refuse_what_the_shaping_wrapper_refuses(setting):
+    with pytest.raises(BadOption, match=next(iter(setting))):
+        bank_episodes("coarse", "cone", **setting)
+
+
+def test_the_last_information_of_an_episode_is_where_gymnasium_has_it():
+    envs = gymnasium.make_vec(TEST, num_envs=4, scene="coarse")
+    envs.reset(seed=0)
+    _, _, terminated, _, infos = envs.step(np.array([0, 6, 7, 1]))
+    np.testing.assert_array_equal(infos["_final_info"], terminated)
+    for name in ("is_success", "num_touches"):
+        np.testing.assert_array_equal(infos["final_info"][name], infos[name])
+        np.testing.assert_array_equal(infos["final_info"][f"_{name}"], terminated)
+    *_, infos = envs.step(np.zeros(4, np.int64))
+    assert "final_info" not in infos

@@ -1,10 +1,13 @@
 """The time series of a press, and the paper's log files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas
 import pytest
 
 from activetouch import SCENES, SHAPES, Dynamic
+from activetouch.distributions import Constant
 from activetouch.errors import WrongPress
 from activetouch.placement import Placement
 from activetouch.poses import random_orientation
@@ -75,6 +78,12 @@ def test_only_guarded_moves_rotate(rng):
     scene = Scene()
     with pytest.raises(WrongPress, match="use the scene 'paper'"):
         record_cycles(scene, scene.sample_object(0, rng), 1, rng)
+
+
+def test_every_cycle_aims_where_the_pose_does(rng):
+    scene = replace(PAPER, aims={"front": (0.004, -0.003)}, variation=replace(PAPER.variation, offset=Constant(0.0)))
+    for cycle in record_cycles(scene, scene.sample_object(0, rng), 2, rng):
+        np.testing.assert_allclose(cycle.position[0, 1:], (0.004, 0.07 - 0.003))
 
 
 def test_traces_are_joined_in_time():

@@ -2,7 +2,10 @@
 
 import bz2
 import gzip
+import io
 import os
+import struct
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -208,3 +211,79 @@ def test_a_folder_that_is_not_there_is_said(tmp_path, format_name):
         read_recorded(tmp_path / "empty", format_name)
     with pytest.raises(BadRecording, match="known are cy101"):
         read_recorded(tmp_path, "xlsx")
+
+
+def damage(path, places):
+    """Change some bytes of a file."""
+    content = bytearray(path.read_bytes())
+    for place in places:
+        content[place] ^= 0xFF
+    path.write_bytes(content)
+
+
+def test_a_damaged_archive_is_said(tmp_path, rng):
+    numbers = "".join(f"mug,{x}\n" for x in rng.normal(size=3000).tolist())
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(f"object,x\n{numbers}".encode(), mtime=0))
+    damage(tmp_path / "a.csv.gz", (200, 201, 500))
+    with pytest.raises(BadRecording, match=r"a\.csv\.gz cannot be read"):
+        read_recorded(tmp_path, "csv")
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, features=rng.normal(size=(600, 3)), object=np.array(list("aab" * 200)))
+    for first in range(200, 400, 20):
+        damage(path, range(first, first + 20))
+        with pytest.raises(BadRecording, match="of plain arrays"):
+            read_recorded(path, "npz")
+
+
+def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
+    header = io.BytesIO()
+    fields = {"descr": "<f8", "fortran_order": False, "shape": (10**13, 1)}
+    np.lib.format.write_array_header_1_0(header, fields)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("features.npy", header.getvalue() + bytes(64))
+    with pytest.raises(BadRecording, match="of plain arrays"):
+        read_recorded(tmp_path, "npz")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"session": np.arange("2024-01-01", "2024-01-07", dtype="datetime64[D]")}, "session is '2024-01-01'; it must"),
+        ({"session": 1j * np.arange(6)}, "session is '0j'; it must be a whole number"),
+        ({"untouched": np.ones(6)}, r"untouched in .* must be numbers \(n, C\), got float64 \(6,\)"),
+        ({"untouched": np.float64(1.0)}, r"untouched in .* must be numbers \(n, C\)"),
+        ({"control:own": np.array(list("aabbcc"))}, r"control:own in .* must be numbers \(n, C\)"),
+        ({"control:own": np.ones((5, 1))}, r"the control 'own' must be \(6, C\)"),
+        ({"object": np.array([b"\xff"] * 6)}, "cannot be read as .npz of plain arrays"),
+    ],
+)
+def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
+    np.savez(tmp_path / "a.npz", **{"features": np.ones((6, 3)), "object": np.array(list("aabbcc")), **arrays})
+    with pytest.raises(BadRecording, match=words):
+        read_recorded(tmp_path, "npz")
+
+
+def test_bytes_in_an_npz_are_text(tmp_path):
+    np.savez(tmp_path / "a.npz", features=np.ones((2, 3)), object=np.array(["café".encode(), b"mug"]))
+    assert read_recorded(tmp_path, "npz")[0].object_names == ("café", "mug")
+
+
+def test_a_cell_without_end_in_a_csv_says_where_it_is(tmp_path):
+    write_csv(tmp_path, f"object,x\nmug,{'1' * 200_000}\n")
+    with pytest.raises(BadRecording, match=r"line 2 of .* is not CSV"):
+        read_recorded(tmp_path, "csv")
+
+
+def test_bts3_without_rows_is_refused(tmp_path):
+    for pose in ("down", "45", "side"):
+        (tmp_path / f"bts3v2_palm_{pose}.csv").write_text(",".join(map(str, range(74))) + "\n")
+    with pytest.raises(BadRecording, match="no rows below their headers"):
+        read_recorded(tmp_path, "bts3")
+
+
+def test_a_fraction_of_zeros_in_a_dsa_is_refused(tmp_path):
+    numbers = struct.pack(">2f", -1.5, -2.5).hex()
+    text = f"<r><cells_y>2</cells_y><cells_x>2</cells_x><frame_data>{numbers}</frame_data></r>"
+    (tmp_path / "a.dsa").write_bytes(bz2.compress(text.encode()))
+    with pytest.raises(BadRecording, match="zeros that is not whole"):
+        read_dsa(tmp_path / "a.dsa")

@@ -11,9 +11,9 @@ from activetouch import Quasistatic, Scene
 from activetouch.distributions import Constant
 from activetouch.errors import BadMesh, WrongRenderer
 from activetouch.pressing.pad import Pad
-from activetouch.rendering import PressureRenderer
+from activetouch.rendering import Gain, PressureRenderer
 from activetouch.scene import Variation
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument
 
 TETRAHEDRON = "v 0 0 0\nv .02 0 0\nv 0 .02 0\nv 0 0 .02\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 
@@ -97,3 +97,50 @@ def test_a_mesh_in_millimetres_is_told_the_flag_and_the_call(tmp_path):
     (tmp_path / "a.obj").write_text(TETRAHEDRON.replace(".02", "20"))
     with pytest.raises(BadMesh, match=r"--mesh-scale 0\.001 .*scale=0\.001"):
         Scene(shapes={"a": tmp_path / "a.obj"})
+
+
+class Blank:
+    """A fault that writes into the image that it is given."""
+
+    isotropic = True
+
+    def __call__(self, image, rng):
+        image[:] = 0.0
+        return image
+
+
+class Cropped:
+    isotropic = True
+
+    def __call__(self, image, rng):
+        return image[:8, :8]
+
+
+class Undirected:
+    def __call__(self, image, rng):
+        return image
+
+
+def test_a_fault_that_writes_into_its_image_leaves_the_ideal_one(rng):
+    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), faults=(Blank(),))
+    pressed = scene.press(scene.sample_object("cone", rng), "front", rng)
+    assert pressed.image.max() == 0
+    assert pressed.ideal.max() > 0.0
+
+
+def test_a_fault_that_gives_an_image_of_another_shape_is_named(rng):
+    scene = Scene(pad=Pad(num_taxels=16), press_model=Quasistatic(), faults=(Gain(0.1), Cropped()))
+    with pytest.raises(InvalidArgument, match=r"Cropped .* gave an image of shape \(8, 8\)"):
+        scene.press(scene.sample_object("cone", rng), "front", rng)
+
+
+@pytest.mark.parametrize("faults", [Gain(0.1), (Gain,), (0.1,), (Undirected(),), None])
+def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
+    with pytest.raises(InvalidArgument, match="fault"):
+        Scene(faults=faults)
+
+
+@pytest.mark.parametrize("number", [0, 16.5, 16.0])
+def test_a_pad_has_a_whole_number_of_taxels(number):
+    with pytest.raises(ValueError, match="num_taxels must be a whole number"):
+        Pad(num_taxels=number)

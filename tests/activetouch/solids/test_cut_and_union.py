@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from activetouch.poses import random_orientation, to_matrix
-from activetouch.shapes import KEYED_SHAPES, Box, ConvexPolyhedron, Cut, Cylinder, Sphere, Union
+from activetouch.shapes import KEYED_SHAPES, Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Sphere, Torus, Union
 
 CUBE = Box((0.016, 0.016, 0.016))
 
@@ -57,3 +57,20 @@ def test_equal_solids_are_equal_and_bad_ones_are_refused():
         _ = Cut(Sphere(0.02), ((1.0, 0.0, 0.0, 0.01),)).geom
     with pytest.raises(ValueError, match="at least one part"):
         Union(())
+
+
+@pytest.mark.parametrize(
+    "solid",
+    [
+        Torus(0.016, 0.007),
+        Union((Box((0.02, 0.004, 0.004)), Box((0.004, 0.004, 0.02)))),
+        Mesh(
+            "own",
+            0.01 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+            [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+        ),
+    ],
+)
+def test_a_solid_that_need_not_be_convex_is_not_cut(solid):
+    with pytest.raises(ValueError, match="only convex solids"):
+        Cut(solid, ((1.0, 0.0, 0.0, 0.001),))

@@ -147,6 +147,11 @@ def test_dead_taxels_do_not_break_the_symmetry_of_ideal_images():
     assert ideal_symmetry(scene) is Symmetry.ROTATIONS_AND_MIRROR
 
 
+def test_a_pose_that_aims_beside_the_middle_breaks_the_symmetry_of_ideal_images():
+    scene = replace(SCENES["coarse"].scene, aims={"front": (0.005, 0.0)})
+    assert ideal_symmetry(scene) is Symmetry.NONE
+
+
 def test_a_turned_reading_is_as_likely_where_no_taxel_is_dead(rng):
     scene = replace(SCENES["coarse"].scene, press_model=Quasistatic(), faults=(Noise(0.05),))
     noise = SensorNoise.of(scene.faults, 4)

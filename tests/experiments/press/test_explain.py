@@ -1,6 +1,7 @@
 """Explain names the hardest pairs, and what the belief about an object holds hidden in each presentation."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -10,8 +11,11 @@ from activetouch.distributions import Constant
 from activetouch.orientations import Resampled, Tumbled, Upright
 from activetouch.sensor_files import MODELS
 from belief.observation_model import OutcomeTable
+from experiments.press import explain
 from experiments.press.belief_table import belief_table, latent
-from experiments.press.explain import limits_table
+from experiments.press.explain import Explain, limits_table
+from experiments.press.step_counter import Cost
+from experiments.scene_choice import SceneChoice
 
 
 def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
@@ -46,3 +50,25 @@ def test_the_joint_belief_costs_more_than_the_independent_one_and_both_are_measu
     assert joint[1] > 12.5  # the table: 6 poses, 4 shapes, 2 048 hypotheses, 64 numbers of 4 bytes
     assert 0.0 < independent[1] < joint[1]
     assert 0.0 < independent[2] < joint[2]
+
+
+@pytest.mark.parametrize(
+    ("change", "fits"),
+    [
+        ({}, True),
+        ({"fidelity": "quasistatic"}, True),
+        ({"renderer": "gelsight"}, False),
+        ({"poses": "directions26"}, False),
+        ({"meshes": (Path("pebble.off"),)}, False),
+    ],
+)
+def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    corners = "0 0 0\n.03 0 0\n0 .03 0\n0 0 .03"
+    Path("pebble.off").write_text(f"OFF\n4 4 0\n{corners}\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
+    monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, 0.0, 0.0, ()))
+    Explain(SceneChoice("coarse", **change), presses=1).run()
+    text = " ".join(capsys.readouterr().out.split())
+    assert ("lower bounds on the touches" in text) == fits
+    assert ("No sensor with a joint model" in text) != fits
+    assert "what a press costs" in text

@@ -69,3 +69,11 @@ def test_the_leanest_scene_never_loads_mujoco():
     assert "torch" not in cost.imports
     assert cost.num_steps == 0
     assert press_cost(Scene(), 8).memory > cost.memory
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+def test_the_steps_of_a_press_are_counted_and_timed():
+    cost = press_cost(Scene(), 8)
+    assert cost.num_steps > 10
+    assert 0.0 < cost.num_steps * cost.step < 2.0 * cost.press

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from belief.errors import UnknownName
 from experiments.press.leak import Leak, RecordedSet
 from experiments.recorded.recorded import Recorded
 from planners.episode import Episode, Outcome
@@ -90,3 +91,31 @@ def test_sets_that_may_not_be_here_are_searched_where_they_are(name, task, tmp_p
         pytest.skip(f"ACTIVETOUCH_{name.upper()} names no folder with {name}")
     Recorded(Path(folder), name, task, scenes=0, rounds=1, random_splits=1, folds=2, out=tmp_path).run()
     assert (tmp_path / "report.html").is_file()
+
+
+def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):
+    with pytest.raises(UnknownName, match="point_based"):
+        Recorded(tmp_path / "nowhere", "csv", deciders=("best fixed order", "point_base"), out=tmp_path).run()
+
+
+def test_deciders_of_one_name_are_told_apart(tmp_path, own):
+    deciders = ("information_gain(confirm=0.6)", "information_gain(confirm=0.99)", "random_confirm")
+    small = {"objects": 3, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": deciders}
+    Recorded(own.parent, "csv", out=tmp_path, **small).run()
+    result = json.loads((tmp_path / "results.json").read_text())
+    assert [row[0] for row in result["tables"]["searches"]][:3] == list(deciders)
+
+
+@pytest.mark.parametrize("sessions", [1, 2])
+def test_categories_of_objects_with_few_sessions_have_no_control_by_random_sessions(tmp_path, rng, sessions):
+    lines = ["object,session,category,f0,f1"]
+    for session in range(sessions):
+        for thing in range(6):
+            row = ",".join(map(str, rng.normal(size=2) + thing % 2))
+            lines.append(f"thing{thing},{session},kind{thing % 2},{row}")
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    small = {"objects": 2, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",)}
+    Recorded(tmp_path, "csv", task="categories", out=tmp_path / "run", **small).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    splits = {row[0] for row in result["tables"]["controls"]}
+    assert splits == {"unseen objects", "–"}

@@ -217,6 +217,12 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
     assert len(abstention.rows[0]) == len(abstention.columns)
 
 
+def test_searches_have_the_touch_limit_of_the_scene(sensor):
+    short = replace(SCENES["coarse"], num_objects=1, touches_per_object=1)
+    (found,) = search_scores(sensor, {"own": sensor.model}, {"": COARSE}, short, episodes=2, seed=0, jobs=1).values()
+    assert found["touches"] <= 1.0
+
+
 def test_no_stops_have_no_confidence():
     assert confidence_at_stops([], [], []) is None
     found = confidence_at_stops([0.96, 0.98], [True, False], [1, 3])

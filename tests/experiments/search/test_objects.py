@@ -6,19 +6,22 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import activetouch
 from activetouch import SCENES, TactileSensor
-from activetouch.distributions import Uniform
+from activetouch.distributions import LogUniform, Uniform
+from activetouch.perception.hypothesis_table import HypothesisTable
+from activetouch.poses import POSE_SETS
 from belief.errors import ActiveTouchError, UnknownName
 from belief.references import BadReference
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice, named_scene, renderer_named
 from experiments.search.compare import Compare
-from experiments.search.objects import SceneObject
+from experiments.search.objects import SceneObject, _sensor_folder
 from experiments.search.run_folder import ShardKey
 from experiments.search.setting import Setting
 from planners import SequentialDecider, make_decider
@@ -252,3 +255,19 @@ def test_every_key_has_a_file_name_of_its_own(decider, target, number):
 
 def test_plain_names_stand_in_file_names_as_they_are():
     assert ShardKey("point_based", "my-mug", 3).stem == "point_based-my-mug-00003"
+
+
+def test_what_a_sensor_object_was_adapted_to_goes_with_it(tmp_path):
+    sensor = TactileSensor.shipped("coarse-robust")
+    table = HypothesisTable(sensor.reader, sensor.scene, LogUniform(1.9, 2.1))
+    folder = _sensor_folder(replace(sensor, model=sensor.model.with_hypotheses(table)), tmp_path)
+    again = TactileSensor.load(folder, sensor.scene)
+    np.testing.assert_array_equal(again.model.hypotheses.hypotheses(64).stiffnesses, table.hypotheses(64).stiffnesses)
+
+
+def test_a_sensor_object_is_of_the_poses_of_its_scene(tmp_path):
+    sensor = TactileSensor.shipped("coarse")
+    poses = dict(list(POSE_SETS["directions26"].items())[: len(sensor.scene.poses)])
+    scene = replace(sensor.scene, poses=poses)
+    folder = _sensor_folder(TactileSensor(scene, sensor.reader, sensor.model), tmp_path)
+    assert TactileSensor.load(folder, scene).shift == ()

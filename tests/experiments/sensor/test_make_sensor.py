@@ -5,11 +5,14 @@ from dataclasses import replace
 import pytest
 
 import activetouch
-from activetouch import SCENES, Quasistatic, TactileSensor
+from activetouch import SCENES, Quasistatic, Scene, TactileSensor
 from activetouch.errors import LabelMismatch
+from activetouch.pressing.pad import Pad
 from belief.references import BadReference
+from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import as_named
-from experiments.sensor.calibrate import Calibrate
+from experiments.sensor.calibrate import Calibrate, TooFewObjects
+from experiments.sensor.train import require_input_size
 
 SIZES = {"train": 4, "calibration": 2, "test": 1, "repeats": 1, "epochs": 2, "jobs": 1}
 
@@ -29,6 +32,10 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
     assert [file.stat().st_mtime_ns for file in files] == before
     with pytest.raises(LabelMismatch):
         activetouch.make_sensor(scene, tmp_path, **{**SIZES, "train": 5})
+    with pytest.raises(LabelMismatch, match="trained with other settings: cnn at 16 pixels, 2 epochs"):
+        activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 3})
+    with pytest.raises(LabelMismatch, match="asked for is cnn at 4 pixels"):
+        activetouch.make_sensor(replace(scene, input_size=4), tmp_path, **SIZES)
     _only_a_readable_model_is_written(tmp_path)
 
 
@@ -45,3 +52,18 @@ def _only_a_readable_model_is_written(folder):
 def test_the_images_of_a_scene_fit_its_network(name, size):
     scene = SCENES[name].scene
     assert as_named(scene).input_size == size or scene.image_shape[0] % as_named(scene).input_size == 0
+
+
+@pytest.mark.parametrize("edge", [7, 67, 134, 201])
+def test_the_images_of_a_pad_of_any_size_fit_its_network(edge):
+    require_input_size(as_named(Scene(pad=Pad(num_taxels=edge))).input_size, edge, "cnn")
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_what_cannot_become_a_sensor_is_refused_before_anything_is_recorded(tmp_path):
+    with pytest.raises(TooFewObjects):
+        activetouch.make_sensor("coarse", tmp_path, **{**SIZES, "test": 0})
+    with pytest.raises(BadArgument, match="--input-size must divide the 4 pixels"):
+        activetouch.make_sensor(replace(SCENES["coarse"], input_size=5), tmp_path, **SIZES)
+    assert not list(tmp_path.iterdir())

@@ -176,6 +176,17 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
     assert (tmp_path / "learning_curve.svg").exists()
 
 
+def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
+    sizes = []
+
+    class Counting:
+        def read(self, images, batch_size):
+            sizes.append(len(images))
+
+    Frontier((tmp_path,), rounds=2)._time([Counting()], np.zeros((3, 4, 4), np.uint8), 8)
+    assert sizes == [8, 8, 8]
+
+
 @pytest.mark.slow
 def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_path):
     trained(data, tmp_path / "trained")
