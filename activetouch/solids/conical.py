@@ -64,9 +64,8 @@ class Frustum:
                 np.maximum(enter, crossing, out=enter, where=half_b < 0.0)
                 np.minimum(leave, crossing, out=leave, where=half_b > 0.0)
                 leave[(half_b == 0.0) & (c > 0.0)] = -np.inf
-            elif (
-                a > 0.0
-            ):  # inside between the roots; ahead of a ray half_b is negative, so the difference below is a sum
+            elif a > 0.0:
+                # Inside between the roots. Ahead of a ray half_b is negative, so the difference below is a sum.
                 root = half_b * half_b
                 root -= a * c
                 np.sqrt(root, out=root)
