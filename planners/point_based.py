@@ -1,4 +1,4 @@
-"""The default planner: follows a solved policy of the search at hand on the exact belief.
+"""The planner: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
 hidden state is the smallest exact one where that has at most some hundred values (:mod:`planners.pomdp.stages`), else

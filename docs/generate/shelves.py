@@ -114,7 +114,7 @@ DECIDERS = {
         "As `pouct`; rare shapes may have no particle.",
     ),
     "point_based": Said(
-        "The default planner. It solves the search as a POMDP once for each target, by point-based value iteration, and follows the plan with the "
+        "It solves the search as a POMDP once for each target, by point-based value iteration, and follows the plan with the "
         "exact belief.",
         f"{_TARGET} Further scores are expected returns of the actions under the plan.",
         "Twelve objects, where the plan has fewer states than the belief; and worlds in which its cost or its outcome table is wrong.",

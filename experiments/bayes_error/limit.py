@@ -37,7 +37,7 @@ FEW_TAXELS = 64
 class Limit:
     """Estimate the best possible accuracy of one touch, and compare the classifier with it.
 
-    The estimates for the images of scene ``paper`` are in ``benchmarks/force_patch_limit.py``.
+    The estimates for the images of the scene "paper" are in benchmarks/force_patch_limit.py.
 
     For example:
 

@@ -31,7 +31,7 @@ class Effort:
     repeats: PlanArguments = field(default_factory=lambda: PlanArguments(train=0, repeats=6))
     """Objects of each shape for the observation model and the policies."""
     change: Changes = field(default_factory=lambda: Changes(epochs=6, batch_size=128))
-    """Changes to the recipe ``large`` of the classifier."""
+    """Changes to the recipe "large" of the classifier."""
     ppo: PPOChanges = field(default_factory=PPOChanges)
     """Changes to the recipes of PPO."""
     ppo_seeds: Count = 3

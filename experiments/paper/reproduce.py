@@ -72,7 +72,7 @@ class Reproduce:
     input_size: Pixels = 128
     """Table 1: edge of the network's input [pixels]; the paper uses 128."""
     weights: str | None = None
-    """Table 1: initial weights of the backbone, as in ``activetouch train``; random weights by default."""
+    """Table 1: initial weights of the backbone, as in activetouch train; random weights by default."""
     images: WindowPlan = field(default_factory=WindowPlan)
     """Table 1 and Figure 2: number of images."""
     change: Changes = field(default_factory=Changes)

@@ -132,7 +132,7 @@ class Leak:
     input_size: Pixels = 32
     """Edge of the averaged images that small networks see [pixels]."""
     change: Changes = field(default_factory=Changes)
-    """Changes to their training recipe, which is ``large`` in single precision, without early stopping."""
+    """Changes to their training recipe, which is "large" in single precision, without early stopping."""
     seed: Seed = 0
     """Seed of objects, presses, exchange and intervals."""
     out: Path | None = None

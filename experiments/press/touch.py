@@ -127,7 +127,7 @@ class Record:
     """Press an object of each shape repeatedly and write every step, one CSV file per object (paper §5.4).
 
     The columns are cycle, time [s], position x, y, z [m], force fx, fy, fz [N] and phase (approach, contact, pause,
-    withdraw, rotate). Rotations need guarded moves, as in the default scene ``paper``.
+    withdraw, rotate). Rotations need guarded moves, as in the default scene "paper".
 
     For example:
 
@@ -177,7 +177,7 @@ def _require_viewer() -> ModuleType:
 
 @dataclass(frozen=True)
 class View:
-    """Show a press in MuJoCo's window; this needs the extra ``viewer`` and a display.
+    """Show a press in MuJoCo's window; this needs the extra "viewer" and a display.
 
     For example:
 

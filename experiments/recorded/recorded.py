@@ -43,8 +43,8 @@ class Recorded:
 
     The set is split by time or by object, a classifier is trained and calibrated, correlations between touches are
     fitted, and objects are then identified, and searched for, by their held-out recordings. Needs the extra
-    ``recorded``.
-    docs/real_touch.md describes the formats; ``csv`` and ``npz`` are for touches of your own.
+    "recorded".
+    docs/real_touch.md describes the formats; "csv" and "npz" are for touches of your own.
 
     For example:
 

@@ -39,7 +39,7 @@ _BEFORE, _KNOWN, _UNKNOWN = "before", "known shapes", "unknown shapes"
 class Adapt:
     """Fit a sensor to a changed world: same reader, touches of a few objects, less than a minute.
 
-    From touches of some objects it finds the stiffness of the set-up, if the reader knows stiffness (``coarse-robust``,
+    From touches of some objects it finds the stiffness of the set-up, if the reader knows stiffness (coarse-robust,
     for example), and, where their shapes are known, how far to trust touches. The table compares the numbers of
     objects, with known and with unknown shapes, on other objects of the same world. Writes the sensor that was fitted
     to the largest number, with known shapes, into a folder.
@@ -55,9 +55,9 @@ class Adapt:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world that the sensor is in."""
     sensor: Path | None = None
-    """Folder from ``activetouch calibrate``, or name of a shipped sensor; that of the scene by default."""
+    """Folder from activetouch calibrate, or name of a shipped sensor; that of the scene by default."""
     condition: str | None = None
-    """Change of the scene, by its name in ``activetouch robustness``, such as "stiffness × 0.7"; none by default."""
+    """Change of the scene, by its name in activetouch robustness, such as "stiffness × 0.7"; none by default."""
     objects: Annotated[tuple[Count, ...], NotEmpty()] = (2, 5, 10)
     """Numbers of objects of every shape to adapt to; each object is touched once in every pose."""
     test: Count = 100

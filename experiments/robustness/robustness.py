@@ -62,7 +62,7 @@ class Robustness:
     """Measure a sensor under faults, other objects, other presses and unseen shapes.
 
     A sensor whose observation model is about one rigid body is measured beside its model that takes touches as
-    independent. Writes ``robustness.json``, tables (``robustness.md``) and a figure (``robustness.svg`` and ``.png``).
+    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png).
 
     For example:
 
@@ -75,7 +75,7 @@ class Robustness:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world that the sensor was trained in."""
     sensor: Path | None = None
-    """Folder from ``activetouch calibrate``, or name of a shipped sensor; that of the scene by default."""
+    """Folder from activetouch calibrate, or name of a shipped sensor; that of the scene by default."""
     objects: Annotated[int, Within(2, 10**8)] = 100
     """Number of objects of every shape, at least two; each is touched once in every pose, under every condition."""
     conditions: tuple[str, ...] = ()

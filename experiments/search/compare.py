@@ -41,9 +41,9 @@ _DECIDERS_HELP = (
 class Compare:
     """Search live in MuJoCo with several deciders on identical episodes; print a table and write a report.
 
-    Finished episodes are kept: after an interruption, the same command continues. A larger ``--episodes`` extends a
-    finished run. Several machines can share the work: as workers of a Dask cluster (``--backend dask``), or each with a
-    part of the run (``--part 1/2``), which ``activetouch merge`` combines.
+    Finished episodes are kept: after an interruption, the same command continues. A larger --episodes extends a
+    finished run. Several machines can share the work: as workers of a Dask cluster (--backend dask), or each with a
+    part of the run (--part 1/2), which activetouch merge combines.
 
     For example:
 

@@ -1,4 +1,4 @@
-"""``activetouch export``: write a search as a ``.pomdp`` file or the default planner's policy as a ``.npz`` file."""
+"""``activetouch export``: write a search as a ``.pomdp`` file or the policy of ``point_based`` as a ``.npz`` file."""
 
 from __future__ import annotations
 

@@ -41,9 +41,9 @@ from experiments.sensor_choice import open_collection, require_collection
 class Calibrate:
     """Fit observation models to held-out objects, keep the best one, and evaluate the sensor on other objects.
 
-    The collection should touch its objects several times in every pose (``collect --plan.repeats 6``): how far touches
+    The collection should touch its objects several times in every pose (collect --plan.repeats 6): how far touches
     repeat each other can be learned from nothing else. Cross-validation on the calibration split selects the model.
-    Writes the reader, the observation model and ``evaluation.json`` into one folder that the other commands use.
+    Writes the reader, the observation model and evaluation.json into one folder that the other commands use.
     If the chosen model is about one rigid body, the best model that takes touches as independent is kept beside it.
 
     For example:
@@ -56,7 +56,7 @@ class Calibrate:
     scene: str = "gel"
     """Name of the scene, which gives the defaults of the next three."""
     reader: Path | None = None
-    """From ``activetouch train``, or a sensor's; runs/train-SCENE/reader.safetensors by default."""
+    """From activetouch train, or a sensor's; runs/train-SCENE/reader.safetensors by default."""
     data: Path | None = None
     """Folder of the collection; data/SCENE-repeats by default."""
     out: Path | None = None

@@ -71,7 +71,7 @@ class Frontier:
     """
 
     checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
-    """From ``activetouch train``."""
+    """From activetouch train."""
     scene: str = "gel"
     """Whose touches to read."""
     data: Path | None = None

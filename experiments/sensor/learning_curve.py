@@ -70,7 +70,7 @@ class LearningCurve:
     input_size: Pixels | None = None
     """Edge the images are brought to [pixels]; the scene's by default."""
     change: Changes = field(default_factory=Changes)
-    """What to change about the recipe ``large``; its epochs are those of the whole collection."""
+    """What to change about the recipe "large"; its epochs are those of the whole collection."""
     seed: Seed = 0
     """Of the intervals."""
     threads: Jobs = field(default_factory=default_jobs)

@@ -19,7 +19,7 @@ from planners.pose_order import hypothesis_order, write_order
 
 @dataclass(frozen=True)
 class RankPoses:
-    """Find the best fixed order of poses for the decider ``best_order``, and put it into the sensor's folder.
+    """Find the best fixed order of poses for the decider best_order, and put it into the sensor's folder.
 
     The order is greedy: each pose is the one with which the touches so far leave the lowest negative log likelihood of
     the shape, over the objects of the calibration split.

@@ -95,7 +95,7 @@ class SeveralTouches:
     scene: str = "gel"
     """Name of the scene."""
     readers: tuple[Path, ...] = ()
-    """From ``activetouch train``; that of the scene's shipped sensor by default."""
+    """From activetouch train; that of the scene's shipped sensor by default."""
     data: Path | None = None
     """Folder of the collection with repeats; data/SCENE-repeats by default."""
     hypotheses: Annotated[tuple[Count, ...], NotEmpty()] = (2048,)

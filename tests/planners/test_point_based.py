@@ -1,4 +1,4 @@
-"""The default planner in whole searches: its plans are followed, repeats are priced, extremes are survived."""
+"""The planner in whole searches: its plans are followed, repeats are priced, extremes are survived."""
 
 import ast
 

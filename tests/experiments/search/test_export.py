@@ -1,4 +1,4 @@
-"""``activetouch export`` writes files that read back as the search and the policy of the default planner."""
+"""``activetouch export`` writes files that read back as the search and the policy of ``point_based``."""
 
 from dataclasses import replace
 
