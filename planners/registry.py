@@ -87,7 +87,7 @@ def _point_based(
     rounds: Sequence[int] = ROUNDS,
     given: Literal["body", "shape"] = "shape",
 ) -> Decider:
-    """Point-based value iteration on the whole search: plans ahead, and weighs the cost of touches."""
+    """Point-based value iteration on the whole search: plans ahead, weighs what touches cost."""
     return PointBased(table, repeat_discount(model), rounds, given)
 
 
@@ -213,7 +213,7 @@ def summary_of(name: str) -> str:
     """The one-line description of a decider in the registry.
 
     >>> summary_of("point_based")
-    'Point-based value iteration on the whole search: plans ahead, and weighs the cost of touches.'
+    'Point-based value iteration on the whole search: plans ahead, weighs what touches cost.'
     """
     return (DECIDERS[name].__doc__ or "").strip().partition("\n")[0]
 

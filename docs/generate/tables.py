@@ -59,12 +59,12 @@ def perception(page: str) -> str:
     page = _with_rows(page, "## The paper's Table 1, twice", _table1("**"))
     networks = [
         _row(
-            f"{entry['network']}, {entry['precision']}",
+            f"{entry['network']}, {entry['runtime']}",
             "{:.4f} [{:.4f}, {:.4f}]".format(entry["scores"]["accuracy"], *entry["scores"]["interval"]),
             f"{entry['scores']['nll']:.4f}",
             *(f"{entry['milliseconds'][batch]:.2f} ({entry['ratio'][batch]:.2f})" for batch in ("1", "64")),
             f"{entry['megabytes']:.1f}",
-            f"{entry['parameters'] / 1e6:.2f} M",
+            _grouped(entry["parameters"]),
         )
         for entry in _record("perception/frontier")["entries"]
     ]

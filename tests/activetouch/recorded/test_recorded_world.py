@@ -160,7 +160,7 @@ def test_a_set_that_cannot_be_split_is_refused(rng):
         ({"features": np.full((60, 6), np.nan)}, "features of touch 0 .*thing_0"),
         ({"actions": np.full(60, 2)}, "actions must be in"),
         ({"objects": np.zeros(3, np.int64)}, "objects must be"),
-        ({"controls": {"a": np.zeros((2, 1))}}, "the control 'a' has 2 rows"),
+        ({"controls": {"a": np.zeros((2, 1))}}, "the control 'a' must be .60, C"),
         ({"labels": {"colours": ("red",) * 6}}, "labels must give"),
     ],
 )
