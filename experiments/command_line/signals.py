@@ -42,14 +42,24 @@ def running() -> Iterator[None]:
     with _handlers(signal.default_int_handler, _terminate):
         try:
             yield
-        except Terminated:
-            code = 128 + signal.SIGTERM
-        except KeyboardInterrupt:
-            code = 128 + signal.SIGINT
+        except (KeyboardInterrupt, Exception) as error:
+            code = _code_of(error)
+            if not code:
+                raise
         if code:  # outside of the except block, so that the progress bar is closed
             _end_workers()
             print(f"\n{_MESSAGE}", file=sys.stderr)
             sys.exit(code)
+
+
+def _code_of(error: BaseException) -> int:
+    """Exit status of the signal that led to an error, also if cleaning up failed after it; 0 if none did."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return 128 + (signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
+        cause = cause.__context__
+    return 0
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.command_line.signals import loading, running
+from experiments.command_line.signals import Terminated, loading, running
 
 ROOT = Path(__file__).parents[3]
 SECONDS = 90  # of a busy machine; what is waited for takes two or three
@@ -175,3 +175,19 @@ def test_a_signal_that_is_ignored_stays_ignored_and_handlers_come_back(tmp_path)
         raise KeyboardInterrupt
     assert end.value.code == 130
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.parametrize(("interruption", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_an_error_of_cleaning_up_after_a_signal_is_not_shown(interruption, code, capsys):
+    with pytest.raises(SystemExit) as found, running():
+        try:
+            raise interruption
+        finally:
+            raise RuntimeError("cannot join thread before it is started")
+    assert found.value.code == code
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_an_error_without_a_signal_is_shown():
+    with pytest.raises(ValueError, match="of the command"), running():
+        raise ValueError("of the command")
