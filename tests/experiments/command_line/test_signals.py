@@ -179,11 +179,15 @@ def test_a_signal_that_is_ignored_stays_ignored_and_handlers_come_back(tmp_path)
 
 @pytest.mark.parametrize(("interruption", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
 def test_an_error_of_cleaning_up_after_a_signal_is_not_shown(interruption, code, capsys):
-    with pytest.raises(SystemExit) as found, running():
-        try:
-            raise interruption
-        finally:
-            raise RuntimeError("cannot join thread before it is started")
+    def command():
+        with running():
+            try:
+                raise interruption
+            finally:
+                raise RuntimeError("cannot join thread before it is started")
+
+    with pytest.raises(SystemExit) as found:
+        command()
     assert found.value.code == code
     assert "interrupted" in capsys.readouterr().err
 
