@@ -231,7 +231,7 @@ def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
         return ASSUMED_CORRELATION
     length = found.rows.shape[1]
     most = max(2, min(_REPEATED, _that_fit(model, length)))
-    some = np.sort(np.random.default_rng(3).permutation(np.arange(len(found.rows)))[:most])
+    some = np.sort(np.random.default_rng(3).permutation(len(found.rows))[:most])
     found = Repeats(found.rows[some], found.shapes[some])
     touches = _touches(data, np.where(found.rows >= 0, found.rows, found.rows[:, :1]))  # padding does not count
     sums = np.stack([after.astype(np.float32) for _, _, after in model.steps(touches)][1:], axis=1)  # (G, n - 1, K, N)

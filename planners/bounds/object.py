@@ -41,7 +41,7 @@ class ObjectBound:
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
         """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
         belief, payoffs = belief[self._shapes], np.stack([confirm, reject])[:, self._shapes]
-        known = np.maximum(payoffs.max(axis=0), self._costs.for_ever)  # value where the shape is known
+        known = self._costs.known(payoffs)
         if len(belief) == 1:
             return float(known[0])
         if self._grid is None:

@@ -65,7 +65,7 @@ class RevealingTouchBound:
         shapes = np.flatnonzero(belief > 0.0)
         payoffs = np.stack([confirm, reject])[:, shapes]
         if len(shapes) == 1:
-            return max(float(payoffs.max()), self.costs.for_ever)
+            return float(self.costs.known(payoffs)[0])
         start, reach, found = belief[None, shapes], np.ones(1), []
         for number, table in enumerate(self.tables):
             leaf = self._leaf(number, shapes, payoffs)
@@ -75,7 +75,7 @@ class RevealingTouchBound:
     def _leaf(self, number: int, shapes: NDArray[np.int64], payoffs: Floats) -> Leaf:
         """Bound at beliefs ``(B, K)`` after the last exact touch, ``(B,)``."""
         costs = self.costs
-        known = np.maximum(payoffs.max(axis=0), costs.for_ever)  # value where the shape is known
+        known = costs.known(payoffs)
 
         def revealed(beliefs: Floats) -> Floats:
             return costs.discount * (beliefs @ known) - costs.cost

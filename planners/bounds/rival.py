@@ -45,8 +45,7 @@ def pair_values(steps: Floats, payoffs: Floats, costs: TouchCosts) -> Floats:
     grid = np.linspace(0.0, 1.0, INTERVALS + 1)
     beliefs = np.stack([grid, 1.0 - grid], axis=1)
     stop = (beliefs @ payoffs.T).max(axis=1)
-    known = np.maximum(payoffs.max(axis=0), costs.for_ever)  # value where the shape is known
-    value = np.maximum(stop, beliefs @ known * costs.discount - costs.cost)
+    value = np.maximum(stop, beliefs @ costs.known(payoffs) * costs.discount - costs.cost)
     for _ in range(_MAX_SWEEPS):
         before = value
         value = np.minimum(np.maximum(stop, costs.discount * (steps @ value).max(axis=0) - costs.cost), value)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from belief.errors import InvalidArgument
+from belief.problem import Floats
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,10 @@ class TouchCosts:
         (-0.2, -inf)
         """
         return -self.cost / (1.0 - self.discount) if self.discount < 1.0 else -float("inf")
+
+    def known(self, payoffs: Floats) -> Floats:
+        """Value where the shape is known, by shape ``(K,)``, for payoffs of each answer ``(A, K)``."""
+        return np.maximum(payoffs.max(axis=0), self.for_ever)
 
     def weight(self, touches: int) -> float:
         """Weight of the next touch after so many touches."""
