@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from belief.statistics.proportion import wilson_interval
+from experiments.tradeoff.configuration import NUM_HYPOTHESES
+from experiments.tradeoff.picks import TASKS
 
 DOCS = Path(__file__).parent.parent
 SHIFTED = ("gel", "coarse", "paper", "hard", "many")
@@ -103,10 +105,11 @@ def calibration(page: str) -> str:
 
 def tradeoff(page: str) -> str:
     """The page with its Pareto fronts, and its tables of hypotheses and of networks."""
+    searched = list(_searched())
     for task, scenes in TASKS.items():
-        front = [cells for cells in _configurations() if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
-        page = _with_rows(page, f"**{task}**", [_row(*_searched(cells)) for cells in front])
-    page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses()))
+        front = [cells for cells in searched if cells[0].startswith(scenes) and float(cells[-1]) >= _SHOWN]
+        page = _with_rows(page, f"**{task}**", [_row(*cells) for cells in front])
+    page = _with_rows(page, "## How many hypotheses", list(_live_hypotheses(searched)))
     page = _with_rows(page, "**Without decisions.**", _hypotheses(_by_score))
     rows = []
     for entry in _record("tradeoff/networks")["entries"]:
@@ -171,12 +174,7 @@ PAGES = {
 }
 
 
-TASKS = {  # of the trade-off, and the scenes of each
-    "four objects of four shapes": ("gel", "coarse", "paper"),
-    "eight objects of twelve shapes, any mixture": ("hard",),
-    "twelve objects of twelve shapes": ("many",),
-}
-_SHOWN = 0.095  # least probability of being on the front, 0.10 when rounded
+_SHOWN = 0.1  # least probability of being on the front
 _TARGETS = ("sphere", "cube", "cylinder", "cone")
 _PAPER_MANUAL = ("1.00", "1.00", "0.05", "0.08", "0.532", "", "", "")
 _PAPER_PPO = ("0.46", "0.13", "0.15", "0.20", "0.235", "", "", "")
@@ -218,34 +216,27 @@ def _hypotheses(cells: Callable[[Mapping[int, Any]], Iterable[str]]) -> list[str
     return rows
 
 
-def _configurations() -> list[list[str]]:
-    """The rows of the trade-off."""
+def _searched() -> Iterator[list[str]]:
+    """Rows of the trade-off, rounded; differences are quoted in the file so that no program adds them up."""
     with (DOCS / "tradeoff" / "tradeoff.csv").open(encoding="utf-8", newline="") as file:
         _, *rows = csv.reader(file)
-    return rows
-
-
-def _searched(cells: list[str]) -> Iterator[str]:
-    """Cells of a row of the trade-off, rounded; differences are quoted in the file so that no program adds them up."""
-    for cell, spec in zip(cells, _SEARCHED, strict=True):
-        yield f"{float(cell):{spec}}" if spec else cell.removeprefix("'")
+    for cells in rows:
+        marked = zip(cells, _SEARCHED, strict=True)
+        yield [f"{float(cell):{spec}}" if spec else cell.removeprefix("'") for cell, spec in marked]
 
 
 _SEARCHED = ("", "", "", "", ".2f", ".3f", ".1f", ".2f", ".2f", ".2f", ".1f", ".0f", ".2f")
 
 
-def _live_hypotheses() -> Iterator[str]:
+def _live_hypotheses(searched: list[list[str]]) -> Iterator[str]:
     """A row for every number of hypotheses in live searches of a scene, after that of independent touches."""
-    rows = {cells[0]: list(_searched(cells)) for cells in _configurations()}
+    rows = {cells[0]: cells for cells in searched}
     for scene in ("coarse", "hard"):
         names = {"independent": f"{scene}-independent, information_gain, λ 0.02"}
-        names |= {_grouped(n): f"{scene}, rigid body × {n}, information_gain, λ 0.02" for n in _NUM_HYPOTHESES}
+        names |= {_grouped(n): f"{scene}, rigid body × {n}, information_gain, λ 0.02" for n in NUM_HYPOTHESES}
         for hypotheses, name in names.items():
             cells = rows[name]
             yield _row(f"`{scene}`", hypotheses, cells[2], *cells[4:8])
-
-
-_NUM_HYPOTHESES = (64, 256, 1024, 2048, 4096, 16_384)
 
 
 def _by_touches(results: Mapping[int, Any]) -> list[str]:

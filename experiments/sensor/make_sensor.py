@@ -67,22 +67,22 @@ def make_sensor(
     touches, again, trained = folder / "touches", folder / "repeats", folder / "training"
     plan = CollectionPlan(train=train, calibration=calibration, test=0, seed=seed)
     repeated = CollectionPlan(train=0, calibration=calibration, test=test, seed=seed, repeats=repeats)
-    changes, network = Changes(**{"seed": seed, **change}), (named.backbone, named.input_size)
+    changes = Changes(**{"seed": seed, **change})
+    network: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
     require_input_size(named.input_size, named.scene.image_shape[0], named.backbone)
     require_enough(Manifest.of(named.scene, repeated), again)
     if (trained / READER_FILE).exists():
-        _require_same_training(trained / READER_FILE, changes, network)
+        _require_same_training(trained / READER_FILE, changes, **network)
     record(named.scene, plan, touches, jobs)
     record(named.scene, repeated, again, jobs)
     if not (trained / READER_FILE).exists():
-        sizes: dict[str, Any] = {"backbone": named.backbone, "input_size": named.input_size}
-        Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **sizes).run()
+        Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **network).run()
     if not (folder / "evaluation.json").exists():
         Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run(named.scene)
     return TactileSensor.load(folder, named.scene)
 
 
-def _require_same_training(reader: Path, changes: Changes, network: tuple[str, int]) -> None:
+def _require_same_training(reader: Path, changes: Changes, backbone: str, input_size: int) -> None:
     """Check that a finished reader was trained as asked for.
 
     Raises:
@@ -90,9 +90,9 @@ def _require_same_training(reader: Path, changes: Changes, network: tuple[str, i
     """
     card, wanted = read_card(reader), changes.of(RECIPES["large"]).words
     found = card.training.partition(";")[0]
-    if (found, card.backbone, card.input_size) != (wanted, *network):
+    if (found, card.backbone, card.input_size) != (wanted, backbone, input_size):
         raise LabelMismatch(
             f"{reader} was trained with other settings: {card.backbone} at {card.input_size} pixels, {found}; "
-            f"asked for is {network[0]} at {network[1]} pixels, {wanted}. Choose another folder, or delete "
+            f"asked for is {backbone} at {input_size} pixels, {wanted}. Choose another folder, or delete "
             f"{reader.parent}"
         )
