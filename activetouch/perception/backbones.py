@@ -99,6 +99,7 @@ class SmallCNN:
 BACKBONES: Mapping[str, Backbone] = MappingProxyType(
     {
         "cnn": SmallCNN((24, 48, 96, 128)),
+        "wide_cnn": SmallCNN((32, 64, 128, 192)),
         "micro": ConvNeXt((3, 3), (64, 128)),  # two stages, for sensors of few taxels
         "atto": ConvNeXt((2, 2, 6, 2), (40, 80, 160, 320)),
         "femto": ConvNeXt((2, 2, 6, 2), (48, 96, 192, 384)),

@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
 
 from activetouch.errors import LabelMismatch, WrongScene
 from activetouch.perception.sealed_tensors import read_fields
 from belief.errors import CorruptFile
 
-CHECKPOINT = "activetouch-classifier-4"
+CHECKPOINT = "activetouch-classifier-5"
 """The kind of file that training writes and goes on from, with weights for torch."""
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
+HypothesisNetworkName: TypeAlias = Literal["plain", "residual"]
+PRODUCTS = np.triu_indices(9)
+"""The pairs of entries of a rotation matrix whose products a residual network of hypotheses reads, two arrays."""
 CLASSIFIER_FILE = "classifier.safetensors"
 """Name of a checkpoint in the folder of a training."""
 
@@ -40,6 +45,8 @@ class ClassifierCard:
             had the same, and hypotheses then have none.
         aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
             and hypotheses then have none.
+        hypothesis_network: which network embeds hypotheses: "residual", or "plain" in readers trained before there
+            was another (decision 0063), and where nothing embeds hypotheses.
     """
 
     backbone: str
@@ -59,6 +66,7 @@ class ClassifierCard:
     log_stiffness_mean: float = 0.0
     log_stiffness_std: float = 0.0
     aim_scale: float = 0.0
+    hypothesis_network: HypothesisNetworkName = "plain"
 
     @property
     def knows_stiffness(self) -> bool:
@@ -72,8 +80,12 @@ class ClassifierCard:
 
     @property
     def num_inputs(self) -> int:
-        """Numbers that describe a hypothesis: shape, rotation, size, and the stiffness and aim that it may have."""
-        return len(self.shape_labels) + 10 + self.knows_stiffness + 2 * self.knows_aims
+        """Numbers that describe a hypothesis: shape, rotation, size, and the stiffness and aim that it may have.
+
+        A residual network reads the products of two entries of the rotation matrix too.
+        """
+        products = len(PRODUCTS[0]) if self.hypothesis_network == "residual" else 0
+        return len(self.shape_labels) + 10 + self.knows_stiffness + 2 * self.knows_aims + products
 
     @property
     def knows_orientations(self) -> bool:
@@ -122,6 +134,7 @@ class ClassifierCard:
         """Its fields, as a file has them: nothing about stiffness and aims where they are not known."""
         absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
         absent += () if self.knows_aims else ("aim_scale",)
+        absent += ("hypothesis_network",) if self.hypothesis_network == "plain" else ()
         return {name: value for name, value in asdict(self).items() if name not in absent}
 
 
@@ -139,6 +152,8 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
         for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
             if not (isinstance(value := getattr(card, name), int) and value >= least):
                 raise TypeError(f"{name} is {value!r}")
+        if card.hypothesis_network not in get_args(HypothesisNetworkName):
+            raise TypeError(f"hypothesis_network is {card.hypothesis_network!r}")
     except (KeyError, TypeError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
     return card

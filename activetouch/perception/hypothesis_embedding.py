@@ -1,4 +1,4 @@
-"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a perceptron with GELU between layers."""
+"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a perceptron, plain or residual."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.perception.card import ClassifierCard
+from activetouch.perception.card import PRODUCTS, ClassifierCard
 
 Floats32 = NDArray[np.float32]
 _AT_ONCE = 4096  # hypotheses
@@ -29,7 +29,9 @@ class HypothesisEmbedding:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
             entries of the rotation matrix row by row, the standardised log size and, where the card knows them, the
-            standardised log stiffness and the scaled aim.
+            standardised log stiffness and the scaled aim; in a residual network then the products of two entries of the
+            matrix. GELU follows every layer but the last. In a residual network, hidden layers but the first read
+            normalised numbers, and add to them.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
         stiffnesses: of the fixed hypotheses, ``(M,)``; all 1 if not given.
@@ -98,7 +100,7 @@ class HypothesisEmbedding:
             raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
         if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
             raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
-        card = self.card
+        card, residual = self.card, self.card.hypothesis_network == "residual"
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
         if card.knows_stiffness:
             numbers.append((np.log(stiffnesses) - card.log_stiffness_mean) / card.log_stiffness_std)
@@ -109,9 +111,16 @@ class HypothesisEmbedding:
         for first in range(0, number, _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
             kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
-            hidden = np.concatenate([kind, rotations[some].reshape(-1, 9), standard[some]], axis=1, dtype=np.float32)
-            for weight, bias in self.layers[:-1]:
-                hidden = _gelu(hidden @ weight.T + bias)
+            turns = rotations[some].reshape(-1, 9).astype(np.float32)
+            columns = [kind, turns, standard[some]]
+            if residual:
+                columns.append(turns[:, PRODUCTS[0]] * turns[:, PRODUCTS[1]])
+            hidden = np.concatenate(columns, axis=1, dtype=np.float32)
+            for layer, (weight, bias) in enumerate(self.layers[:-1]):
+                if residual and layer > 0:
+                    hidden += _gelu(_normalised(hidden) @ weight.T + bias)
+                else:
+                    hidden = _gelu(hidden @ weight.T + bias)
             weight, bias = self.layers[-1]
             found[some] = hidden @ weight.T + bias
         return found
@@ -167,6 +176,14 @@ class HypothesisEmbedding:
             for layer in range(number)
         )
         return cls(card, layers, tensors[_ROTATIONS], tensors[_SIZES], tensors.get(_STIFFNESSES), tensors.get(_AIMS))
+
+
+def _normalised(x: Floats32) -> Floats32:
+    """Rows with mean 0 and variance 1, as torch's layer normalisation makes them."""
+    centred = x - x.mean(axis=1, keepdims=True)
+    variances = np.einsum("ij,ij->i", centred, centred) / np.float32(x.shape[1])
+    centred /= np.sqrt(variances + np.float32(1e-5))[:, None]
+    return centred
 
 
 def _logsumexp(scores: Floats32) -> Floats32:

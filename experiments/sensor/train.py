@@ -223,6 +223,7 @@ def card_for(
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
         **(_stiffness_fields(train.stiffnesses) if embedding else {}),
         aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
+        hypothesis_network="residual" if embedding else "plain",
     )
 
 

@@ -13,6 +13,7 @@ from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader
 from activetouch.perception.hypothesis_embedding import HypothesisEmbedding
+from activetouch.perception.hypothesis_network import Hypotheses, HypothesisNetwork
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import to_matrices
 
@@ -112,3 +113,29 @@ def test_a_reader_with_hypotheses_averages_the_ratio_over_them(tmp_path, rng, kn
             reader.embed(wrong, turns, scales)
     with pytest.raises(ValueError, match="need rotations"):
         reader.embed(np.zeros(49, int), turns, scales)
+
+
+@pytest.mark.parametrize("knows_more", [False, True])
+def test_a_residual_network_of_hypotheses_gives_the_same_without_torch(knows_more, rng):
+    card = ClassifierCard(
+        "cnn", 16, ("a", "b", "c"), ("p",), embedding=7, log_size_mean=0.02, log_size_std=0.06,
+        log_stiffness_std=0.4 * knows_more, aim_scale=0.01 * knows_more, hypothesis_network="residual",
+    )  # fmt: skip
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        network = HypothesisNetwork(card)
+    layers = tuple((layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in network)
+    orientations, scales, skins = quaternions(60), sizes(Uniform(0.9, 1.1), 60), sizes(LogUniform(0.5, 2.0), 60)
+    shapes, aims = rng.integers(3, size=60), rng.normal(0.0, 0.01, (60, 2))
+    rotations = to_matrices(orientations)
+    embedding = HypothesisEmbedding(card, layers, rotations.astype(np.float32), scales.astype(np.float32))
+    columns = (torch.from_numpy(column).float() for column in (orientations, scales, skins, aims))
+    expected = network(Hypotheses(torch.from_numpy(shapes), *columns)).detach().numpy()
+    assert expected.std() > 0.05
+    np.testing.assert_allclose(embedding.embed(shapes, rotations, scales, skins, aims), expected, atol=1e-5)
+
+
+def test_only_a_residual_network_of_hypotheses_is_trained():
+    card = ClassifierCard("cnn", 16, ("a",), ("p",), embedding=7)
+    with pytest.raises(ValueError, match="trained as a residual one, not 'plain'"):
+        HypothesisNetwork(card)
