@@ -45,8 +45,7 @@ class ClassifierCard:
             had the same, and hypotheses then have none.
         aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
             and hypotheses then have none.
-        hypothesis_network: which network embeds hypotheses: "residual", or "plain" in readers trained before there
-            was another (decision 0063), and where nothing embeds hypotheses.
+        hypothesis_network: which network embeds hypotheses, where there is one.
     """
 
     backbone: str
@@ -79,12 +78,17 @@ class ClassifierCard:
         return self.aim_scale > 0.0
 
     @property
+    def is_residual(self) -> bool:
+        """Whether the network of hypotheses is a residual one."""
+        return self.hypothesis_network == "residual"
+
+    @property
     def num_inputs(self) -> int:
         """Numbers that describe a hypothesis: shape, rotation, size, and the stiffness and aim that it may have.
 
         A residual network reads the products of two entries of the rotation matrix too.
         """
-        products = len(PRODUCTS[0]) if self.hypothesis_network == "residual" else 0
+        products = len(PRODUCTS[0]) if self.is_residual else 0
         return len(self.shape_labels) + 10 + self.knows_stiffness + 2 * self.knows_aims + products
 
     @property

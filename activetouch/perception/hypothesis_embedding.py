@@ -100,7 +100,7 @@ class HypothesisEmbedding:
             raise ValueError(f"{number} shapes need aims ({number}, 2), got {np.shape(aims)}")
         if number and not (shapes.min() >= 0 and shapes.max() < num_shapes):
             raise ValueError(f"shapes must be indices in [0, {num_shapes}), got {shapes.min()} to {shapes.max()}")
-        card, residual = self.card, self.card.hypothesis_network == "residual"
+        card = self.card
         numbers = [(np.log(sizes) - card.log_size_mean) / card.log_size_std]
         if card.knows_stiffness:
             numbers.append((np.log(stiffnesses) - card.log_stiffness_mean) / card.log_stiffness_std)
@@ -113,11 +113,11 @@ class HypothesisEmbedding:
             kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
             turns = rotations[some].reshape(-1, 9).astype(np.float32)
             columns = [kind, turns, standard[some]]
-            if residual:
+            if card.is_residual:
                 columns.append(turns[:, PRODUCTS[0]] * turns[:, PRODUCTS[1]])
             hidden = np.concatenate(columns, axis=1, dtype=np.float32)
             for layer, (weight, bias) in enumerate(self.layers[:-1]):
-                if residual and layer > 0:
+                if card.is_residual and layer > 0:
                     hidden += _gelu(_normalised(hidden) @ weight.T + bias)
                 else:
                     hidden = _gelu(hidden @ weight.T + bias)

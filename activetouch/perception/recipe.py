@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from activetouch.errors import ImpossibleRecipe
+from activetouch.perception.card import HypothesisNetworkName
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class TrainingRecipe:
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
             hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
+        hypothesis_network: which network embeds hypotheses, by contrast only: "residual", which learns much faster, or
+            "plain", which made the shipped sensors (decision 0063).
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -49,6 +52,7 @@ class TrainingRecipe:
     embedding: int = 0
     negatives: int = 1536
     cell: float = 0.0
+    hypothesis_network: HypothesisNetworkName = "residual"
     bf16: bool = True
     seed: int = 0
 
@@ -76,6 +80,7 @@ class TrainingRecipe:
             f"patience of {self.patience} epochs" if self.patience is not None else "",
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
+            "residual network of hypotheses" if self.embedding and self.hypothesis_network == "residual" else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",
         ]
