@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from activetouch.data.dataset import read_split
 from activetouch.data.manifest import Manifest
-from activetouch.perception.hypothesis_table import Bodies, HypothesisTable
+from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
 from belief.errors import ActiveTouchError
@@ -24,7 +24,7 @@ from belief.observation_model.rigid_body import RigidBodyModel
 from belief.seeding import keyed_rng
 from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import UNDISCOUNTED, fit_model, free_weights, score_model
-from experiments.calibration.orientation import rank_tests
+from experiments.calibration.orientation import RankTest, rank_tests
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
@@ -37,10 +37,6 @@ from experiments.sensor_choice import open_collection, require_collection, senso
 
 if TYPE_CHECKING:
     from experiments.reporting.page import Section
-
-
-Hypotheses: TypeAlias = Callable[[int], Bodies]
-"""Of N hypotheses of each shape."""
 
 
 class NoRepeats(ActiveTouchError, ValueError):
@@ -74,6 +70,10 @@ class CalibrationReport:
     """Posterior probability at which a search stops."""
     resamples: Count = 500
     """Bootstrap samples of objects for the interval of a calibration error."""
+    orientation_hypotheses: Count | None = None
+    """Test the posterior of orientation and size with so many hypotheses of each shape, at temperature 1; with those of
+    the model, at its temperature, by default. Hypotheses are points: 2 048 lie too far apart where touches are
+    sharp, and the model's temperature makes up for that."""
     seed: Seed = 0
     """Seed of sequences, null distributions and intervals."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -100,7 +100,7 @@ class CalibrationReport:
         reader = self._reader(data, manifest)
         scene = scene_of(manifest)
         fits = candidate_models({}, reader, scene)
-        hypotheses = HypothesisTable(reader, scene).hypotheses if JOINT_MODELS.keys() & fits.keys() and scene else None
+        hypotheses = HypothesisTable(reader, scene) if JOINT_MODELS.keys() & fits.keys() and scene else None
         calibration, test = self._read(reader, data, manifest)
         found = self.measure(manifest, calibration, test, fits, hypotheses)
         report = sections(found)
@@ -135,7 +135,7 @@ class CalibrationReport:
         calibration: Rounds,
         test: Rounds,
         fits: Mapping[str, Fit] = OBSERVATION_MODELS,
-        hypotheses: Hypotheses | None = None,
+        hypotheses: HypothesisTable | None = None,
     ) -> Measurements:
         """All numbers of the report.
 
@@ -144,7 +144,7 @@ class CalibrationReport:
             calibration: touches of the calibration split.
             test: touches of the test split.
             fits: functions that fit the observation models, by name.
-            hypotheses: orientations and sizes of the joint model's hypotheses, to test its posterior of these.
+            hypotheses: those of the joint model, to test its posterior of orientations and sizes.
         """
         known, unseen = calibration.singles(), test.singles()
         labels, num_poses = (manifest.shape_labels, manifest.pose_labels), len(manifest.pose_labels)
@@ -188,11 +188,15 @@ class CalibrationReport:
                 test_of_shape
                 for choice in choices.values()
                 if isinstance(choice.model, RigidBodyModel) and hypotheses is not None
-                for test_of_shape in rank_tests(
-                    choice.model, *hypotheses(choice.model.num_hypotheses)[:2], [calibration, test], self._rng(4)
-                )
+                for test_of_shape in self._rank_tests(choice.model, hypotheses, [calibration, test])
             ],
+            orientation_hypotheses=self.orientation_hypotheses,
         )
+
+    def _rank_tests(self, model: RigidBodyModel, hypotheses: HypothesisTable, splits: list[Rounds]) -> list[RankTest]:
+        if self.orientation_hypotheses is not None:
+            model = model.with_hypotheses(hypotheses, self.orientation_hypotheses).at(1.0)
+        return rank_tests(model, *hypotheses.hypotheses(model.num_hypotheses)[:2], splits, self._rng(4))
 
     def _rng(self, *key: int) -> np.random.Generator:
         return keyed_rng([self.seed, *key], is_fixed_length=True)

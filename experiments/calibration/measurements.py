@@ -28,6 +28,7 @@ class Measurements:
         correlation: ρ of the ratio model.
         weights: weights of touches in one pose, by split.
         orientation: tests of the joint model's posterior of orientation and size; none without such a model.
+        orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
     """
 
     scene: str
@@ -40,6 +41,7 @@ class Measurements:
     correlation: float
     weights: Mapping[str, Sequence[Weight]]
     orientation: Sequence[RankTest] = ()
+    orientation_hypotheses: int | None = None
 
     @property
     def calibration(self) -> TouchScores:

@@ -30,7 +30,7 @@ LEAST_P = 0.01
 """Smallest p-value, corrected for the number of quantities, of a posterior that passes."""
 BINS = 20
 """Bins of a histogram of ranks."""
-_AT_ONCE = 64  # objects
+_AT_ONCE = 1 << 24  # weights of hypotheses
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
@@ -115,6 +115,7 @@ def rank_tests(
         rng: of the sequences, and of ranks among equals.
     """
     rotations = to_matrices(rests)
+    at_once = max(1, _AT_ONCE // (len(model.shape_labels) * model.num_hypotheses))  # objects
     found: dict[tuple[int, int], list[dict[str, float]]] = {}
     for rounds in splits:
         assert rounds.rests is not None, "recorded"
@@ -126,8 +127,8 @@ def rank_tests(
             list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True)),
         )
         for number in [number for number in NUM_TOUCHES if number <= batch.num_touches]:
-            for start in range(0, len(truths), _AT_ONCE):
-                rows = range(start, min(start + _AT_ONCE, len(truths)))
+            for start in range(0, len(truths), at_once):
+                rows = range(start, min(start + at_once, len(truths)))
                 weights = model.log_weights(batch.sequences(np.array(rows)).first(number))
                 for row, of_object in zip(rows, weights, strict=True):
                     shape = int(rounds.shapes[row])

@@ -242,13 +242,18 @@ def _orientation(found: Measurements) -> list[Section]:
     ]
     passed = sum(test.passes for test in found.orientation)
     worst = min(found.orientation, key=lambda test: test.p_value)
+    temperature = (
+        "the one temperature of the model was fitted to the calibration split"
+        if found.orientation_hypotheses is None
+        else f"there are {found.orientation_hypotheses} hypotheses of each shape, at temperature 1"
+    )
     sentences = [
         f"The joint posterior of orientation and size is calibrated in {passed} of {len(found.orientation)} tests "
         f"(p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities).",
         "If a posterior is calibrated, the rank of the true value of any quantity among draws from the posterior of "
         "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations "
         "that look alike are equally probable before and after touches. Every object of both splits has one sequence "
-        "of touches in different poses; the one temperature of the model was fitted to the calibration split. A "
+        f"of touches in different poses; {temperature}. A "
         "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest.",
     ]
     headings = (

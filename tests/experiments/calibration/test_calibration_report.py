@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
+from activetouch.sensor_files import MODELS
 from belief.calibration import TemperatureScaling
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
 from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
+from experiments.calibration.orientation import rank_tests
 from experiments.calibration.sequences import KINDS, Rounds, stops
 from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
@@ -283,11 +285,28 @@ def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path,
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.torch
+@pytest.mark.parametrize("finer", [None, 300])
 def test_the_report_of_a_joint_sensor_has_its_model_and_tests_the_posterior_of_orientation(
-    collection, tmp_path, monkeypatch
+    finer, collection, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("experiments.calibration.touches.NULL_RESAMPLES", 5)
-    CalibrationReport(data=collection, sensor=Path("coarse"), out=tmp_path, resamples=5, jobs=1, anyway=True).run()
+    asked = []
+    monkeypatch.setattr(
+        "experiments.calibration.calibration_report.rank_tests",
+        lambda model, *args: asked.append((model.num_hypotheses, model.temperature)) or rank_tests(model, *args),
+    )
+    CalibrationReport(
+        *("coarse", collection, Path("coarse"), tmp_path),
+        resamples=5,
+        orientation_hypotheses=finer,
+        jobs=1,
+        anyway=True,
+    ).run()
+    fitted = json.loads((MODELS / "coarse" / "observation_model.json").read_text())["num_hypotheses"]
+    assert [number for number, _ in asked] == [finer or fitted]
+    assert (asked[0][1] == 1.0) == (finer is not None)
+    said = "300 hypotheses of each shape, at temperature 1" if finer else "temperature of the model was fitted"
+    assert said in (tmp_path / "report.html").read_text()
     numbers = json.loads((tmp_path / "numbers.json").read_text())
     assert "rigid body" in {model["name"] for model in numbers["models"]}
     found = {(test["shape"], test["num_touches"]): test["num_objects"] for test in numbers["orientation"]}
