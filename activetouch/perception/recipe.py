@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import get_args
 
 from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.card import HypothesisNetworkName
@@ -65,6 +66,8 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
+        if self.hypothesis_network not in get_args(HypothesisNetworkName):
+            raise ImpossibleRecipe(f"hypothesis_network must be plain or residual, got {self.hypothesis_network!r}")
 
     @property
     def words(self) -> str:

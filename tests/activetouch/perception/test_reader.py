@@ -219,8 +219,20 @@ def an_unknown_field(fields, tensors):
     fields["colour"] = "red"
 
 
+def an_unknown_network_of_hypotheses(fields, tensors):
+    fields["hypothesis_network"] = "sinusoidal"
+
+
 @pytest.mark.parametrize(
-    "change", [cut_network, no_network, another_shape, an_embedding_without_hypotheses, an_unknown_field]
+    "change",
+    [
+        cut_network,
+        no_network,
+        another_shape,
+        an_embedding_without_hypotheses,
+        an_unknown_field,
+        an_unknown_network_of_hypotheses,
+    ],
 )
 def test_a_file_that_does_not_describe_a_reader_is_a_clear_error(change, tmp_path):
     tensors, fields = read_tensors(SHIPPED, READER)
