@@ -79,13 +79,11 @@ TRAIN.hard := --change.epochs 16
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn --change.epochs 30 --change.patience 30 --change.cell 2.8
 TRAIN.keyed := --change.patience 12
-# The networks of hypotheses of the shipped sensors are plain. Residual ones learn more: KIND=residual (decision 0063).
-KIND := plain
 MODEL = $(if $(filter keyed,$(SCENE)),,ratio) "rigid body"
 RANK.keyed := --objects 96
 sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) $(COLLECT.$(SCENE))
-	$(BIN)/activetouch train --scene $(SCENE) --change.hypothesis-network $(KIND) $(TRAIN.$(SCENE))
+	$(BIN)/activetouch train --scene $(SCENE) $(TRAIN.$(SCENE))
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --observation-model $(MODEL) --out activetouch/models/$(SCENE)
 	$(BIN)/activetouch rank-poses --scene $(SCENE) $(RANK.$(SCENE))
@@ -119,7 +117,7 @@ ROBUST.hard := --change.epochs 14
 ROBUST.many := $(ROBUST.hard)
 robust-sensor: development
 	$(BIN)/activetouch collect --scene $(SCENE) --randomised $(WIDE.$(SCENE)) --out data/$(SCENE)-wide
-	$(BIN)/activetouch train --scene $(SCENE) --change.hypothesis-network $(KIND) $(ROBUST.$(SCENE)) \
+	$(BIN)/activetouch train --scene $(SCENE) $(ROBUST.$(SCENE)) \
 		--data data/$(SCENE)-wide --out runs/train-$(SCENE)-robust
 	$(BIN)/activetouch collect --scene $(SCENE) --plan.train 0 $(REPEATS.$(SCENE)) --out data/$(SCENE)-repeats
 	$(BIN)/activetouch calibrate --scene $(SCENE) --reader runs/train-$(SCENE)-robust/reader.safetensors \

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,10 @@ CHECKPOINT = "activetouch-classifier-5"
 """The kind of file that training writes and goes on from, with weights for torch."""
 READER = "activetouch-reader-1"
 """The kind of file that a sensor has, with a network for ONNX Runtime."""
-HypothesisNetworkName: TypeAlias = Literal["plain", "residual"]
+HYPOTHESIS_NETWORK = "residual"
+"""The network that embeds hypotheses, as files name it; those of earlier versions had another (decision 0063)."""
 PRODUCTS = np.triu_indices(9)
-"""The pairs of entries of a rotation matrix whose products a residual network of hypotheses reads, two arrays."""
+"""The pairs of entries of a rotation matrix whose products a network of hypotheses reads, two arrays."""
 CLASSIFIER_FILE = "classifier.safetensors"
 """Name of a checkpoint in the folder of a training."""
 
@@ -45,7 +46,6 @@ class ClassifierCard:
             had the same, and hypotheses then have none.
         aim_scale: of the aims, the intended offsets of an object in the scene's poses [m]; 0 where no pose has an aim,
             and hypotheses then have none.
-        hypothesis_network: which network embeds hypotheses, where there is one.
     """
 
     backbone: str
@@ -65,7 +65,6 @@ class ClassifierCard:
     log_stiffness_mean: float = 0.0
     log_stiffness_std: float = 0.0
     aim_scale: float = 0.0
-    hypothesis_network: HypothesisNetworkName = "plain"
 
     @property
     def knows_stiffness(self) -> bool:
@@ -78,18 +77,13 @@ class ClassifierCard:
         return self.aim_scale > 0.0
 
     @property
-    def is_residual(self) -> bool:
-        """Whether the network of hypotheses is a residual one."""
-        return self.hypothesis_network == "residual"
-
-    @property
     def num_inputs(self) -> int:
-        """Numbers that describe a hypothesis: shape, rotation, size, and the stiffness and aim that it may have.
+        """Numbers that describe a hypothesis to its network.
 
-        A residual network reads the products of two entries of the rotation matrix too.
+        Of its shape, rotation matrix and size, of the products of two entries of the matrix, and of the stiffness and
+        aim that it may have.
         """
-        products = len(PRODUCTS[0]) if self.is_residual else 0
-        return len(self.shape_labels) + 10 + self.knows_stiffness + 2 * self.knows_aims + products
+        return len(self.shape_labels) + 10 + len(PRODUCTS[0]) + self.knows_stiffness + 2 * self.knows_aims
 
     @property
     def knows_orientations(self) -> bool:
@@ -135,11 +129,14 @@ class ClassifierCard:
             )
 
     def fields(self) -> dict[str, Any]:
-        """Its fields, as a file has them: nothing about stiffness and aims where they are not known."""
+        """Its fields, as a file has them: nothing about stiffness and aims where they are not known.
+
+        A card that knows orientations names its network of hypotheses too.
+        """
         absent: tuple[str, ...] = () if self.knows_stiffness else ("log_stiffness_mean", "log_stiffness_std")
         absent += () if self.knows_aims else ("aim_scale",)
-        absent += ("hypothesis_network",) if self.hypothesis_network == "plain" else ()
-        return {name: value for name, value in asdict(self).items() if name not in absent}
+        found = {name: value for name, value in asdict(self).items() if name not in absent}
+        return found | ({"hypothesis_network": HYPOTHESIS_NETWORK} if self.knows_orientations else {})
 
 
 def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
@@ -150,16 +147,20 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
     """
     try:
         lists = {name: tuple(fields[name]) for name in ("shape_labels", "pose_labels", "image_shape")}
-        card = ClassifierCard(**{**fields, **lists})
+        others = {name: value for name, value in fields.items() if name != "hypothesis_network"}
+        card = ClassifierCard(**{**others, **lists})
         if not (card.scene is None or isinstance(card.scene, dict)):
             raise TypeError(f"scene is {card.scene!r}")
         for name, least in (("input_size", 1), ("channels", 1), ("embedding", 0)):
             if not (isinstance(value := getattr(card, name), int) and value >= least):
                 raise TypeError(f"{name} is {value!r}")
-        if card.hypothesis_network not in get_args(HypothesisNetworkName):
-            raise TypeError(f"hypothesis_network is {card.hypothesis_network!r}")
     except (KeyError, TypeError) as error:
         raise CorruptFile(f"{path} does not describe a classifier: {error!r}") from error
+    if card.knows_orientations and (network := fields.get("hypothesis_network")) != HYPOTHESIS_NETWORK:
+        raise CorruptFile(
+            f"the network of hypotheses in {path} is {network!r}, and only {HYPOTHESIS_NETWORK!r} can be read (readers "
+            "of earlier versions have another); train it again with `activetouch train`"
+        )
     return card
 
 

@@ -1,4 +1,4 @@
-"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a perceptron, plain or residual."""
+"""The embedding g(shape, rotation, size, stiffness) of hypotheses, in numpy: a residual network."""
 
 from __future__ import annotations
 
@@ -28,10 +28,9 @@ class HypothesisEmbedding:
     Attributes:
         card: of the reader that it belongs to.
         layers: weight ``(out, in)`` and bias ``(out,)`` of each layer. The first reads the one-hot shape, the nine
-            entries of the rotation matrix row by row, the standardised log size and, where the card knows them, the
-            standardised log stiffness and the scaled aim; in a residual network then the products of two entries of the
-            matrix. GELU follows every layer but the last. In a residual network, hidden layers but the first read
-            normalised numbers, and add to them.
+            entries of the rotation matrix row by row, the standardised log size, where the card knows them the
+            standardised log stiffness and the scaled aim, and the products of two entries of the matrix. GELU follows
+            every layer but the last. Hidden layers but the first read normalised numbers, and add to them.
         rotations: of the fixed hypotheses, ``(M, 3, 3)``; every shape has the same.
         sizes: of the fixed hypotheses, ``(M,)``.
         stiffnesses: of the fixed hypotheses, ``(M,)``; all 1 if not given.
@@ -112,15 +111,12 @@ class HypothesisEmbedding:
             some = slice(first, first + _AT_ONCE)
             kind = np.eye(num_shapes, dtype=np.float32)[shapes[some]]
             turns = rotations[some].reshape(-1, 9).astype(np.float32)
-            columns = [kind, turns, standard[some]]
-            if card.is_residual:
-                columns.append(turns[:, PRODUCTS[0]] * turns[:, PRODUCTS[1]])
-            hidden = np.concatenate(columns, axis=1, dtype=np.float32)
-            for layer, (weight, bias) in enumerate(self.layers[:-1]):
-                if card.is_residual and layer > 0:
-                    hidden += _gelu(_normalised(hidden) @ weight.T + bias)
-                else:
-                    hidden = _gelu(hidden @ weight.T + bias)
+            products = turns[:, PRODUCTS[0]] * turns[:, PRODUCTS[1]]
+            hidden = np.concatenate([kind, turns, standard[some], products], axis=1, dtype=np.float32)
+            (weight, bias), *middle = self.layers[:-1]
+            hidden = _gelu(hidden @ weight.T + bias)
+            for weight, bias in middle:
+                hidden += _gelu(_normalised(hidden) @ weight.T + bias)
             weight, bias = self.layers[-1]
             found[some] = hidden @ weight.T + bias
         return found

@@ -16,7 +16,7 @@ from activetouch.perception.card import PRODUCTS, ClassifierCard
 from activetouch.poses import hamilton_product, matrix_rows
 
 HIDDEN_LAYERS = 3
-WIDTHS = {"plain": 192, "residual": 256}
+WIDTH = 256
 
 
 class Hypotheses(NamedTuple):
@@ -46,22 +46,19 @@ class Hypotheses(NamedTuple):
 
 
 class HypothesisNetwork(nn.ModuleList):
-    """A multilayer perceptron with GELU after every layer but the last, to ``(H, D)``.
+    """A residual network (He et al. 2016; Xiong et al. 2020) with GELU after every layer but the last, to ``(H, D)``.
 
-    Its inputs are the one-hot shape, the rotation matrix, the standardised log size and, where training touches
-    differed in them, the standardised log stiffness and the scaled aim.
-
-    A *residual* network (He et al. 2016; Xiong et al. 2020) is wider and reads all products of two entries of the
-    rotation matrix too; hidden layers but the first read normalised numbers, and add to them. A *plain* one learns
-    sharp functions of the rotation slowly (Rahaman et al. 2019).
+    Its inputs are the one-hot shape, the rotation matrix, the standardised log size, where training touches differed in
+    them the standardised log stiffness and the scaled aim, and all products of two entries of the rotation matrix.
+    Hidden layers but the first read normalised numbers, and add to them. A plain perceptron on the matrix alone learns
+    sharp functions of the rotation slowly (Rahaman et al. 2019; decision 0063).
 
     Args:
-        card: says which of the two, which shapes there are, the length D of an embedding, and how to standardise.
+        card: says which shapes there are, the length D of an embedding, and how to standardise.
     """
 
     def __init__(self, card: ClassifierCard) -> None:
-        width = WIDTHS[card.hypothesis_network]
-        widths = [card.num_inputs, *[width] * HIDDEN_LAYERS, card.embedding]
+        widths = [card.num_inputs, *[WIDTH] * HIDDEN_LAYERS, card.embedding]
         super().__init__(nn.Linear(*pair) for pair in pairwise(widths))
         self.card = card
 
@@ -75,16 +72,12 @@ class HypothesisNetwork(nn.ModuleList):
             columns.append(((hypotheses.stiffnesses.log() - card.log_stiffness_mean) / card.log_stiffness_std)[:, None])
         if card.knows_aims:
             columns.append(hypotheses.aims / card.aim_scale)
-        if card.is_residual:
-            left, right = map(torch.from_numpy, PRODUCTS)
-            columns.append(rotations[:, left] * rotations[:, right])
+        left, right = map(torch.from_numpy, PRODUCTS)
+        columns.append(rotations[:, left] * rotations[:, right])
         first, *middle, last = self
         hidden = nn.functional.gelu(first(torch.cat(columns, dim=1).float()))
         for layer in middle:
-            if card.is_residual:
-                hidden = hidden + nn.functional.gelu(layer(nn.functional.layer_norm(hidden, hidden.shape[1:])))
-            else:
-                hidden = nn.functional.gelu(layer(hidden))
+            hidden = hidden + nn.functional.gelu(layer(nn.functional.layer_norm(hidden, hidden.shape[1:])))
         return last(hidden)
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import get_args
 
 from activetouch.errors import ImpossibleRecipe
-from activetouch.perception.card import HypothesisNetworkName
 
 
 @dataclass(frozen=True)
@@ -33,8 +31,6 @@ class TrainingRecipe:
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
             hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
-        hypothesis_network: which network embeds hypotheses, by contrast only: "residual", which learns much faster, or
-            "plain", which made the shipped sensors (decision 0063).
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -53,7 +49,6 @@ class TrainingRecipe:
     embedding: int = 0
     negatives: int = 1536
     cell: float = 0.0
-    hypothesis_network: HypothesisNetworkName = "residual"
     bf16: bool = True
     seed: int = 0
 
@@ -66,8 +61,6 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
-        if self.hypothesis_network not in get_args(HypothesisNetworkName):
-            raise ImpossibleRecipe(f"hypothesis_network must be plain or residual, got {self.hypothesis_network!r}")
 
     @property
     def words(self) -> str:
@@ -83,7 +76,7 @@ class TrainingRecipe:
             f"patience of {self.patience} epochs" if self.patience is not None else "",
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
-            "residual network of hypotheses" if self.embedding and self.hypothesis_network == "residual" else "",
+            "residual network of hypotheses" if self.embedding else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",
         ]

@@ -15,7 +15,7 @@ from activetouch.data.manifest import Manifest
 from activetouch.errors import MissingWeights
 from activetouch.extras import require_extra
 from activetouch.perception.backbones import BACKBONES, ConvNeXt
-from activetouch.perception.card import CLASSIFIER_FILE, HypothesisNetworkName
+from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.sensor_files import READER_FILE
@@ -65,8 +65,6 @@ class Changes:
     """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
     """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
-    hypothesis_network: HypothesisNetworkName | None = None
-    """Network that embeds hypotheses, by contrast only: residual, or plain as in the shipped sensors."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
@@ -142,7 +140,7 @@ class Train:
         start = f"the weights of {self.weights}" if self.weights else "random weights"
         labels = (manifest.shape_labels, manifest.pose_labels)
         card = replace(
-            card_for(train, backbone, size, *labels, recipe.embedding, recipe.hypothesis_network),
+            card_for(train, backbone, size, *labels, recipe.embedding),
             scene=manifest.scene,
             mujoco_version=manifest.versions["mujoco"],
             training=f"{recipe.words}; {len(train.images)} images, from {start}",
@@ -206,7 +204,6 @@ def card_for(
     shape_labels: tuple[str, ...],
     pose_labels: tuple[str, ...],
     embedding: int = 0,
-    hypothesis_network: HypothesisNetworkName = "plain",
 ) -> ClassifierCard:
     """The card of a network to be trained on these touches: channels, mean and spread of images, spread of sizes."""
     from activetouch.perception.card import ClassifierCard
@@ -226,7 +223,6 @@ def card_for(
         log_size_std=round(max(float(log_sizes.std()), 1e-3), 4) if embedding else 1.0,
         **(_stiffness_fields(train.stiffnesses) if embedding else {}),
         aim_scale=round(float(np.abs(np.nan_to_num(train.aims)).max()), 6) if embedding else 0.0,
-        hypothesis_network=hypothesis_network if embedding else "plain",
     )
 
 

@@ -146,9 +146,7 @@ def bars_and_discs(number) -> TouchSet:
 
 
 def trainer(state, train, recipe):
-    card = ClassifierCard(
-        "cnn", 16, ("bar", "disc"), ("p",), embedding=16, log_size_std=0.1, hypothesis_network="residual"
-    )
+    card = ClassifierCard("cnn", 16, ("bar", "disc"), ("p",), embedding=16, log_size_std=0.1)
     with torch.random.fork_rng():
         torch.manual_seed(0)
         network = TouchNetwork(replace(card))

@@ -133,9 +133,8 @@ def test_nobody_publishes_weights_of_the_small_network(data, tmp_path):
 def test_changes_leave_the_rest_of_a_recipe():
     changed = Changes(epochs=3, seed=7).of(RECIPES["large"])
     assert (changed.epochs, changed.seed, changed.learning_rate) == (3, 7, RECIPES["large"].learning_rate)
-    for wrong in (Changes(epochs=0), Changes(hypothesis_network="sinusoidal")):
-        with pytest.raises(ImpossibleRecipe):
-            wrong.of(RECIPES["large"])
+    with pytest.raises(ImpossibleRecipe):
+        Changes(epochs=0).of(RECIPES["large"])
 
 
 def test_scores_of_a_classifier_that_knows_are_perfect_and_of_one_that_does_not_are_chance(data):
