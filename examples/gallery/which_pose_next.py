@@ -25,11 +25,11 @@ episode = search(world, decider, problem, target="cone", model=sensor.model, see
 touches = [step for step in episode.steps if step.touch is not None]
 gains = np.array([[step.decision.scores[f"gain_{pose}"] for pose in scene.pose_labels] for step in touches])
 figure, axes = plt.subplots(figsize=(6, 0.5 * len(touches) + 1.4), layout="constrained")
-picture = axes.imshow(gains, cmap="Blues", vmin=0.0)
+picture = axes.imshow(gains, cmap="Blues", vmin=0.0, aspect="auto")
 axes.scatter([step.touch.pose for step in touches], range(len(touches)), color="#d55e00", label="chosen")
 axes.set_xticks(range(len(scene.pose_labels)), scene.pose_labels)
 axes.set_yticks(range(len(touches)), [f"object {s.object_index + 1}, target {s.belief.probs[3]:.2f}" for s in touches])
 figure.colorbar(picture, label="expected gain [nats]")
-axes.legend(loc="upper right", bbox_to_anchor=(1.0, 1.2), frameon=False)
+axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "which_pose_next.png")
 print(f"{len(touches)} touches, {'found' if episode.success else 'not found'}")
