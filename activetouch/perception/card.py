@@ -159,7 +159,7 @@ def card_from(fields: Mapping[str, Any], path: Path) -> ClassifierCard:
     if card.knows_orientations and (network := fields.get("hypothesis_network")) != HYPOTHESIS_NETWORK:
         raise CorruptFile(
             f"the network of hypotheses in {path} is {network!r}, and only {HYPOTHESIS_NETWORK!r} can be read (readers "
-            "of earlier versions have another); train it again with `activetouch train`"
+            "of earlier versions have another); train it again"
         )
     return card
 

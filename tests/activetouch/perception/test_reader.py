@@ -238,9 +238,9 @@ def test_a_file_that_does_not_describe_a_reader_is_a_clear_error(change, tmp_pat
 
 
 @pytest.mark.parametrize("name", [None, "sinusoidal"])
-def test_another_network_of_hypotheses_is_refused_with_the_command_that_makes_ours(name, tmp_path):
+def test_another_network_of_hypotheses_is_refused_and_has_to_be_trained_again(name, tmp_path):
     tensors, fields = read_tensors(SHIPPED, READER)
     fields["hypothesis_network"] = name
     write_tensors(tmp_path / "other.safetensors", tensors, fields, READER)
-    with pytest.raises(CorruptFile, match=rf"is {name!r}, .*activetouch train"):
+    with pytest.raises(CorruptFile, match=rf"is {name!r}, .*train it again"):
         TactileReader.load(tmp_path / "other.safetensors")
