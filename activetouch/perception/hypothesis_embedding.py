@@ -55,6 +55,9 @@ class HypothesisEmbedding:
             width = len(bias)
         if not self.layers or width != self.card.embedding:
             raise ValueError(f"the hypotheses' embedding must have {self.card.embedding} numbers, got {width}")
+        hidden = {len(bias) for _, bias in self.layers[:-1]}
+        if len(hidden) != 1:
+            raise ValueError(f"the hypotheses' hidden layers must be at least one and equally wide, got {hidden or 0}")
         if not len(self.sizes) or self.rotations.shape != (len(self.sizes), 3, 3) or not (self.sizes > 0).all():
             raise ValueError("the fixed hypotheses must be rotations (M, 3, 3) with positive sizes (M,)")
         stiffnesses = self.stiffnesses

@@ -126,3 +126,8 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_more, rng):
     expected = network(Hypotheses(torch.from_numpy(shapes), *columns)).detach().numpy()
     assert expected.std() > 0.02
     np.testing.assert_allclose(embedding.embed(shapes, rotations, scales, skins, aims), expected, atol=1e-5)
+    first, _, _, last = embedding.layers
+    narrow = (first[0][:7], first[1][:7])
+    for layers in ((narrow,), (first, (last[0], last[1]), (last[0][:, :7], last[1]))):
+        with pytest.raises(ValueError, match="hidden layers must be at least one and equally wide"):
+            replace(embedding, layers=layers)

@@ -220,14 +220,7 @@ def an_unknown_field(fields, tensors):
 
 
 @pytest.mark.parametrize(
-    "change",
-    [
-        cut_network,
-        no_network,
-        another_shape,
-        an_embedding_without_hypotheses,
-        an_unknown_field,
-    ],
+    "change", [cut_network, no_network, another_shape, an_embedding_without_hypotheses, an_unknown_field]
 )
 def test_a_file_that_does_not_describe_a_reader_is_a_clear_error(change, tmp_path):
     tensors, fields = read_tensors(SHIPPED, READER)

@@ -40,8 +40,8 @@ def test_twelve_shapes_have_a_bound_and_it_is_below_that_of_touches_which_reveal
 @pytest.mark.torch
 def test_a_revealed_body_bounds_what_searches_return_and_is_below_touches_that_reveal_the_shape():
     setting = Setting(SceneChoice("coarse"))
-    found = best_return_with_revealed_bodies(setting, 1)
-    assert 0.918 < found.mean < one_touch_bound(setting.problem, 1) - 0.001  # searches return 0.920
+    found = best_return_with_revealed_bodies(setting, 2)
+    assert 0.918 < found.mean < one_touch_bound(setting.problem, 2) - 0.003  # searches return 0.920
     assert 0.0 < found.standard_error < 0.005
     assert RevealedBody.over_targets([[0.5, 0.1], [0.7, 0.1]]) == pytest.approx((0.6, 0.1))
     assert RevealedBody.over_targets([[0.5, 0.1], None]) is None
