@@ -41,6 +41,7 @@ COMMANDS = {
     "compare --scene coarse (make search)": "compare --scene coarse --out {out}",
     "collect, quasistatic": f"collect --fidelity quasistatic {_PLAN} --out {{out}}",
     "collect, dynamic": f"collect {_PLAN} --out {{out}}",
+    "collect, dynamic, coarse": f"collect --scene coarse {_PLAN} --out {{out}}",
 }
 
 

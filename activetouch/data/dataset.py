@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
 from activetouch.errors import LabelMismatch, UnstablePress
-from activetouch.scene import PressedObject, Scene, WorldObject
+from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path
 from belief.seeding import keyed_rng
@@ -156,13 +156,9 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     rows: list[tuple[object, ...]] = []
     redrawn = []
     for number in objects:
-        draw, thing, touches = _touch_object(scene, plan, split, number)
+        draw, touches = _touch_object(scene, plan, split, number)
         redrawn.append(draw)
-        for pose, pressed in touches:
-            contact, placed = pressed.contact, pressed.placement
-            felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
-            surface = (placed.scale, placed.offset, placed.friction, placed.stiffness)
-            rows.append((*felt, thing.orientation, placed.orientation, *surface))
+        rows += touches
     names = [name for name in TouchSet.__dataclass_fields__ if name != "aims"]
     arrays = {name: np.stack(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
     arrays |= {"redrawn": np.array(redrawn)} if any(redrawn) else {}
@@ -173,13 +169,11 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
     return digest, int(np.count_nonzero(redrawn))
 
 
-def _touch_object(
-    scene: Scene, plan: CollectionPlan, split: str, number: int
-) -> tuple[int, WorldObject, list[tuple[int, PressedObject]]]:
+def _touch_object(scene: Scene, plan: CollectionPlan, split: str, number: int) -> tuple[int, list[tuple[object, ...]]]:
     """Touch an object in all planned poses and rounds, or the next one drawn for its place.
 
     Returns:
-        How many were drawn in vain, the object, and pose and result of each press.
+        How many were drawn in vain, and what a shard says of each touch.
     """
     poses = list(range(len(scene.poses))) * plan.repeats
     shape = number % len(scene.shapes)
@@ -187,13 +181,21 @@ def _touch_object(
         rng = object_rng(plan, split, number, draw)
         thing = scene.sample_object(shape, rng)
         try:
-            return draw, thing, [(pose, scene.press(thing, pose, rng, attempts=1)) for pose in poses]
+            return draw, [_touch(scene, thing, number, pose, rng) for pose in poses]
         except UnstablePress as error:
             last = error
     raise UnstablePress(
         f"{_MOST_DRAWS} objects of the shape {scene.shape_labels[shape]!r} in turn had a press that did not settle, "
         f"among {len(poses)} each, so this scene cannot be collected. The last one: {last}"
     ) from last
+
+
+def _touch(scene: Scene, thing: WorldObject, number: int, pose: int, rng: np.random.Generator) -> tuple[object, ...]:
+    """One touch as a row of a shard, without the contact, so that its large arrays can be used again."""
+    pressed = scene.press(thing, pose, rng, attempts=1)
+    contact, placed = pressed.contact, pressed.placement
+    felt = (pressed.image, thing.shape_index, number, pose, contact.force, contact.depth)
+    return *felt, thing.orientation, placed.orientation, placed.scale, placed.offset, placed.friction, placed.stiffness
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:

@@ -132,7 +132,7 @@ class Dynamic(SteppedPress):
             for _ in range(wanted):
                 force = step(position, Phase.PAUSE)
         pressed_through = touching - position > 2 * setup.pad.half_thickness
-        while position < withdrawn and (rig.force > 0.0 or self.traced):  # until the pad is free again
+        while self.traced and position < withdrawn:  # the withdrawal changes nothing but the trace
             position = min(position + advance, withdrawn)
             step(position, Phase.WITHDRAW)
         if rig.num_warnings or pressed_through or not (at_end or num_settled == wanted):

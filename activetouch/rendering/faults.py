@@ -69,7 +69,9 @@ class Noise:
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        return image + self.std * rng.standard_normal(image.shape, dtype=np.float32)
+        noise = rng.standard_normal(image.shape, dtype=np.float32)
+        noise *= np.float32(self.std)
+        return image + noise
 
 
 @dataclass(frozen=True)
@@ -284,8 +286,7 @@ def read_out(image: Image, faults: Sequence[Fault], rng: np.random.Generator) ->
         image = fault(image, rng)
         if np.shape(image) != ideal.shape:
             raise InvalidArgument(f"{fault!r} gave an image of shape {np.shape(image)} from one of shape {ideal.shape}")
-    image = np.maximum(image, 0.0)
-    np.minimum(image, 1.0, out=image)
+    image = np.clip(image, 0.0, 1.0)
     if np.isnan(image.min()):
         raise ValueError(
             f"cannot read out an image with NaN, first in taxel {np.argwhere(np.isnan(image))[0].tolist()}"

@@ -125,8 +125,8 @@ def report(folder: Path, findings: Mapping[str, Sequence[Finding]]) -> None:
     )
     sections = [Section("Verdict", [verdict, rules], [summary])]
     for area in findings:
-        table = [row[1:] for row in rows if row[0] == area]
-        sections.append(Section(area.capitalize(), [f"{AREAS[area].capitalize()}."], [Table("", headings[1:], table)]))
+        table = Table(f"Cases: {area}", headings[1:], [row[1:] for row in rows if row[0] == area])
+        sections.append(Section(area.capitalize(), [f"{AREAS[area].capitalize()}."], [table]))
     write_page(folder / "report.html", "Stress: what happens at the extremes", sections)
     Table("", headings, rows).write_csv(folder / "findings.csv")
     plain_console().print(summary.rich())

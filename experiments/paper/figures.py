@@ -46,14 +46,14 @@ def draw_confusions(results: dict[str, dict[str, Result]], labels: tuple[str, ..
         CannotWrite: there is no room, or no permission.
     """
     rows, columns = list(results), list(next(iter(results.values())))
-    with figure((3.6 * len(columns), 3.5 * len(rows)), path) as drawn:
+    with figure((3.6 * len(columns), 3.7 * len(rows)), path) as drawn:
         grid = drawn.subplots(len(rows), len(columns), squeeze=False)
         for name, line in zip(rows, grid, strict=True):
             for what, axes in zip(columns, line, strict=True):
                 result = results[name][what]
                 texts = [list(map(str, counts)) for counts in result.confusion]
                 _matrix(axes, np.array(result.confusion), texts, labels)
-                axes.set(title=f"split {name}, {what}: {result.accuracy:.3f}", xlabel="predicted")
+                axes.set(title=f"split {name},\n{what}: {result.accuracy:.3f}", xlabel="predicted")
             line[0].set_ylabel("true shape")
 
 

@@ -262,7 +262,8 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
         panels[0].set_ylabel("NLL of the shape [nats]")
         drawn.legend(*panels[0].get_legend_handles_labels(), loc="outside right upper", frameon=False, fontsize=8)
         drawn.suptitle(
-            f"scene {scene}; circles: one body, with numbers of hypotheses of each shape; squares: independent"
+            f"scene {scene}; circles: one body, with numbers of hypotheses of each shape; squares: independent",
+            fontsize=9,
         )
 
 
