@@ -183,6 +183,9 @@ class Scene:
             given = getattr(self, name)
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
+        if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
+            for label, solid in self.solids.items():
+                _require_hash(label, solid)
         if isinstance(self.robot, str):
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))
@@ -323,6 +326,21 @@ class Scene:
         if attempts == 1:
             raise last
         raise UnstablePress(f"none of {attempts} presses for one touch settled; the last one: {last}") from last
+
+
+def _require_hash(label: str, solid: Shape) -> None:
+    """Check that a shape has a hash.
+
+    Raises:
+        BadMesh: it has none.
+    """
+    try:
+        hash(solid)
+    except TypeError as error:
+        raise BadMesh(
+            f"the shape {label!r} has no hash ({error}), and a press in MuJoCo finds its model by it; make "
+            f"{type(solid).__name__} a frozen dataclass of numbers and tuples"
+        ) from error
 
 
 def _aims(given: Mapping[str, tuple[float, float]], poses: Mapping[str, Quaternion]) -> dict[str, tuple[float, float]]:

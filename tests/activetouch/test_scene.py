@@ -167,3 +167,14 @@ def test_an_unknown_robot_suggests_the_nearest():
 def test_a_scene_without_shapes_is_refused():
     with pytest.raises(ValueError, match="at least one shape"):
         Scene(shapes={})
+
+
+def test_a_shape_without_a_hash_is_refused_at_once():
+    class Ball:
+        bounding_radius, geom = 0.02, SHAPES["sphere"].geom
+        entry_distance = staticmethod(SHAPES["sphere"].entry_distance)
+        __hash__ = None
+
+    with pytest.raises(BadMesh, match=r"'ball' has no hash.*make Ball a frozen dataclass"):
+        Scene(shapes={"ball": Ball()})
+    assert replace(STILL, shapes={"ball": Ball()}).shape_labels == ("ball",)  # no MuJoCo, no hash
