@@ -71,13 +71,16 @@ class ConvNeXt:
 
 @dataclass(frozen=True)
 class SmallCNN:
-    """Plain 3 × 3 convolutions, each halving the image, then the mean over the image: the cheap reference.
+    """Plain 3 × 3 convolutions, each halving the image, then means over it: the cheap reference.
 
     Attributes:
         widths: channels after each convolution.
+        cells: means are over each cell of a grid of so many cells along the edge, and a dense layer joins them. With
+            one cell, the mean over the image, a network hardly knows where on the pad it was touched.
     """
 
     widths: tuple[int, ...]
+    cells: int = 1
 
     @property
     def num_features(self) -> int:
@@ -86,20 +89,21 @@ class SmallCNN:
 
     @property
     def smallest_image(self) -> int:
-        """See :class:`Backbone`."""
-        return 1
+        """See :class:`Backbone`: a pixel of the last layer for each cell."""
+        return (self.cells - 1) * 2 ** len(self.widths) + 1
 
     def build(self, channels: int) -> nn.Module:
         """See :class:`Backbone`."""
         from activetouch.perception.small_cnn import small_cnn
 
-        return small_cnn(self.widths, channels)
+        return small_cnn(self.widths, channels, self.cells)
 
 
 BACKBONES: Mapping[str, Backbone] = MappingProxyType(
     {
         "cnn": SmallCNN((24, 48, 96, 128)),
         "wide_cnn": SmallCNN((32, 64, 128, 192)),
+        "grid_cnn": SmallCNN((24, 48, 96, 128), cells=2),
         "micro": ConvNeXt((3, 3), (64, 128)),  # two stages, for sensors of few taxels
         "atto": ConvNeXt((2, 2, 6, 2), (40, 80, 160, 320)),
         "femto": ConvNeXt((2, 2, 6, 2), (48, 96, 192, 384)),

@@ -10,8 +10,10 @@ class _MeanOverImage(nn.Module):
         return images.mean(dim=(2, 3))
 
 
-def small_cnn(widths: tuple[int, ...], channels: int) -> nn.Sequential:
+def small_cnn(widths: tuple[int, ...], channels: int, cells: int = 1) -> nn.Sequential:
     """Convolutions 3 × 3 of stride 2 and ReLU, then the mean over the image.
+
+    With more than one cell along the edge, the means over all cells, joined by a dense layer and ReLU.
 
     Nothing is normalised: statistics over a batch differ too much between batches of small spots on an empty pad, and
     those over an image would hide how strong the contact is.
@@ -23,4 +25,7 @@ def small_cnn(widths: tuple[int, ...], channels: int) -> nn.Sequential:
         assert convolution.bias is not None, "a convolution has one unless told otherwise"
         nn.init.zeros_(convolution.bias)
         layers += [convolution, nn.ReLU()]
-    return nn.Sequential(*layers, _MeanOverImage())
+    if cells == 1:
+        return nn.Sequential(*layers, _MeanOverImage())
+    joined = nn.Linear(cells**2 * widths[-1], widths[-1])
+    return nn.Sequential(*layers, nn.AdaptiveAvgPool2d(cells), nn.Flatten(), joined, nn.ReLU())

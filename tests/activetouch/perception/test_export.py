@@ -32,7 +32,14 @@ def classifier(backbone, input_size, channels=1, num_shapes=4):
 
 @pytest.mark.parametrize(
     ("backbone", "input_size", "image_shape"),
-    [("cnn", 64, (128, 128)), ("cnn", 16, (4, 4)), ("cnn", 32, (32, 32)), ("atto", 32, (64, 64, 3))],
+    [
+        ("cnn", 64, (128, 128)),
+        ("cnn", 16, (4, 4)),
+        ("cnn", 32, (32, 32)),
+        ("grid_cnn", 32, (128, 128)),
+        ("grid_cnn", 64, (64, 64)),
+        ("atto", 32, (64, 64, 3)),
+    ],
 )
 def test_a_reader_gives_what_its_network_gives(backbone, input_size, image_shape, tmp_path, rng):
     single = classifier(backbone, input_size, 3 if len(image_shape) == 3 else 1)

@@ -79,6 +79,7 @@ def test_a_reader_of_randomised_touches_is_for_the_plain_scene_and_knows_stiffne
         ({"objects": 97}, ("--objects", "[4, 96]", "got 97")),
         ({"input_size": 7}, ("--input-size", "got 7", "1, 2, 4")),
         ({"backbone": "atto", "input_size": 16}, ("--input-size", "at least 32", "got 16")),
+        ({"backbone": "grid_cnn", "input_size": 16}, ("--input-size", "at least 17", "got 16")),
     ],
 )
 def test_what_a_collection_or_a_network_cannot_give_is_refused_before_training(data, tmp_path, wrong, words):
