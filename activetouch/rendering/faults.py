@@ -69,9 +69,7 @@ class Noise:
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
-        noise = rng.standard_normal(image.shape, dtype=np.float32)
-        noise *= np.float32(self.std)
-        return image + noise
+        return image + self.std * rng.standard_normal(image.shape, dtype=np.float32)
 
 
 @dataclass(frozen=True)
