@@ -77,10 +77,14 @@ def page() -> str:
     for script in scripts():
         first, paragraph = description(script)
         name = script.stem
-        title = name.replace("_", " ").capitalize().replace("ppo", "PPO").replace("pomdp", "POMDP")
-        lines += [f"## {title}", "", f"![{first}](gallery/{name}.png)", ""]
+        lines += [f"## {title(script)}", "", f"![{first}](gallery/{name}.png)", ""]
         lines += [f"**{first}** {paragraph}", "", f"[`examples/gallery/{name}.py`](../examples/gallery/{name}.py)", ""]
     return "\n".join(lines)
+
+
+def title(script: Path) -> str:
+    """The heading of a script, from its name."""
+    return script.stem.replace("_", " ").capitalize().replace("ppo", "PPO").replace("pomdp", "POMDP")
 
 
 def main(names: list[str]) -> None:

@@ -70,7 +70,7 @@ def on_files(files: Any, config: Any) -> Any:
     made |= pages.generated()
     for script in gallery.scripts():
         first, paragraph = gallery.description(script)
-        title, code = script.stem.replace("_", " ").capitalize(), script.read_text(encoding="utf-8")
+        title, code = gallery.title(script), script.read_text(encoding="utf-8")
         figure = f"![{first}]({script.stem}.png)" if (gallery.FIGURES / f"{script.stem}.png").exists() else ""
         made[f"gallery/{script.stem}.md"] = f"# {title}\n\n{paragraph}\n\n{figure}\n\n```python\n{code}```\n"
     for name, text in made.items():
