@@ -63,7 +63,7 @@ addEventListener("load", () => {
   seen.paused = play.textContent;
   const touched = [...document.querySelectorAll(".touch img")];
   seen.unnamed = touched.filter((image) => !image.alt.includes("of the image pressed")).length;
-  const field = document.querySelector(".filter"), table = field.closest("details");
+  const field = document.querySelector(".filter"), table = field.nextElementSibling;
   const rows = () => [...table.querySelectorAll("tbody tr")].filter((row) => !row.hidden).length;
   const all = rows();
   field.value = "information_gain";
