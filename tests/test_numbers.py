@@ -26,7 +26,7 @@ _COMMANDS = (
 )
 _SOURCE = re.compile(
     rf"`[^`]*(?:activetouch [a-z-]+|benchmarks[/.]\w+|make [a-z-]+|examples/\w+)[^`]*`|`(?:{_COMMANDS})\b[^`]*`|```sh"
-    r"|\btrial\b|\]\([^)]*\.(?:md|csv|json)[^)]*\)"
+    r"|\]\([^)]*\.(?:md|csv|json)[^)]*\)"
 )
 NOT_MEASURED = {  # definitions, settings and sums that the reader does by hand
     ("docs/columns.md", "Searches"),
