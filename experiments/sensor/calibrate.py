@@ -28,7 +28,7 @@ from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, 
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
-from experiments.command_line.arguments import BadArgument, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
@@ -51,6 +51,7 @@ class Calibrate:
         activetouch collect --scene gel --plan.train 0 --plan.repeats 6 --out data/gel-repeats
         activetouch calibrate --scene gel
         activetouch calibrate --data data/mug --reader runs/train-mug/reader.safetensors --out runs/sensor-mug
+        activetouch calibrate --scene hard --hypotheses 1024 --observation-model "rigid body"
     """
 
     scene: str = "gel"
@@ -63,6 +64,8 @@ class Calibrate:
     """Folder of the finished sensor; runs/sensor-SCENE by default."""
     observation_model: tuple[str, ...] = ()
     """Choose from these: names of observation models, or module:attribute of your own; from all by default."""
+    hypotheses: Count | None = None
+    """Hypotheses of each shape in a model about one rigid body, 2048 by default: fewer are faster."""
     seed: Seed = 0
     """Seed of the bootstrap intervals."""
     anyway: bool = False
@@ -92,7 +95,8 @@ class Calibrate:
         print("fitting the observation model …")
         touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
         labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
-        candidates = candidate_models(chosen_from, reader, scene if scene is not None else scene_of(manifest))
+        scene = scene if scene is not None else scene_of(manifest)
+        candidates = candidate_models(chosen_from, reader, scene, self.hypotheses)
         if len(candidates) == 1:  # nothing to choose from
             ((name, fit),) = candidates.items()
             choice = ModelChoice(name, fit(*touches, **labels), {})
@@ -128,28 +132,36 @@ def scene_of(manifest: Manifest) -> Scene | None:
     return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice).named.scene
 
 
-def candidate_models(asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None) -> Mapping[str, Fit]:
+def candidate_models(
+    asked: Mapping[str, Fit], reader: TactileReader, scene: Scene | None, num_hypotheses: int | None = None
+) -> Mapping[str, Fit]:
     """The observation models to choose from: those asked for, or all that the reader and the scene allow.
 
     Args:
         asked: by name; all if there are none.
         reader: of the touches; a joint model works only with one that embeds hypotheses.
         scene: of the touches, if it is known.
+        num_hypotheses: of each shape, in a joint model; as many as it takes by default.
 
     Raises:
-        BadArgument: a model works with hypotheses, which this reader does not embed.
+        BadArgument: a model works with hypotheses, which this reader does not embed; or their number is given, and no
+            model works with them.
     """
     joint = {name: fit for name, fit in (asked or JOINT_MODELS).items() if name in JOINT_MODELS}
     others = {name: fit for name, fit in (asked or OBSERVATION_MODELS).items() if name not in JOINT_MODELS}
-    if reader.hypotheses is None or scene is None:
+    if not joint or reader.hypotheses is None or scene is None:
         if asked and joint:
             raise BadArgument(
                 f"{in_words(list(joint))} needs a reader of a named scene, trained with --recipe contrast"
             )
+        if num_hypotheses is not None:
+            known = in_words(list(JOINT_MODELS))
+            raise BadArgument(f"--hypotheses {num_hypotheses} is a setting of {known}, which is none of these models")
         return others
     table = HypothesisTable(reader, scene)
     embed = table if table.groups else cache(table)  # that of many poses remembers
-    return {**others, **{name: partial(fit, embed=embed) for name, fit in joint.items()}}
+    number = {} if num_hypotheses is None else {"num_hypotheses": num_hypotheses}
+    return {**others, **{name: partial(fit, embed=embed, **number) for name, fit in joint.items()}}
 
 
 class TooFewObjects(ActiveTouchError, ValueError):

@@ -20,6 +20,7 @@ from belief.errors import ActiveTouchError, CorruptFile
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
+from experiments.command_line.arguments import BadArgument
 from experiments.ppo.touch_bank import MakeTouchBank
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.press.leak import Leak
@@ -156,6 +157,18 @@ def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     with pytest.raises(WrongScene, match=r"num_taxels.*touch-bank --scene gel") as found:
         TrainPPO(scene="gel", bank=tmp_path / "bank", out=tmp_path / "ppo").run()
     pastes(str(found.value))
+
+
+@pytest.mark.torch
+def test_a_joint_model_has_as_many_hypotheses_as_asked_for(tmp_path):
+    data, out = tmp_path / "data", tmp_path / "sensor"
+    collect(QUICK, CollectionPlan(0, 2, 1, repeats=2), data, jobs=1)
+    how = {"scene": "coarse", "data": data, "reader": COARSE / READER_FILE, "out": out, "hypotheses": 64}
+    Calibrate(**how, observation_model=("rigid body",)).run()
+    assert load_observation_model(out).num_hypotheses == 64
+    for refused in ({"observation_model": ("ratio",)}, {"reader": MODELS / "coarse-independent" / READER_FILE}):
+        with pytest.raises(BadArgument, match="--hypotheses 64 is a setting of rigid body"):
+            Calibrate(**{**how, **refused}).run()
 
 
 @pytest.mark.torch
