@@ -53,6 +53,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         self.problem, self.touches, self.target, self.render_mode = problem, touches, labels.index(target), render_mode
         self.last_press: RecordedPress | None = None
         self._prior: Belief | None = None  # of every object of an ``independent`` problem
+        self._begun: SceneBelief | None = None
         self._is_over = True
         has_unsure = problem.unsure_reward is not None
         self.action_space: spaces.Discrete[Any] = spaces.Discrete(problem.num_poses + 2 + has_unsure)
@@ -82,8 +83,14 @@ class TouchEnv(gymnasium.Env[State, int]):
         return min(self._num_rejected, self.problem.num_objects - 1)  # the last one stays once it is rejected
 
     @property
+    def _scene(self) -> SceneBelief:
+        if self._begun is None:
+            raise gymnasium.error.ResetNeeded("no episode was started: call reset()")
+        return self._begun
+
+    @property
     def belief(self) -> Belief:
-        """The belief about the current object."""
+        """The belief about the current object; raises ResetNeeded before the first episode."""
         return self._scene.belief(self._object_index)
 
     @property
@@ -143,7 +150,7 @@ class TouchEnv(gymnasium.Env[State, int]):
         rng = arrangement_rng(self._key)
         self._arrangement = self._sample_arrangement(rng)
         self._world: EpisodeWorld = self.touches.world(self._arrangement, rng)
-        self._scene = SceneBelief(self.problem, self.touches.model, self._prior)
+        self._begun = SceneBelief(self.problem, self.touches.model, self._prior)
         self._num_rejected = self._num_touches = 0
         self._previous = NO_ACTION
         self._is_over = False

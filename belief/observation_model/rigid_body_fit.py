@@ -24,6 +24,7 @@ from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
+_COLDEST, _WIDTH, _NEAR = -1.0, 3.0, 1e-2  # of the log temperature: first window of the search, its width, its error
 _FITTED_ON, _AT_LEAST = 1200, 400  # sequences for the temperature: at most, and at least where memory is short
 _MOST_OF_DRIFT, _STEPS_OF_DRIFT = 40, 8  # touches of a sequence for the drift, and how many of its steps count
 _REPEATED = 400  # groups of repeats, at most, for their correlation
@@ -217,8 +218,14 @@ def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.
                 total += float(nll.sum()) / len(truth)
         return float(total)
 
-    best = scipy.optimize.minimize_scalar(loss, bounds=(-1.0, 2.0), method="bounded", options={"xatol": 1e-2})
-    return float(np.exp(best.x))
+    low, direction = _COLDEST, 0
+    while True:  # the prior ends it, of a reader that is all noise or never wrong, too
+        window = (low, low + _WIDTH)
+        best = float(scipy.optimize.minimize_scalar(loss, bounds=window, method="bounded", options={"xatol": _NEAR}).x)
+        beyond = int(window[1] - best < 2 * _NEAR) - int(best - window[0] < 2 * _NEAR)
+        if beyond in (0, -direction):
+            return float(np.exp(best))
+        low, direction = low + beyond * _WIDTH / 2, beyond
 
 
 def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:

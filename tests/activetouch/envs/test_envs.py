@@ -314,9 +314,10 @@ def test_what_cannot_be_is_refused_by_name(sampled):
         GainState(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(ValueError, match="beta"):
         BeliefShaping(ObjectTestEnv(touches=sampled, target="shape_0"), np.nan, 1.0)
-    env = ObjectTestEnv(touches=sampled, target="shape_0")
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(0)
+    env = ObjectTestEnv(touches=sampled, target="shape_0", render_mode="rgb_array")
+    for asked in (lambda: env.step(0), env.render, lambda: env.belief):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+            asked()
     env.reset(seed=0)
     with pytest.raises(BadAction, match="5"):
         env.step(5)

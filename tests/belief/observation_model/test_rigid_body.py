@@ -222,7 +222,8 @@ def posterior_rows(log_likelihoods):
     return np.exp(log_softmax(log_likelihoods, axis=1))
 
 
-def test_a_reader_that_is_too_sure_gets_a_temperature(world, rng):
+@pytest.mark.parametrize(("too_sure", "error"), [(3.0, 0.05), (200.0, 0.3), (0.02, 0.3)])  # the prior is at 1
+def test_a_reader_that_is_too_sure_or_too_modest_gets_a_temperature(world, rng, too_sure, error):
     touches, shapes, ids = [], [], []
     for number in range(120):
         shape, body = int(rng.integers(K)), int(rng.integers(N))
@@ -230,11 +231,15 @@ def test_a_reader_that_is_too_sure_gets_a_temperature(world, rng):
         shapes += [shape] * P
         ids += [number] * P
     honest = RigidBodyModel.fit(touches, shapes, ids, embed=world.embed, num_hypotheses=N)
-    sure = RigidBodyModel.fit(
-        [Touch(t.pose, t.logits, 3.0 * t.features) for t in touches], shapes, ids, embed=world.embed, num_hypotheses=N
+    other = RigidBodyModel.fit(
+        [Touch(t.pose, t.logits, too_sure * t.features) for t in touches],
+        shapes,
+        ids,
+        embed=world.embed,
+        num_hypotheses=N,
     )
     assert honest.temperature == pytest.approx(1.0, abs=0.3)
-    assert sure.temperature == pytest.approx(3.0 * honest.temperature, rel=0.05)
+    assert other.temperature == pytest.approx(too_sure * honest.temperature, rel=error)
 
 
 def test_as_many_sequences_give_the_temperature_where_memory_is_short(world, rng, monkeypatch):
