@@ -89,14 +89,14 @@ class Calibrate:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         require_enough(manifest, data)
+        scene = scene if scene is not None else scene_of(manifest)
+        candidates = candidate_models(chosen_from, reader, scene, self.hypotheses)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         known = read_touches(reader, calibration, "reading calibration touches")
         tested = read_touches(reader, test, "reading test touches")
         print("fitting the observation model …")
         touches = (known.sequence(0), calibration.shapes, calibration.object_ids)
         labels: dict[str, Any] = {"shape_labels": manifest.shape_labels, "num_poses": len(manifest.pose_labels)}
-        scene = scene if scene is not None else scene_of(manifest)
-        candidates = candidate_models(chosen_from, reader, scene, self.hypotheses)
         if len(candidates) == 1:  # nothing to choose from
             ((name, fit),) = candidates.items()
             choice = ModelChoice(name, fit(*touches, **labels), {})
