@@ -1,9 +1,11 @@
-"""``activetouch limit``: estimate the Bayes-optimal accuracy of one touch and compare the classifier with it.
-
-With ``--touches-per-object``, that of several touches of one object (:mod:`experiments.bayes_error.joint_bayes`).
+"""``activetouch limit``: estimate the Bayes-optimal accuracy of touches and compare the classifier with it.
 
 The estimator depends on the images. Few taxels: Bayes' rule with simulated likelihoods. Fine images: a search for
 presses of another shape with the same image up to noise, or, given a collection, bounds from the network's outputs.
+
+With ``--touches-per-object``, the limit of several touches of one object. Few taxels: Bayes' rule over simulated bodies
+(:mod:`experiments.bayes_error.joint_bayes`). Fine images: a lower bound on the loss of any reader, from contacts that
+look the same on several shapes (:mod:`experiments.bayes_error.congruent_bound`).
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ import tyro
 from activetouch.scene import Scene
 from belief.files import require_writable
 from experiments.bayes_error.ambiguity import AmbiguitySearch
+from experiments.bayes_error.congruent_bound import CongruentBound
 from experiments.bayes_error.estimator import Estimator, Findings, LimitStudy
 from experiments.bayes_error.joint_bayes import JointBayes, JointStudy
 from experiments.bayes_error.learned import LearnedBounds
@@ -26,8 +29,8 @@ from experiments.bayes_error.simulation import SimulatedBayes
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
-from experiments.scene_choice import SceneChoice, in_file_names
-from experiments.sensor_choice import open_sensor
+from experiments.scene_choice import SceneChoice, in_file_names, repeats_folder
+from experiments.sensor_choice import open_collection, open_sensor, require_collection
 
 FEW_TAXELS = 64
 """Largest number of taxels for which a bank of ideal images is dense enough."""
@@ -43,6 +46,7 @@ class Limit:
 
         activetouch limit --scene coarse
         activetouch limit --scene coarse --touches-per-object 1 2 3 4 6 --sensor coarse
+        activetouch limit --scene hard --touches-per-object 1 2 3 4 6
         activetouch limit --scene hard --ambiguity.pairs 200 --sensor runs/sensor-hard
         activetouch limit --scene hard --learned-from data/hard --out runs/limit-hard-learned
     """
@@ -62,7 +66,10 @@ class Limit:
     touches_per_object: tuple[Count, ...] = ()
     """Numbers of touches of one object: estimate the best possible accuracy of several touches instead."""
     joint: Annotated[JointBayes, tyro.conf.arg(name="")] = field(default_factory=JointBayes)
-    """Settings for several touches."""
+    """Settings for several touches and images of few taxels; --data also serves fine images, data/SCENE-repeats by
+    default."""
+    congruent: CongruentBound = field(default_factory=CongruentBound)
+    """Settings for several touches and fine images."""
     seed: Seed = 0
     """Seed of touches, banks and intervals."""
     out: Path | None = None
@@ -82,9 +89,10 @@ class Limit:
         most = max(self.touches_per_object, default=0)
         if most > len(scene.poses):
             raise BadArgument(f"--touches-per-object must be at most {len(scene.poses)}, one in each pose, got {most}")
-        if not most and self.joint != JointBayes():
+        if not most and (self.joint, self.congruent) != (JointBayes(), CongruentBound()):
             raise BadArgument(
-                "--bodies, --draws, --objects and --data are for several touches: add --touches-per-object"
+                "--bodies, --draws, --objects, --data and --congruent.orders are for several touches: add "
+                "--touches-per-object"
             )
         name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
         folder = self.out if self.out is not None else Path(name)
@@ -106,6 +114,12 @@ class Limit:
     def _several(self, scene: Scene, folder: Path) -> Findings:
         touches = tuple(sorted(set(self.touches_per_object)))
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
+        if not has_few_taxels(scene):
+            data = self.joint.data if self.joint.data is not None else repeats_folder(self.choice.scene)
+            require_collection(
+                data, open_collection(data, self.choice.scene, repeats=True), sensor.reader.card, None, repeats=True
+            )
+            return self.congruent.measure(sensor, data, touches, self.seed, self.jobs)
         readers = {"sensor": partial(sensor_evidence, sensor)}
         return self.joint.measure(JointStudy(scene, touches, self.seed, self.jobs, folder / "evidence", readers))
 
@@ -113,5 +127,10 @@ class Limit:
         """The estimator for the images of a scene."""
         if self.learned_from is not None:
             return LearnedBounds(self.learned_from)
-        height, width, *channels = scene.image_shape
-        return self.bayes if not channels and height * width <= FEW_TAXELS else self.ambiguity
+        return self.bayes if has_few_taxels(scene) else self.ambiguity
+
+
+def has_few_taxels(scene: Scene) -> bool:
+    """Whether the images of a scene are so coarse that banks of simulated images are dense enough."""
+    height, width, *channels = scene.image_shape
+    return not channels and height * width <= FEW_TAXELS

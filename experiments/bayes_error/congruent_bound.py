@@ -1,0 +1,132 @@
+"""Estimator for several touches where images are fine: a lower bound on the loss, by congruent contacts.
+
+See :mod:`experiments.bayes_error.congruent` for the bound. It is compared with the sensor on the same touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activetouch.data.dataset import TouchSet, read_split
+from activetouch.sensor import TactileSensor
+from belief.observation_model.selection import log_posteriors
+from belief.statistics import cluster_bootstrap
+from experiments.bayes_error.congruent import CongruentContacts
+from experiments.bayes_error.estimator import Findings, chunks, words
+from experiments.bayes_error.simulation import log_loss
+from experiments.command_line.arguments import Count
+from experiments.parallel import run_tasks
+from experiments.reporting.tables import Table
+from experiments.sensor.scores import read_touches
+from experiments.sensor.several_touches import first_round, in_random_orders
+
+Floats = NDArray[np.float64]
+_SEQUENCES_PER_TASK = 40
+
+
+@dataclass(frozen=True)
+class CongruentBound:
+    """Lower bound on the loss of any reader, from contacts that look the same on several shapes."""
+
+    orders: Count = 6
+    """Random orders of the poses of each object, those of activetouch several-touches. Intervals are over objects."""
+
+    def measure(self, sensor: TactileSensor, data: Path, touches: tuple[int, ...], seed: int, jobs: int) -> Findings:
+        """The bound, and the loss of the sensor, on the same touches.
+
+        Args:
+            sensor: to compare, in its scene.
+            data: collection of touches in every pose, whose test objects are used.
+            touches: numbers of touches of one object, ascending.
+            seed: of orders and intervals.
+            jobs: processes; the results do not depend on it.
+
+        Raises:
+            UnknownLikelihood: the scene is not one for this bound.
+            CorruptFile: there is no such collection, or it is damaged.
+        """
+        scene, contacts = sensor.scene, CongruentContacts(sensor.scene)
+        test = first_round(read_split(data, "test"), len(scene.poses))
+        read = in_random_orders(read_touches(sensor.reader, test, f"{data}, test touches"), test, self.orders, seed)
+        truth = test.shapes[:: len(scene.poses)]
+        shapes, objects = np.tile(truth, self.orders), np.tile(np.arange(len(truth)), self.orders)
+        flat = np.flatnonzero(np.isin(shapes, list(contacts.shapes)))
+        bound = np.zeros((len(shapes), touches[-1]))
+        tasks = [
+            partial(_losses, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some)
+            for some in chunks(len(flat), _SEQUENCES_PER_TASK)
+        ]
+        for some, losses in run_tasks(tasks, jobs, "congruent contacts"):
+            bound[flat[some]] = losses
+        bound = bound[:, np.array(touches) - 1]
+        loss = np.stack([log_loss(log_posteriors(sensor.model, read.first(n)), shapes) for n in touches], axis=1)
+        numbers: dict[str, Any] = {
+            "estimator": "congruent contacts",
+            "objects": len(truth),
+            "orders": self.orders,
+            "touches": touches,
+            "flat_faced": [scene.shape_labels[k] for k in contacts.shapes],
+            **{
+                name: [_mean(some, objects, seed) for some in values.T]
+                for name, values in (("bound", bound), ("sensor", loss), ("excess", loss - bound))
+            },
+            "by_shape": {
+                scene.shape_labels[k]: {
+                    name: values[shapes == k].mean(axis=0).tolist()
+                    for name, values in (("bound", bound), ("sensor", loss))
+                }
+                for k in contacts.shapes
+            },
+        }
+        return Findings("Least loss of any reader of several touches", _sentences(numbers), _tables(numbers), numbers)
+
+
+def _losses(
+    contacts: CongruentContacts, test: TouchSet, objects: NDArray[np.int64], poses: NDArray[np.int64], some: range
+) -> tuple[range, Floats]:
+    """The rows, and the bound of each after 1 to T touches, ``(S, T)``."""
+    found, num_poses = [], len(contacts.scene.poses)
+    for row, order in zip(objects * num_poses, poses, strict=True):
+        where = row + order
+        body = int(test.shapes[row]), test.rests[row], float(test.sizes[row])
+        found.append(contacts.losses(*body, order, test.offsets[where], test.forces[where]))
+    return some, np.stack(found)
+
+
+def _mean(values: Floats, objects: NDArray[np.int64], seed: int) -> dict[str, Any]:
+    mean, low, high = cluster_bootstrap(values, objects, np.random.default_rng(seed))
+    return {"value": mean, "interval": (low, high)}
+
+
+def _sentences(numbers: dict[str, Any]) -> list[str]:
+    last = {name: words(numbers[name][-1]) for name in ("bound", "sensor")}
+    return [
+        f"Contacts of {', '.join(numbers['flat_faced'])} can be congruent: then only the place of the contact tells "
+        "the shapes apart, which the offset of the press blurs. The bound is the loss of Bayes' rule for a reader who "
+        "is told the images without noise, forces and gains, the orientation up to the 24 rotations of a cube, and "
+        "whether the shape is one of these. For all others its loss is taken as zero. A real reader knows less, so its "
+        "expected loss is larger.",
+        f"{numbers['objects']} unseen objects, their poses in {numbers['orders']} random orders. After "
+        f"{numbers['touches'][-1]} touches the bound is {last['bound']} nats, the sensor has {last['sensor']}.",
+    ]
+
+
+def _tables(numbers: dict[str, Any]) -> list[Table]:
+    columns = [[words(entry) for entry in numbers[name]] for name in ("bound", "sensor", "excess")]
+    rows = [(str(n), *cells) for n, cells in zip(numbers["touches"], zip(*columns, strict=True), strict=True)]
+    by_shape = [
+        (label, name, *(f"{value:.3f}" for value in values))
+        for label, entry in numbers["by_shape"].items()
+        for name, values in entry.items()
+    ]
+    heads = [f"{n} touch{'es' * (n > 1)}" for n in numbers["touches"]]
+    return [
+        Table("NLL of the shape [nats]", ("touches", "no reader below", "sensor", "difference"), rows),
+        Table("NLL by shape [nats]", ("shape", "of", *heads), by_shape),
+    ]

@@ -1,0 +1,150 @@
+"""The lower bound by congruent contacts: cases that are known by hand, images that are the same, and the command."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from activetouch.data.dataset import CollectionPlan
+from activetouch.distributions import Constant, Normal, Uniform
+from activetouch.errors import UnknownLikelihood
+from activetouch.named_scenes import SCENES
+from activetouch.orientations import Upright
+from activetouch.placement import Placement
+from activetouch.poses import random_orientation, to_matrix
+from activetouch.pressing.contact import elastic_contact, surface_gap
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.press import Quasistatic
+from activetouch.scene import Variation
+from activetouch.shapes import EXTENDED_SHAPES, Box, Sphere
+from experiments.bayes_error.congruent import CongruentContacts, Faces, see
+from experiments.bayes_error.congruent_bound import CongruentBound
+from experiments.bayes_error.limit import Limit
+from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import record
+
+SCENE = replace(SCENES["hard"].scene, press_model=Quasistatic(), pad=Pad(half_width=0.0075, num_taxels=48))
+CUBE, CUBOID = EXTENDED_SHAPES["cube"], EXTENDED_SHAPES["cuboid"]
+
+
+def losses_of(scene, shape, seed, touches=4):
+    rng = np.random.default_rng(seed)
+    thing = scene.sample_object(shape, rng)
+    poses = rng.permutation(len(scene.poses))[:touches]
+    offsets = np.array([scene.variation.sample_offset(rng) for _ in poses])
+    contacts = CongruentContacts(scene)
+    return contacts.losses(thing.shape_index, thing.orientation, thing.scale, poses, offsets, rng.uniform(1.5, 3.0, 4))
+
+
+def test_equal_shapes_are_never_told_apart():
+    scene = replace(SCENE, shapes={"one": CUBE, "other": Box(CUBE.half_extents)})
+    for seed in range(5):
+        np.testing.assert_allclose(losses_of(scene, "one", seed), np.log(2.0), rtol=1e-9)
+
+
+def test_a_flat_face_tells_nothing_and_an_edge_only_which_two_sides_meet():
+    """An edge above the middle: the two sides of a cuboid are alike in 8 of 24 rotations, those of a cube in all."""
+    cuboid = {"cube": CUBE, "cuboid": CUBOID}
+    contacts = CongruentContacts(replace(SCENE, shapes=cuboid, pad=Pad(half_width=0.001, num_taxels=8)))
+    lying = np.array([1.0, 0.0, 0.0, 0.0])
+    loss = contacts.losses(0, lying, 1.0, np.array([0, 1]), np.zeros((2, 2)), np.array([2.0, 2.0]))
+    np.testing.assert_allclose(loss, [np.log(2.0), np.log(4.0 / 3.0)], rtol=1e-9)
+
+
+def test_touches_tell_a_wedge_from_a_cube():
+    scene = replace(SCENE, shapes={"cube": CUBE, "wedge": EXTENDED_SHAPES["wedge"]})
+    losses = np.mean([losses_of(scene, "wedge", seed) for seed in range(12)], axis=0)
+    assert losses[-1] < 0.2 < losses[0]
+
+
+def corner_of(box):
+    """A press on the corner (+, +, +) of a box with its diagonal along the approach axis, and the corner's place."""
+    towards = np.array([-1.0, -1.0, -1.0]) / np.sqrt(3.0)
+    axis = np.cross(towards, [1.0, 0.0, 0.0])
+    axis /= np.linalg.norm(axis)
+    angle = np.arccos(towards[0])
+    turn = np.array([np.cos(angle / 2), *np.sin(angle / 2) * axis])
+    return turn, to_matrix(turn) @ np.array(box.half_extents)
+
+
+def test_a_corner_is_congruent_to_that_of_another_box_at_another_offset():
+    turn, at_cube = corner_of(CUBE)
+    _, at_cuboid = corner_of(CUBOID)
+    pad, offset = SCENE.pad, np.array([0.001, -0.0005])
+    moved = offset + (at_cube - at_cuboid)[1:]
+    images = [
+        elastic_contact(pad, surface_gap(pad, Placement(box, 1.0, turn, where)), 2.0).indentation
+        for box, where in ((CUBE, offset), (CUBOID, moved))
+    ]
+    np.testing.assert_allclose(*images, atol=1e-12)
+    seen = see(pad, Faces(CUBE.planes[0] @ to_matrix(turn).T, CUBE.planes[1]), offset, 2.0)
+    assert len(seen.faces.distances) == 3
+    body = Faces(CUBOID.planes[0] @ to_matrix(turn).T, CUBOID.planes[1])
+    half = float(np.abs(moved).max())
+    for limit, expected in ((half * 1.01, 1.0), (half * 0.99, 0.0)):
+        scene = replace(SCENE, variation=replace(SCENE.variation, offset=Uniform(-limit, limit)))
+        assert CongruentContacts(scene)._measure(body, np.array([1.0]), seen) == expected
+
+
+def test_an_edge_leaves_a_line_of_offsets_and_a_face_an_area():
+    """Of a cube that is larger than its true size, the offsets that give the same image of an edge are as long."""
+    contacts, half = CongruentContacts(SCENE), np.deg2rad(45.0) / 2
+    faces = Faces(CUBE.planes[0] @ to_matrix(np.array([np.cos(half), 0.0, 0.0, np.sin(half)])).T, CUBE.planes[1])
+    seen = see(SCENE.pad, faces, np.zeros(2), 2.0)
+    assert len(seen.faces.distances) == 2
+    np.testing.assert_allclose(contacts._measure(faces, np.array([1.0, 1.05]), seen), 0.004, rtol=1e-6)
+    flat = see(SCENE.pad, Faces(*CUBE.planes), np.zeros(2), 2.0)
+    assert len(flat.faces.distances) == 1
+    np.testing.assert_allclose(contacts._measure(Faces(*CUBE.planes), np.array([1.0, 1.2]), flat), 1.0)
+
+
+def test_what_is_seen_does_not_depend_on_faces_without_an_effect():
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        turned = CUBOID.planes[0] @ to_matrix(random_orientation(rng)).T
+        faces, offset = Faces(turned, CUBOID.planes[1]), rng.uniform(-0.002, 0.002, 2)
+        seen = see(SCENE.pad, faces, offset, 2.0)
+        matters = (turned @ seen.faces.normals.T > 1.0 - 1e-9).any(axis=1)
+        again = see(SCENE.pad, faces.select(matters), offset, 2.0)
+        np.testing.assert_allclose(again.surface, seen.surface, atol=1e-12)
+
+
+def test_a_miss_tells_nothing():
+    far = replace(SCENE, shapes={"cube": CUBE, "cuboid": CUBOID})
+    beside = np.full((2, 2), 0.5)
+    loss = CongruentContacts(far).losses(0, np.array([1.0, 0, 0, 0]), 1.0, np.arange(2), beside, np.full(2, 2.0))
+    np.testing.assert_allclose(loss, np.log(2.0))
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        replace(SCENE, shapes={"ball": Sphere(0.02)}),
+        replace(SCENE, press_model=Deformable()),
+        replace(SCENE, presentation=Upright()),
+        replace(SCENE, variation=Variation(size=Normal(1.0, 0.1))),
+        replace(SCENE, variation=Variation(size=Constant(1.0))),
+        replace(SCENE, variation=Variation(stiffness=Uniform(0.9, 1.1))),
+    ],
+    ids=["round", "soft pad", "upright", "other sizes", "one size", "skins"],
+)
+def test_scenes_of_another_kind_are_refused(scene):
+    with pytest.raises(UnknownLikelihood, match="this bound"):
+        CongruentContacts(scene)
+
+
+def test_the_command_compares_the_sensor_with_the_bound(tmp_path, capsys):
+    data = tmp_path / "touches"
+    choice = SceneChoice("hard")
+    record(choice.named.scene, CollectionPlan(train=0, calibration=1, test=1, repeats=1), data, 1, choice.to_dict())
+    joint = replace(Limit().joint, data=data)
+    Limit(choice, touches_per_object=(3, 1), joint=joint, congruent=CongruentBound(2), out=tmp_path, jobs=1).run()
+    found = json.loads((tmp_path / "limit.json").read_text())
+    assert found["objects"] == 12
+    assert found["touches"] == [1, 3]
+    assert found["flat_faced"] == ["cube", "cuboid", "wedge", "hexagonal_prism"]
+    assert all(entry["value"] >= 0.0 for entry in found["bound"])
+    assert set(found["by_shape"]) == set(found["flat_faced"])
+    assert "no reader below" in capsys.readouterr().out
