@@ -109,10 +109,10 @@ class CongruentContacts:
     def _poses(self) -> Floats:
         return to_matrices(np.array(list(self.scene.rotations.values())))
 
-    def losses(
+    def log_posteriors(
         self, shape: int, rest: Floats, size: float, poses: NDArray[np.int64], offsets: Floats, forces: Floats
     ) -> Floats:
-        """Negative log posterior of the true shape after 1 to T touches of an object [nats], ``(T,)``.
+        """Log posterior of each of :attr:`shapes` after 1 to T touches of an object, ``(T, F)``.
 
         Args:
             shape: index of the true shape, one of :attr:`shapes`.
@@ -130,11 +130,15 @@ class CongruentContacts:
             for turned, offset, force in zip(orientations, offsets, forces, strict=True)
         ]
         sizes = _through(size, self.scene.variation.size, _SIZES)
-        evidence = {
-            k: sum(self._evidence(faces, sizes, orientations @ turn, seen) for turn in _TURNS)
-            for k, faces in self.shapes.items()
-        }
-        return np.log(sum(evidence.values()) / evidence[shape])
+        evidence = np.stack(
+            [
+                sum(self._evidence(faces, sizes, orientations @ turn, seen) for turn in _TURNS)
+                for faces in self.shapes.values()
+            ],
+            axis=1,
+        )
+        with np.errstate(divide="ignore"):  # of a shape that could not give these images
+            return np.log(evidence / evidence.sum(axis=1, keepdims=True))
 
     def _evidence(self, faces: Faces, sizes: Floats, orientations: Floats, seen: Sequence[SeenFaces]) -> Floats:
         """Sum over sizes of the products of the first 1 to T measures, ``(T,)``."""

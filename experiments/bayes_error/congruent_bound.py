@@ -57,25 +57,32 @@ class CongruentBound:
         truth = test.shapes[:: len(scene.poses)]
         shapes, objects = np.tile(truth, self.orders), np.tile(np.arange(len(truth)), self.orders)
         flat = np.flatnonzero(np.isin(shapes, list(contacts.shapes)))
-        bound = np.zeros((len(shapes), touches[-1]))
+        posterior = np.zeros((len(shapes), touches[-1], 2))  # log probability of the true shape, and of the likeliest
         tasks = [
-            partial(_losses, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some)
+            partial(
+                _true_and_likeliest, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some
+            )
             for some in chunks(len(flat), _SEQUENCES_PER_TASK)
         ]
-        for some, losses in run_tasks(tasks, jobs, "congruent contacts"):
-            bound[flat[some]] = losses
-        bound = bound[:, np.array(touches) - 1]
-        loss = np.stack([log_loss(log_posteriors(sensor.model, read.first(n)), shapes) for n in touches], axis=1)
+        for some, found in run_tasks(tasks, jobs, "congruent contacts"):
+            posterior[flat[some]] = found
+        bound, right = np.moveaxis(posterior[:, np.array(touches) - 1] * (-1.0, 1.0), 2, 0)
+        known = np.stack([log_posteriors(sensor.model, read.first(n)) for n in touches], axis=1)
+        loss = np.stack([log_loss(logs, shapes) for logs in np.moveaxis(known, 1, 0)], axis=1)
+        measured = {
+            "bound": bound,
+            "sensor": loss,
+            "excess": loss - bound,
+            "accuracy_bound": np.exp(right),
+            "sensor_accuracy": known.argmax(axis=2) == shapes[:, None],
+        }
         numbers: dict[str, Any] = {
             "estimator": "congruent contacts",
             "objects": len(truth),
             "orders": self.orders,
             "touches": touches,
             "flat_faced": [scene.shape_labels[k] for k in contacts.shapes],
-            **{
-                name: [_mean(some, objects, seed) for some in values.T]
-                for name, values in (("bound", bound), ("sensor", loss), ("excess", loss - bound))
-            },
+            **{name: [_mean(some, objects, seed) for some in values.T] for name, values in measured.items()},
             "by_shape": {
                 scene.shape_labels[k]: {
                     name: values[shapes == k].mean(axis=0).tolist()
@@ -87,20 +94,21 @@ class CongruentBound:
         return Findings("Least loss of any reader of several touches", _sentences(numbers), _tables(numbers), numbers)
 
 
-def _losses(
+def _true_and_likeliest(
     contacts: CongruentContacts, test: TouchSet, objects: NDArray[np.int64], poses: NDArray[np.int64], some: range
 ) -> tuple[range, Floats]:
-    """The rows, and the bound of each after 1 to T touches, ``(S, T)``."""
-    found, num_poses = [], len(contacts.scene.poses)
+    """The rows, and log posteriors of the true and the likeliest shape after 1 to T touches, ``(S, T, 2)``."""
+    found, num_poses, flat = [], len(contacts.scene.poses), list(contacts.shapes)
     for row, order in zip(objects * num_poses, poses, strict=True):
-        where = row + order
-        body = int(test.shapes[row]), test.rests[row], float(test.sizes[row])
-        found.append(contacts.losses(*body, order, test.offsets[where], test.forces[where]))
+        where, shape = row + order, int(test.shapes[row])
+        body = shape, test.rests[row], float(test.sizes[row])
+        logs = contacts.log_posteriors(*body, order, test.offsets[where], test.forces[where])
+        found.append(np.stack([logs[:, flat.index(shape)], logs.max(axis=1)], axis=1))
     return some, np.stack(found)
 
 
-def _mean(values: Floats, objects: NDArray[np.int64], seed: int) -> dict[str, Any]:
-    mean, low, high = cluster_bootstrap(values, objects, np.random.default_rng(seed))
+def _mean(values: NDArray[Any], objects: NDArray[np.int64], seed: int) -> dict[str, Any]:
+    mean, low, high = cluster_bootstrap(values.astype(float), objects, np.random.default_rng(seed))
     return {"value": mean, "interval": (low, high)}
 
 
@@ -118,8 +126,10 @@ def _sentences(numbers: dict[str, Any]) -> list[str]:
 
 
 def _tables(numbers: dict[str, Any]) -> list[Table]:
-    columns = [[words(entry) for entry in numbers[name]] for name in ("bound", "sensor", "excess")]
-    rows = [(str(n), *cells) for n, cells in zip(numbers["touches"], zip(*columns, strict=True), strict=True)]
+    def rows(*names: str) -> list[tuple[str, ...]]:
+        columns = [[words(entry) for entry in numbers[name]] for name in names]
+        return [(str(n), *cells) for n, cells in zip(numbers["touches"], zip(*columns, strict=True), strict=True)]
+
     by_shape = [
         (label, name, *(f"{value:.3f}" for value in values))
         for label, entry in numbers["by_shape"].items()
@@ -127,6 +137,11 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
     ]
     heads = [f"{n} touch{'es' * (n > 1)}" for n in numbers["touches"]]
     return [
-        Table("NLL of the shape [nats]", ("touches", "no reader below", "sensor", "difference"), rows),
+        Table(
+            "NLL of the shape [nats]",
+            ("touches", "no reader below", "sensor", "difference"),
+            rows("bound", "sensor", "excess"),
+        ),
+        Table("Accuracy", ("touches", "no reader above", "sensor"), rows("accuracy_bound", "sensor_accuracy")),
         Table("NLL by shape [nats]", ("shape", "of", *heads), by_shape),
     ]
