@@ -12,7 +12,7 @@ import scipy  # whose parts load at first use
 from activetouch.solids.solid import Floats, Geom, between, clip, entered, require_lengths, ring
 
 
-class _FlatFaced(ABC):
+class FlatFaced(ABC):
     """The convex hull of its corners."""
 
     @property
@@ -48,7 +48,7 @@ class _FlatFaced(ABC):
 
 
 @dataclass(frozen=True)
-class Box(_FlatFaced):
+class Box(FlatFaced):
     """Cuboid with the given half-extents [m] along its own axes."""
 
     half_extents: tuple[float, float, float]
@@ -83,7 +83,7 @@ class Box(_FlatFaced):
 
 
 @dataclass(frozen=True)
-class Wedge(_FlatFaced):
+class Wedge(FlatFaced):
     """Right-angled triangular prism along its y axis, whose height falls along x; origin at the centroid.
 
     Attributes:
@@ -107,7 +107,7 @@ class Wedge(_FlatFaced):
 
 
 @dataclass(frozen=True)
-class Prism(_FlatFaced):
+class Prism(FlatFaced):
     """Regular prism about its z axis: ``num_sides``, ``radius`` of its edges and ``half_length`` [m]."""
 
     num_sides: int
@@ -126,7 +126,7 @@ class Prism(_FlatFaced):
 
 
 @dataclass(frozen=True)
-class Pyramid(_FlatFaced):
+class Pyramid(FlatFaced):
     """Regular pyramid about its z axis, origin at half height: ``radius`` of its base corners, ``height`` [m]."""
 
     num_sides: int
@@ -145,7 +145,7 @@ class Pyramid(_FlatFaced):
 
 
 @dataclass(frozen=True)
-class ConvexPolyhedron(_FlatFaced):
+class ConvexPolyhedron(FlatFaced):
     """Convex hull of at least four ``vertices`` [m], a tuple of tuples; the origin must lie inside.
 
     Raises:

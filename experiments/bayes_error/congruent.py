@@ -3,16 +3,17 @@ r"""Lower bound on the loss of any reader of several touches, where shapes have 
 The contact of one flat-faced body is often congruent to that of another: a corner of a cube is a corner of a cuboid,
 elsewhere on the body. Then only the place of the contact tells them apart, and the offset of the press blurs it.
 
-The bound is an information relaxation. Its reader is told the image without noise, force and gain, the orientation up
-to the 24 rotations q of a cube, and whether the shape is one of the flat-faced shapes. A reader who is told more has no
-larger expected loss. Given all this, Bayes' rule is a sum over shapes k, rotations q and sizes s,
+The bound is an information relaxation. Its reader is told the image without noise, force and gain, and whether the
+shape is one of the flat-faced shapes. While all touches together show one direction of faces only, it is also told the
+orientation up to the 24 rotations of a cube. A reader who is told more has no larger expected loss. Two directions of
+faces leave finitely many orientations R of each shape k. Bayes' rule is then a sum over these and the sizes s,
 
-    p(k | images) ∝ Σ_q ∫ p(s) ∏_t w_t(k, q, s) ds
+    p(k | images) ∝ Σ_R ∫ p(s) ∏_t w_t(k, R, s) ds
 
-where w_t is the measure of the offsets at which the body (k, R q, s) gives the image of touch t. An image depends on
-the few faces that it shows. An offset gives the same image if these faces lie in the same planes, up to a shift along
-the approach axis, and all others stay away from the touched surface. Three faces leave one offset, two a line, one an
-area. The faces shown have the same normals under all hypotheses, so that their densities differ by these measures only.
+where w_t is the measure of the offsets at which the body (k, R, s) gives the image of touch t. An image depends on the
+few faces that it shows. An offset gives the same image if these faces lie in the same planes, up to a shift along the
+approach axis, and all others stay away from the touched surface. Three faces leave one offset, two a line, one an area.
+The faces shown have the same normals under all hypotheses, so that their densities differ by these measures only.
 """
 
 from __future__ import annotations
@@ -33,12 +34,14 @@ from activetouch.poses import to_matrices, to_matrix
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Scene
 from activetouch.solids.solid import clip
+from activetouch.solids.straight import FlatFaced
 
 Floats = NDArray[np.float64]
 
 _SIZES = 64  # on a grid over their range
 _OFFSETS = 24  # along each edge of a grid over theirs
 _SAME = 1e-9  # difference of lengths [m] and of unit vectors below which they are equal
+_DISTINCT = 1e-6  # sine of the angle between directions that are not parallel
 _TURNS = np.array(
     [
         turn
@@ -103,7 +106,7 @@ class CongruentContacts:
     def shapes(self) -> dict[int, Faces]:
         """The flat-faced shapes by index; the loss of all others is at least 0."""
         solids = enumerate(self.scene.solids.values())
-        return {index: Faces(*solid.planes) for index, solid in solids if hasattr(solid, "planes")}
+        return {index: Faces(*solid.planes) for index, solid in solids if isinstance(solid, FlatFaced)}
 
     @cached_property
     def _poses(self) -> Floats:
@@ -129,24 +132,32 @@ class CongruentContacts:
             see(pad, Faces(normals @ turned.T, size * distances), offset, force / stiffness)
             for turned, offset, force in zip(orientations, offsets, forces, strict=True)
         ]
-        sizes = _through(size, self.scene.variation.size, _SIZES)
-        evidence = np.stack(
-            [
-                sum(self._evidence(faces, sizes, orientations @ turn, seen) for turn in _TURNS)
-                for faces in self.shapes.values()
-            ],
-            axis=1,
-        )
+        sizes, turns = _through(size, self.scene.variation.size, _SIZES), self._poses[poses]
+        normals_at_rest = [touch.faces.normals @ turn for touch, turn in zip(seen, turns, strict=True)]
+        pairs = [two_directions(np.vstack(normals_at_rest[: n + 1])) for n in range(len(seen))]
+        undetermined = sum(pair is None for pair in pairs)  # the first touches, which show one direction of faces at most
+        evidence = np.empty((len(seen), len(self.shapes)))
+        for column, faces in enumerate(self.shapes.values()):
+            told = self._evidence(faces, sizes, to_matrix(rest) @ _TURNS, turns, seen)
+            evidence[:undetermined, column] = told[:undetermined]
+            if (pair := pairs[-1]) is not None:
+                found = self._evidence(faces, sizes, alignments(pair, faces.normals), turns, seen)
+                evidence[undetermined:, column] = found[undetermined:]
         with np.errstate(divide="ignore"):  # of a shape that could not give these images
             return np.log(evidence / evidence.sum(axis=1, keepdims=True))
 
-    def _evidence(self, faces: Faces, sizes: Floats, orientations: Floats, seen: Sequence[SeenFaces]) -> Floats:
-        """Sum over sizes of the products of the first 1 to T measures, ``(T,)``."""
-        found = [
-            self._measure(Faces(faces.normals @ turned.T, faces.distances), sizes, touch)
-            for turned, touch in zip(orientations, seen, strict=True)
-        ]
-        return np.cumprod(found, axis=0).sum(axis=1)
+    def _evidence(
+        self, faces: Faces, sizes: Floats, rests: Sequence[Floats] | Floats, turns: Floats, seen: Sequence[SeenFaces]
+    ) -> Floats:
+        """Sum over orientations at rest and sizes of the products of the first 1 to T measures, ``(T,)``."""
+        total = np.zeros(len(seen))
+        for rest in rests:
+            measures = [
+                self._measure(Faces(faces.normals @ (turn @ rest).T, faces.distances), sizes, touch)
+                for turn, touch in zip(turns, seen, strict=True)
+            ]
+            total += np.cumprod(measures, axis=0).sum(axis=1)
+        return total
 
     def _measure(self, faces: Faces, sizes: Floats, seen: SeenFaces) -> Floats:
         """Measure of the offsets at which a body of each size gives the image, ``(S,)``; 1 for a miss."""
@@ -203,6 +214,34 @@ def see(pad: Pad, faces: Faces, offset: Floats, force: float) -> SeenFaces:
     touched = surface < top
     points = np.vstack([surface[touched], pad.taxel_centres[1:, touched]])
     return SeenFaces(placed.select(np.array(matters)), points, offset)
+
+
+def two_directions(normals: Floats) -> Floats | None:
+    """Two of some unit normals ``(m, 3)`` that are not parallel, ``(2, 3)``; None if there are none."""
+    for normal in normals:
+        apart = np.linalg.norm(np.cross(normals[0], normal))
+        if apart > _DISTINCT:
+            return np.stack([normals[0], normal])
+    return None
+
+
+def alignments(pair: Floats, normals: Floats) -> list[Floats]:
+    """All rotations, ``(3, 3)`` each, that turn two of a body's face normals into two given directions.
+
+    Args:
+        pair: the directions, not parallel, ``(2, 3)``.
+        normals: of the faces, ``(m, 3)``.
+    """
+    angle, wanted = float(pair[0] @ pair[1]), _frame(*pair)
+    alike = np.abs(normals @ normals.T - angle) < _SAME
+    return [wanted @ _frame(normals[one], normals[other]).T for one, other in np.argwhere(alike)]
+
+
+def _frame(first: Floats, second: Floats) -> Floats:
+    """The orthonormal frame, in columns, of the first direction and the plane of both."""
+    across = np.cross(first, second)
+    across /= np.linalg.norm(across)
+    return np.stack([first, np.cross(across, first), across], axis=1)
 
 
 def _heights(pad: Pad, faces: Faces) -> Floats:

@@ -19,7 +19,7 @@ from activetouch.pressing.pad import Pad
 from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
 from activetouch.shapes import EXTENDED_SHAPES, Box, Sphere
-from experiments.bayes_error.congruent import CongruentContacts, Faces, see
+from experiments.bayes_error.congruent import CongruentContacts, Faces, alignments, see, two_directions
 from experiments.bayes_error.congruent_bound import CongruentBound
 from experiments.bayes_error.limit import Limit
 from experiments.scene_choice import SceneChoice
@@ -155,3 +155,23 @@ def test_the_command_compares_the_sensor_with_the_bound(tmp_path, capsys):
     assert set(found["by_shape"]) == set(found["flat_faced"])
     assert all(0.5 < entry["value"] <= 1.0 for entry in found["accuracy_bound"])
     assert "no reader below" in capsys.readouterr().out
+
+
+def test_two_directions_of_faces_leave_the_rotations_of_a_body():
+    for label, number in (("cube", 24), ("cuboid", 24), ("hexagonal_prism", 24), ("wedge", 14)):
+        normals = EXTENDED_SHAPES[label].planes[0]
+        square = normals[np.abs(normals @ normals[0]) < 1e-9][0]
+        found = alignments(np.stack([normals[0], square]), normals)
+        assert len(found) == number, label
+        np.testing.assert_allclose(np.linalg.det(found), 1.0)
+        for rotation in found:
+            turned = normals @ rotation.T
+            np.testing.assert_allclose([(turned @ each).max() for each in (normals[0], square)], 1.0)
+
+
+def test_directions_are_two_only_if_they_are_not_parallel():
+    one = np.array([[0.0, 0.6, 0.8]])
+    assert two_directions(np.vstack([one, -one, one])) is None
+    assert two_directions(np.empty((0, 3))) is None
+    pair = two_directions(np.vstack([one, -one, [[1.0, 0.0, 0.0]]]))
+    np.testing.assert_array_equal(pair, np.vstack([one, [[1.0, 0.0, 0.0]]]))
