@@ -135,7 +135,9 @@ class CongruentContacts:
         sizes, turns = _through(size, self.scene.variation.size, _SIZES), self._poses[poses]
         normals_at_rest = [touch.faces.normals @ turn for touch, turn in zip(seen, turns, strict=True)]
         pairs = [two_directions(np.vstack(normals_at_rest[: n + 1])) for n in range(len(seen))]
-        undetermined = sum(pair is None for pair in pairs)  # the first touches, which show one direction of faces at most
+        undetermined = sum(
+            pair is None for pair in pairs
+        )  # the first touches, which show one direction of faces at most
         evidence = np.empty((len(seen), len(self.shapes)))
         for column, faces in enumerate(self.shapes.values()):
             told = self._evidence(faces, sizes, to_matrix(rest) @ _TURNS, turns, seen)
