@@ -21,6 +21,9 @@ _CHECKED = 4096
 class Objective(Protocol):
     """A loss of a network on touches [nats], and the accuracy of the shape that it reads."""
 
+    def batches(self, chance: torch.Generator) -> list[Tensor]:
+        """Rows of the training split for each step of an epoch, in random order."""
+
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
     ) -> Tensor:
@@ -58,7 +61,11 @@ class ShapeObjective:
         weights = counts.sum() / (len(counts) * counts) if recipe.class_weights else np.ones(len(counts))
         self.class_weights = torch.tensor(weights, dtype=torch.float32)
         self._shapes = torch.from_numpy(train.shapes)
-        self._bf16 = recipe.bf16
+        self._bf16, self._batch_size = recipe.bf16, recipe.batch_size
+
+    def batches(self, chance: torch.Generator) -> list[Tensor]:
+        """See :class:`Objective`."""
+        return single_touches(len(self._shapes), self._batch_size, chance)
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -95,6 +102,10 @@ class Contrast:
 
     def __init__(self, train: TouchSet, num_shapes: int, recipe: TrainingRecipe) -> None:
         self._known, self._num_shapes, self._recipe = hypotheses_of(train), num_shapes, recipe
+
+    def batches(self, chance: torch.Generator) -> list[Tensor]:
+        """See :class:`Objective`."""
+        return single_touches(len(self._known.shapes), self._recipe.batch_size, chance)
 
     def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
         number = max(number, self._num_shapes)
@@ -134,6 +145,11 @@ class Contrast:
                 loss += nn.functional.cross_entropy(logits, shapes, reduction="sum").item()
                 correct += (logits.argmax(1) == shapes).sum().item()
         return loss / len(found), correct / len(found)
+
+
+def single_touches(number: int, batch_size: int, chance: torch.Generator) -> list[Tensor]:
+    """The rows of a split in random order, in batches; sorted in each, so that images are gathered faster."""
+    return [rows.sort().values for rows in torch.randperm(number, generator=chance).split(batch_size)]
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:

@@ -27,6 +27,8 @@ class TrainingRecipe:
             one; None to train to the end and keep the last.
         embedding: length of the embeddings of a reader that knows orientations, trained by contrast; 0 for a plain
             classifier of shapes.
+        touches: of an object in different poses, from whose fused posterior a reader that knows orientations learns;
+            1 to learn from single touches.
         negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
@@ -47,6 +49,7 @@ class TrainingRecipe:
     rotation: float = 10.0
     patience: int | None = None
     embedding: int = 0
+    touches: int = 1
     negatives: int = 1536
     cell: float = 0.0
     bf16: bool = True
@@ -59,6 +62,8 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
+        if self.touches < 1 or (self.touches > 1 and not self.embedding):
+            raise ImpossibleRecipe(f"touches must be at least 1, and 1 without an embedding, got {self}")
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 
@@ -74,6 +79,7 @@ class TrainingRecipe:
             "rare shapes weighted up" if self.class_weights else "",
             f"rotations up to {self.rotation:g}°" if self.rotation else "",
             f"patience of {self.patience} epochs" if self.patience is not None else "",
+            f"from the fused posterior of {self.touches} touches" if self.touches > 1 else "",
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
             "residual network of hypotheses" if self.embedding else "",
@@ -110,6 +116,20 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             patience=3,
             embedding=64,
             cell=5.6,  # of 2 048 orientations
+        ),
+        # For a reader that learned by contrast, and is to go on from there (--weights): what the belief is asked for.
+        "fused": TrainingRecipe(
+            epochs=6,
+            batch_size=192,
+            learning_rate=5e-4,
+            weight_decay=0.01,
+            warmup=0.1,
+            class_weights=False,
+            rotation=0.0,
+            embedding=64,
+            touches=3,
+            negatives=512,
+            cell=5.6,
         ),
     }
 )

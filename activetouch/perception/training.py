@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -16,6 +15,7 @@ from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment
 from activetouch.perception.classifier import TouchClassifier
+from activetouch.perception.fused_posterior import FusedPosterior
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
@@ -79,12 +79,14 @@ class Trainer:
         )
         labels = classifier.card.shape_labels
         contrast = classifier.card.embedding > 0
-        self.objective: Objective = (
-            Contrast(train, len(labels), recipe) if contrast else ShapeObjective(train, labels, recipe)
-        )
+        self.objective: Objective
+        if not contrast:
+            self.objective = ShapeObjective(train, labels, recipe)
+        else:
+            self.objective = (FusedPosterior if recipe.touches > 1 else Contrast)(train, len(labels), recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
-        self.steps_per_epoch = -(-len(train.images) // recipe.batch_size)
+        self.steps_per_epoch = len(self.objective.batches(torch.Generator()))
         self.reports: list[EpochReport] = []
         self._best: dict[str, Tensor] = {}
         if state.exists():
@@ -130,30 +132,31 @@ class Trainer:
         """
         recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
-        order = torch.randperm(len(train.images), generator=generator).numpy()
+        batches = self.objective.batches(generator)
+        num_images, seen = sum(map(len, batches)), 0
         network.train()
         total = 0.0
-        for first in range(0, len(order), recipe.batch_size):
-            index = np.sort(order[first : first + recipe.batch_size])
-            images = torch.from_numpy(train.images[index])
+        for rows in batches:
+            images = torch.from_numpy(train.images[rows.numpy()])
             images, turns = augment(images, self.symmetry, recipe.rotation, generator)
-            loss = self.objective.loss(network, images, torch.from_numpy(index), turns, generator)
+            loss = self.objective.loss(network, images, rows, turns, generator)
             self.optimizer.zero_grad(set_to_none=True)
             loss.backward()
             norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
             if not torch.isfinite(norm):
                 raise TrainingDiverged(
-                    f"epoch {self.epochs_done + 1}: after {first} images the loss is {loss.item():g} and the gradient "
+                    f"epoch {self.epochs_done + 1}: after {seen} images the loss is {loss.item():g} and the gradient "
                     f"{norm.item():g}. Train with a lower --change.learning-rate, or, if that does not help, in single "
                     "precision (--change.bf16 False): bfloat16 fails on the smallest images"
                 )
             for group in self.optimizer.param_groups:
-                group["lr"] = self.learning_rate(self.epochs_done + first / len(order))
+                group["lr"] = self.learning_rate(self.epochs_done + seen / num_images)
             self.optimizer.step()
-            total += loss.item() * len(index)
-            tick(len(index))
+            total += loss.item() * len(rows)
+            seen += len(rows)
+            tick(len(rows))
         measured = self.objective.evaluate(network, self.calibration, recipe.bf16)
-        self.reports.append(EpochReport(self.epochs_done + 1, total / len(order), *measured))
+        self.reports.append(EpochReport(self.epochs_done + 1, total / num_images, *measured))
         if recipe.patience is not None and self.best_epoch == self.epochs_done:
             self._best = {name: value.clone() for name, value in network.state_dict().items()}
         self._save()

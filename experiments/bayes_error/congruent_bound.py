@@ -117,9 +117,9 @@ def _sentences(numbers: dict[str, Any]) -> list[str]:
     return [
         f"Contacts of {', '.join(numbers['flat_faced'])} can be congruent: then only the place of the contact tells "
         "the shapes apart, which the offset of the press blurs. The bound is the loss of Bayes' rule for a reader who "
-        "is told the images without noise, forces and gains, the orientation up to the 24 rotations of a cube, and "
-        "whether the shape is one of these. For all others its loss is taken as zero. A real reader knows less, so its "
-        "expected loss is larger.",
+        "is told the images without noise, forces and gains, and whether the shape is one of these; and, while all "
+        "touches show one direction of faces only, the orientation up to the 24 rotations of a cube. For all other "
+        "shapes its loss is taken as zero. A real reader knows less, so its expected loss is larger.",
         f"{numbers['objects']} unseen objects, their poses in {numbers['orders']} random orders. After "
         f"{numbers['touches'][-1]} touches the bound is {last['bound']} nats, the sensor has {last['sensor']}.",
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -61,6 +61,8 @@ class Changes:
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     embedding: Count | None = None
     """Length of the embeddings, by contrast only."""
+    touches: Count | None = None
+    """Touches of an object, from whose fused posterior the reader learns; 1 for single touches."""
     negatives: Count | None = None
     """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
@@ -87,6 +89,7 @@ class Train:
 
         activetouch train --scene coarse
         activetouch train --scene gel --recipe large
+        activetouch train --scene hard --recipe fused --weights runs/train-hard/classifier.safetensors --out runs/fused
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
@@ -102,12 +105,14 @@ class Train:
     backbone: BackboneName | None = None
     """The network: a plain small CNN, or a ConvNeXt by size; the scene's by default."""
     weights: str | None = None
-    """Where the backbone starts from: a checkpoint of ours (a file), a published ConvNeXt such as ImageNet's in a local
-    folder, or by name on the Hugging Face hub, which is the only case that goes online; random weights without."""
+    """Where the network starts from: a checkpoint of ours (a file; its backbone only, unless it reads the same shapes
+    alike), a published ConvNeXt such as ImageNet's in a local folder, or by name on the Hugging Face hub, which is the
+    only case that goes online; random weights without."""
     objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["contrast", "large", "paper"] = "contrast"
-    """For a reader that knows orientations, or for a plain classifier of shapes: ours, or the paper's."""
+    recipe: Literal["contrast", "fused", "large", "paper"] = "contrast"
+    """For a reader that knows orientations: from single touches, or, with the weights of such a reader, from several
+    touches of an object. Or for a plain classifier of shapes: ours, or the paper's."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
@@ -236,7 +241,7 @@ def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
-    """A classifier with random weights, or with a backbone that was trained before.
+    """A classifier with random weights, or with weights that were trained before.
 
     Raises:
         MissingWeights: the weights are not to be had, or belong to another network.
@@ -246,24 +251,43 @@ def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) 
 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
+    checkpoint = _checkpoint(card, weights) if weights is not None and Path(weights).is_file() else None
+    features: nn.Module | None = None
+    if checkpoint is not None:
+        features = checkpoint.network.backbone
+    elif weights is not None:
+        features = _published(card, weights)
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
-        network = TouchNetwork(card, _features(card, weights) if weights is not None else None)
+        network = TouchNetwork(card, features)
+    if checkpoint is not None and _reads_alike(checkpoint.card, card):
+        network.load_state_dict(checkpoint.network.state_dict())
     return TouchClassifier(card, network)
 
 
-def _features(card: ClassifierCard, weights: str) -> nn.Module:
-    """A trained backbone, from a file of ours or from elsewhere."""
+def _checkpoint(card: ClassifierCard, path: str) -> TouchClassifier:
+    """A checkpoint of ours with the same backbone."""
     from activetouch.perception.classifier import TouchClassifier
 
-    if Path(weights).is_file():
-        found = TouchClassifier.load(Path(weights))
-        if (found.card.backbone, found.card.channels) != (card.backbone, card.channels):
-            raise MissingWeights(
-                f"{weights} holds the backbone {found.card.backbone} for {found.card.channels} channels, wanted is "
-                f"{card.backbone} for {card.channels}"
-            )
-        return found.network.backbone
+    found = TouchClassifier.load(Path(path))
+    if (found.card.backbone, found.card.channels) != (card.backbone, card.channels):
+        raise MissingWeights(
+            f"{path} holds the backbone {found.card.backbone} for {found.card.channels} channels, wanted is "
+            f"{card.backbone} for {card.channels}"
+        )
+    return found
+
+
+def _reads_alike(one: ClassifierCard, other: ClassifierCard) -> bool:
+    """Whether two networks have the same shapes, inputs and outputs."""
+    told_apart_by = ("scene", "mujoco_version", "training", "pose_labels", "image_shape")
+    return all(
+        getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in told_apart_by
+    )
+
+
+def _published(card: ClassifierCard, weights: str) -> nn.Module:
+    """A trained backbone from elsewhere."""
     kind = BACKBONES[card.backbone]
     if not isinstance(kind, ConvNeXt):
         raise MissingWeights(f"{weights} is no checkpoint, and there are no published weights of {card.backbone!r}")
