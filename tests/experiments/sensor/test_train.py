@@ -1,6 +1,7 @@
 """The commands around a classifier, on a small collection: train, learning curve, frontier."""
 
 import json
+from dataclasses import replace
 from shutil import which
 
 import numpy as np
@@ -109,6 +110,22 @@ def test_a_training_may_start_from_a_checkpoint_and_says_so(data, tmp_path):
     for name, value in again.network.backbone.state_dict().items():
         if "weight" in name:  # running means and variances move on
             np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
+
+
+def test_learning_from_fused_touches_goes_on_with_the_whole_network(data, tmp_path):
+    small = Changes(epochs=1, batch_size=64, embedding=8, negatives=64, bf16=False)
+    trained(data, tmp_path / "first", recipe="contrast", change=small)
+    start = tmp_path / "first" / CLASSIFIER_FILE
+    before = TouchClassifier.load(start).network.state_dict()
+    hardly = replace(small, learning_rate=1e-12)
+    again = trained(data, tmp_path / "second", recipe="fused", weights=str(start), change=hardly)
+    assert "from the fused posterior of 3 touches" in again.card.training
+    for name, value in again.network.state_dict().items():
+        np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
+    other = trained(data, tmp_path / "third", recipe="fused", weights=str(start), change=replace(hardly, embedding=9))
+    assert other.card.embedding == 9  # of another length, so only the backbone is taken
+    for name, value in other.network.backbone.state_dict().items():
+        np.testing.assert_allclose(value.numpy(), before[f"backbone.{name}"].numpy(), atol=1e-5)
 
 
 def test_a_training_writes_the_reader_of_its_network_beside_the_checkpoint(data, tmp_path):
