@@ -139,9 +139,10 @@ class CongruentContacts:
             pair is None for pair in pairs
         )  # the first touches, which show one direction of faces at most
         evidence = np.empty((len(seen), len(self.shapes)))
+        few = slice(0, undetermined)
         for column, faces in enumerate(self.shapes.values()):
-            told = self._evidence(faces, sizes, to_matrix(rest) @ _TURNS, turns, seen)
-            evidence[:undetermined, column] = told[:undetermined]
+            told = to_matrix(rest) @ _TURNS
+            evidence[few, column] = self._evidence(faces, sizes, told, turns[few], seen[few])
             if (pair := pairs[-1]) is not None:
                 found = self._evidence(faces, sizes, alignments(pair, faces.normals), turns, seen)
                 evidence[undetermined:, column] = found[undetermined:]
@@ -153,7 +154,7 @@ class CongruentContacts:
     ) -> Floats:
         """Sum over orientations at rest and sizes of the products of the first 1 to T measures, ``(T,)``."""
         total = np.zeros(len(seen))
-        for rest in rests:
+        for rest in rests if seen else ():
             measures = [
                 self._measure(Faces(faces.normals @ (turn @ rest).T, faces.distances), sizes, touch)
                 for turn, touch in zip(turns, seen, strict=True)

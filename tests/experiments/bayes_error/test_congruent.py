@@ -175,3 +175,19 @@ def test_directions_are_two_only_if_they_are_not_parallel():
     assert two_directions(np.empty((0, 3))) is None
     pair = two_directions(np.vstack([one, -one, [[1.0, 0.0, 0.0]]]))
     np.testing.assert_array_equal(pair, np.vstack([one, [[1.0, 0.0, 0.0]]]))
+
+
+def test_the_posterior_is_as_sharp_as_it_is_right():
+    """Under Bayes' rule, the mean probability of the true shape is that of a shape drawn from the posterior."""
+    scene = replace(SCENE, pad=Pad(half_width=0.0075, num_taxels=24))
+    contacts, rng, gaps = CongruentContacts(scene), np.random.default_rng(0), []
+    for number in range(80):
+        column = number % len(contacts.shapes)
+        thing = scene.sample_object(list(contacts.shapes)[column], rng)
+        poses, offsets = rng.permutation(6)[:2], np.array([scene.variation.sample_offset(rng) for _ in range(2)])
+        touched = (thing.orientation, thing.scale, poses, offsets, rng.uniform(1.5, 3.0, 2))
+        probs = np.exp(contacts.log_posteriors(thing.shape_index, *touched))
+        gaps.append(probs[:, column] - (probs**2).sum(axis=1))
+    error = np.std(gaps, axis=0) / np.sqrt(len(gaps))
+    assert (np.abs(np.mean(gaps, axis=0)) < 3 * error).all()
+    assert (error < 0.03).all()
