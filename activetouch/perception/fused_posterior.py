@@ -26,7 +26,7 @@ _REFRESH = 25
 _AT_ONCE = 8192  # hypotheses
 
 
-class Bodies(NamedTuple):
+class BodiesAtRest(NamedTuple):
     """M bodies: hypotheses about an object at rest, before a pose turns it."""
 
     shapes: Tensor
@@ -34,12 +34,12 @@ class Bodies(NamedTuple):
     sizes: Tensor
     stiffnesses: Tensor
 
-    def select(self, rows: Tensor) -> Bodies:
+    def select(self, rows: Tensor) -> BodiesAtRest:
         """Some of them, by index."""
-        return Bodies(*(column[rows] for column in self))
+        return BodiesAtRest(*(column[rows] for column in self))
 
     @classmethod
-    def join(cls, *parts: Bodies) -> Bodies:
+    def join(cls, *parts: BodiesAtRest) -> BodiesAtRest:
         """All of them."""
         return cls(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
 
@@ -105,7 +105,7 @@ class FusedPosterior:
         if recipe.cell:
             own = own._replace(rests=jittered(own.rests, math.radians(recipe.cell), chance))
         random = torch.randint(len(self._table.shapes), (recipe.negatives,), generator=chance)
-        bodies = Bodies.join(own, self._table.select(random), self._table.select(drawn.flatten()))
+        bodies = BodiesAtRest.join(own, self._table.select(random), self._table.select(drawn.flatten()))
         with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
             found, _ = network(images)
         found = found.float().unflatten(0, (-1, touches)).swapaxes(0, 1)  # (T, B, D)
@@ -130,11 +130,9 @@ class FusedPosterior:
         self, network: TouchNetwork, images: Tensor, turns: Tensor, poses: Tensor, chance: torch.Generator
     ) -> tuple[Tensor, Tensor]:
         """Bodies of the table after 1 to T touches: those drawn ``(T, B, C)``, and the chance of all ``(T, B, M)``."""
-        upright = torch.rot90(
-            images, round(float(turns[0]) / (torch.pi / 2)), dims=(1, 2)
-        )  # small rotations matter little
+        quarters = round(float(turns[0]) / (torch.pi / 2))  # what is left of a small rotation matters little here
         with torch.autocast("cpu", torch.bfloat16, enabled=self._recipe.bf16):
-            found, _ = network(upright)
+            found, _ = network(torch.rot90(images, quarters, dims=(1, 2)))
         found = found.float().unflatten(0, (-1, len(poses))).swapaxes(0, 1)
         scores = torch.einsum("tbd,tmd->tbm", found, self._embedded[poses]).cumsum(0)
         chances = torch.softmax(_SHARPNESS * scores, dim=2)
@@ -173,7 +171,7 @@ class _Objects(NamedTuple):
         aims: of each pose, ``(P, 2)`` [m].
     """
 
-    bodies: Bodies
+    bodies: BodiesAtRest
     rows: Tensor
     of_row: Tensor
     poses: Tensor
@@ -204,24 +202,26 @@ class _Objects(NamedTuple):
         apart = 1.0 - (of_pose * of_pose[:1]).sum(dim=2).abs()
         if not float(apart.max()) < 1e-5:  # NaN where orientations at rest are not known
             raise ValueError("learning from several touches of an object needs poses that turn all objects alike")
-        bodies = Bodies(known.shapes[first], rests[first], known.sizes[first], known.stiffnesses[first])
+        bodies = BodiesAtRest(known.shapes[first], rests[first], known.sizes[first], known.stiffnesses[first])
         aims = known.aims[torch.from_numpy(rows[0])]
         return cls(
             bodies, torch.from_numpy(rows), torch.from_numpy(of_row), torch.from_numpy(touches.poses), of_pose[0], aims
         )
 
-    def draw(self, number: int, num_shapes: int, chance: torch.Generator) -> Bodies:
+    def draw(self, number: int, num_shapes: int, chance: torch.Generator) -> BodiesAtRest:
         """Random bodies, as many of each shape, shape by shape in turn: orientation, size and stiffness of objects."""
         rows = torch.randint(len(self.bodies.shapes), (3, number * num_shapes), generator=chance)
         shapes = torch.arange(number * num_shapes) % num_shapes
-        return Bodies(shapes, self.bodies.rests[rows[0]], self.bodies.sizes[rows[1]], self.bodies.stiffnesses[rows[2]])
+        return BodiesAtRest(
+            shapes, self.bodies.rests[rows[0]], self.bodies.sizes[rows[1]], self.bodies.stiffnesses[rows[2]]
+        )
 
-    def in_pose(self, bodies: Bodies, pose: int) -> Hypotheses:
+    def in_pose(self, bodies: BodiesAtRest, pose: int) -> Hypotheses:
         """Bodies as the pad meets them in a pose."""
         return _in_pose(bodies, self.turns[pose], self.aims[pose])
 
 
-def embedded(network: TouchNetwork, bodies: Bodies, turns: Tensor, aims: Tensor) -> Tensor:
+def embedded(network: TouchNetwork, bodies: BodiesAtRest, turns: Tensor, aims: Tensor) -> Tensor:
     """Embeddings of bodies in P poses, ``(P, M, D)``, without gradients."""
     found = []
     with torch.no_grad():
@@ -231,7 +231,7 @@ def embedded(network: TouchNetwork, bodies: Bodies, turns: Tensor, aims: Tensor)
     return torch.stack(found)
 
 
-def _in_pose(bodies: Bodies, turn: Tensor, aim: Tensor) -> Hypotheses:
+def _in_pose(bodies: BodiesAtRest, turn: Tensor, aim: Tensor) -> Hypotheses:
     orientations = compose(turn.expand_as(bodies.rests), bodies.rests)
     return Hypotheses(bodies.shapes, orientations, bodies.sizes, bodies.stiffnesses, aim.expand(len(orientations), 2))
 

@@ -89,7 +89,7 @@ class Train:
 
         activetouch train --scene coarse
         activetouch train --scene gel --recipe large
-        activetouch train --scene hard --recipe fused --weights runs/train-hard/classifier.safetensors --out runs/fused
+        activetouch train --scene many --recipe fused --weights runs/train-many/classifier.safetensors --out runs/fused
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
