@@ -85,15 +85,15 @@ class CongruentContacts:
         scene: tumbled objects with uniform sizes and offsets, and a rigid press.
 
     Raises:
-        UnknownLikelihood: for another scene, or one without flat-faced shapes.
+        UnknownLikelihood: for another scene, or one with fewer than two flat-faced shapes.
     """
 
     scene: Scene
 
     def __post_init__(self) -> None:
         scene, vary = self.scene, self.scene.variation
-        if not self.shapes:
-            raise UnknownLikelihood(f"this bound is about shapes with flat faces, and {scene!r} has none")
+        if len(self.shapes) < 2:
+            raise UnknownLikelihood(f"this bound is about shapes with flat faces, and {scene!r} has {len(self.shapes)}")
         if scene.press_model.deforms or not isinstance(scene.presentation, Tumbled) or len(scene.aims):
             raise UnknownLikelihood(f"this bound needs tumbled objects and rigid presses in the middle, not {scene!r}")
         for name, chance in (("size", vary.size), ("offset", vary.offset)):

@@ -127,7 +127,7 @@ def test_a_miss_tells_nothing():
 @pytest.mark.parametrize(
     "scene",
     [
-        replace(SCENE, shapes={"ball": Sphere(0.02)}),
+        replace(SCENE, shapes={"ball": Sphere(0.02), "cube": CUBE}),
         replace(SCENE, press_model=Deformable()),
         replace(SCENE, presentation=Upright()),
         replace(SCENE, variation=Variation(size=Normal(1.0, 0.1))),
