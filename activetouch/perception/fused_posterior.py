@@ -12,7 +12,7 @@ from torch import Tensor
 from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import TouchNetwork
 from activetouch.perception.hypothesis_network import Hypotheses, compose
-from activetouch.perception.objective import embeddings, hypotheses_of, jittered, turned
+from activetouch.perception.objective import drawn, embeddings, hypotheses_of, jittered, turned
 from activetouch.perception.recipe import TrainingRecipe
 
 _TABLE = 2048
@@ -24,24 +24,6 @@ _SHARPNESS = 0.7
 _REFRESH = 25
 """Steps after which the table is drawn and embedded anew."""
 _AT_ONCE = 8192  # hypotheses
-
-
-class BodiesAtRest(NamedTuple):
-    """M bodies: hypotheses about an object at rest, before a pose turns it."""
-
-    shapes: Tensor
-    rests: Tensor
-    sizes: Tensor
-    stiffnesses: Tensor
-
-    def select(self, rows: Tensor) -> BodiesAtRest:
-        """Some of them, by index."""
-        return BodiesAtRest(*(column[rows] for column in self))
-
-    @classmethod
-    def join(cls, *parts: BodiesAtRest) -> BodiesAtRest:
-        """All of them."""
-        return cls(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
 
 
 class FusedPosterior:
@@ -97,30 +79,30 @@ class FusedPosterior:
         known = self._objects
         poses, objects = known.poses[rows[:touches]], known.of_row[rows[::touches]]
         if self._steps % _REFRESH == 0:
-            self._table = known.draw(_TABLE, self._num_shapes, chance)
+            self._table = drawn(known.bodies, _TABLE * self._num_shapes, self._num_shapes, chance)
             self._embedded = embedded(network, self._table, known.turns, known.aims)
         self._steps += 1
-        drawn, chances = self._confused(network, images, turns, poses, chance)  # (T, B, C), (T, B, M)
+        picked, chances = self._confused(network, images, turns, poses, chance)  # (T, B, C), (T, B, M)
         own = known.bodies.select(objects)
         if recipe.cell:
-            own = own._replace(rests=jittered(own.rests, math.radians(recipe.cell), chance))
+            own = own._replace(orientations=jittered(own.orientations, math.radians(recipe.cell), chance))
         random = torch.randint(len(self._table.shapes), (recipe.negatives,), generator=chance)
-        bodies = BodiesAtRest.join(own, self._table.select(random), self._table.select(drawn.flatten()))
+        bodies = own.join(self._table.select(random), self._table.select(picked.flatten()))
         with torch.autocast("cpu", torch.bfloat16, enabled=recipe.bf16):
             found, _ = network(images)
         found = found.float().unflatten(0, (-1, touches)).swapaxes(0, 1)  # (T, B, D)
-        views = [known.in_pose(bodies, int(pose)) for pose in poses]
-        views = [turned(view, turns[:1].expand(len(view.shapes))) for view in views]
-        hypotheses = network.hypotheses(_joined(views)).unflatten(0, (touches, -1))  # (T, bodies, D)
-        true, others, confused = hypotheses.split([len(objects), len(random), drawn.numel()], dim=1)
-        confused = confused.unflatten(1, drawn.shape)  # (T, T, B, C, D)
+        angles = turns[:1].expand(len(bodies.shapes))
+        first, *views = (turned(in_pose(bodies, known.turns[pose], known.aims[pose]), angles) for pose in poses)
+        hypotheses = network.hypotheses(first.join(*views)).unflatten(0, (touches, -1))  # (T, bodies, D)
+        true, others, confused = hypotheses.split([len(objects), len(random), picked.numel()], dim=1)
+        confused = confused.unflatten(1, picked.shape)  # (T, T, B, C, D)
         scores = (found * true).sum(dim=2).cumsum(0)  # after 1 to T touches, (T, B)
         of_others = torch.einsum("tbd,tmd->tbm", found, others).cumsum(0)
         of_confused = torch.einsum("tbd,tnbcd->ntbc", found, confused).cumsum(1)
         loss = torch.zeros(())
         for n in range(touches):
             compared = torch.cat([of_others[n], of_confused[n, n]], dim=1)
-            share = torch.cat([chances[n][:, random], chances[n].gather(1, drawn[n])], dim=1)
+            share = torch.cat([chances[n][:, random], chances[n].gather(1, picked[n])], dim=1)
             weights = -torch.log(len(random) + _CONFUSED * len(self._table.shapes) * share)
             loss = loss + (torch.logsumexp(compared + weights, dim=1) - scores[n]).mean() / touches
         return loss
@@ -136,23 +118,23 @@ class FusedPosterior:
         found = found.float().unflatten(0, (-1, len(poses))).swapaxes(0, 1)
         scores = torch.einsum("tbd,tmd->tbm", found, self._embedded[poses]).cumsum(0)
         chances = torch.softmax(_SHARPNESS * scores, dim=2)
-        drawn = [torch.multinomial(some, _CONFUSED, replacement=True, generator=chance) for some in chances]
-        return torch.stack(drawn), chances
+        picked = [torch.multinomial(some, _CONFUSED, replacement=True, generator=chance) for some in chances]
+        return torch.stack(picked), chances
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`~activetouch.perception.objective.Objective`: after T touches, in the first T poses."""
         number, known = self._recipe.touches, _Objects.of(touches)
-        table = known.draw(_TABLE, self._num_shapes, torch.Generator().manual_seed(0))
+        table = drawn(known.bodies, _TABLE * self._num_shapes, self._num_shapes, torch.Generator().manual_seed(0))
         found = embeddings(network, touches, bf16)[known.rows[:, :number]]  # (objects, T, D)
         network.eval()
         with torch.no_grad():
-            hypotheses = embedded(network, table, known.turns[:number], known.aims[:number])
-            true = torch.stack([network.hypotheses(known.in_pose(known.bodies, pose)) for pose in range(number)], dim=1)
+            views = known.turns[:number], known.aims[:number]
+            hypotheses, true = (embedded(network, bodies, *views) for bodies in (table, known.bodies))
             loss = correct = 0.0
             for some in torch.arange(len(found)).split(64):
                 scores = torch.einsum("btd,tmd->bm", found[some], hypotheses)
                 of_shape = torch.logsumexp(scores.unflatten(1, (-1, self._num_shapes)), dim=1)
-                own = (found[some] * true[some]).sum(dim=(1, 2))
+                own = torch.einsum("btd,tbd->b", found[some], true[:, some])
                 total = torch.logsumexp(torch.cat([scores, own[:, None]], dim=1), dim=1) - math.log(scores.shape[1] + 1)
                 loss += (total - own).sum().item()
                 correct += (of_shape.argmax(1) == known.bodies.shapes[some]).sum().item()
@@ -163,7 +145,7 @@ class _Objects(NamedTuple):
     """Objects that were touched in every pose.
 
     Attributes:
-        bodies: of the M objects.
+        bodies: of the M objects, in the orientations at rest.
         rows: of their touches, by pose, ``(M, P)``.
         of_row: which object each touch is of, ``(N,)``.
         poses: of each touch, ``(N,)``.
@@ -171,7 +153,7 @@ class _Objects(NamedTuple):
         aims: of each pose, ``(P, 2)`` [m].
     """
 
-    bodies: BodiesAtRest
+    bodies: Hypotheses
     rows: Tensor
     of_row: Tensor
     poses: Tensor
@@ -202,39 +184,24 @@ class _Objects(NamedTuple):
         apart = 1.0 - (of_pose * of_pose[:1]).sum(dim=2).abs()
         if not float(apart.max()) < 1e-5:  # NaN where orientations at rest are not known
             raise ValueError("learning from several touches of an object needs poses that turn all objects alike")
-        bodies = BodiesAtRest(known.shapes[first], rests[first], known.sizes[first], known.stiffnesses[first])
+        bodies = known._replace(orientations=rests).select(first)
         aims = known.aims[torch.from_numpy(rows[0])]
         return cls(
             bodies, torch.from_numpy(rows), torch.from_numpy(of_row), torch.from_numpy(touches.poses), of_pose[0], aims
         )
 
-    def draw(self, number: int, num_shapes: int, chance: torch.Generator) -> BodiesAtRest:
-        """Random bodies, as many of each shape, shape by shape in turn: orientation, size and stiffness of objects."""
-        rows = torch.randint(len(self.bodies.shapes), (3, number * num_shapes), generator=chance)
-        shapes = torch.arange(number * num_shapes) % num_shapes
-        return BodiesAtRest(
-            shapes, self.bodies.rests[rows[0]], self.bodies.sizes[rows[1]], self.bodies.stiffnesses[rows[2]]
-        )
 
-    def in_pose(self, bodies: BodiesAtRest, pose: int) -> Hypotheses:
-        """Bodies as the pad meets them in a pose."""
-        return _in_pose(bodies, self.turns[pose], self.aims[pose])
-
-
-def embedded(network: TouchNetwork, bodies: BodiesAtRest, turns: Tensor, aims: Tensor) -> Tensor:
+def embedded(network: TouchNetwork, bodies: Hypotheses, turns: Tensor, aims: Tensor) -> Tensor:
     """Embeddings of bodies in P poses, ``(P, M, D)``, without gradients."""
     found = []
     with torch.no_grad():
         for turn, aim in zip(turns, aims, strict=True):
             rows = torch.arange(len(bodies.shapes)).split(_AT_ONCE)
-            found.append(torch.cat([network.hypotheses(_in_pose(bodies.select(some), turn, aim)) for some in rows]))
+            found.append(torch.cat([network.hypotheses(in_pose(bodies.select(some), turn, aim)) for some in rows]))
     return torch.stack(found)
 
 
-def _in_pose(bodies: BodiesAtRest, turn: Tensor, aim: Tensor) -> Hypotheses:
-    orientations = compose(turn.expand_as(bodies.rests), bodies.rests)
-    return Hypotheses(bodies.shapes, orientations, bodies.sizes, bodies.stiffnesses, aim.expand(len(orientations), 2))
-
-
-def _joined(parts: list[Hypotheses]) -> Hypotheses:
-    return Hypotheses(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
+def in_pose(bodies: Hypotheses, turn: Tensor, aim: Tensor) -> Hypotheses:
+    """Bodies at rest as the pad meets them in a pose, which turns them and brings them to an aim."""
+    orientations = compose(turn.expand_as(bodies.orientations), bodies.orientations)
+    return bodies._replace(orientations=orientations, aims=aim.expand(len(orientations), 2))

@@ -40,9 +40,9 @@ class Hypotheses(NamedTuple):
         """Some of them, by index."""
         return Hypotheses(*(column[rows] for column in self))
 
-    def join(self, others: Hypotheses) -> Hypotheses:
-        """These, then ``others``."""
-        return Hypotheses(*(torch.cat(columns) for columns in zip(self, others, strict=True)))
+    def join(self, *others: Hypotheses) -> Hypotheses:
+        """These, then all ``others``."""
+        return Hypotheses(*(torch.cat(columns) for columns in zip(self, *others, strict=True)))
 
 
 class HypothesisNetwork(nn.ModuleList):

@@ -108,11 +108,7 @@ class Contrast:
         return single_touches(len(self._known.shapes), self._recipe.batch_size, chance)
 
     def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
-        number = max(number, self._num_shapes)
-        known, rows = self._known, torch.randint(len(self._known.shapes), (3, number), generator=chance)
-        shapes = torch.arange(number) % self._num_shapes
-        body = (known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
-        return Hypotheses(shapes, *body, known.aims[rows[0]])
+        return drawn(self._known, max(number, self._num_shapes), self._num_shapes, chance)
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -150,6 +146,13 @@ class Contrast:
 def single_touches(number: int, batch_size: int, chance: torch.Generator) -> list[Tensor]:
     """The rows of a split in random order, in batches; sorted in each, so that images are gathered faster."""
     return [rows.sort().values for rows in torch.randperm(number, generator=chance).split(batch_size)]
+
+
+def drawn(known: Hypotheses, number: int, num_shapes: int, chance: torch.Generator) -> Hypotheses:
+    """Draws from the prior: every shape in turn; orientation with aim, size and stiffness each those of a known one."""
+    rows = torch.randint(len(known.shapes), (3, number), generator=chance)
+    body = (known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
+    return Hypotheses(torch.arange(number) % num_shapes, *body, known.aims[rows[0]])
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from activetouch.errors import ImpossibleRecipe
@@ -89,6 +89,18 @@ class TrainingRecipe:
         return ", ".join(part for part in parts if part)
 
 
+_CONTRAST = TrainingRecipe(  # for a reader that knows orientations
+    epochs=12,
+    batch_size=128,
+    learning_rate=2e-3,
+    weight_decay=0.01,
+    warmup=0.3,
+    class_weights=False,
+    rotation=0.0,
+    patience=3,
+    embedding=64,
+    cell=5.6,  # of 2 048 orientations
+)
 RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
     {
         "paper": TrainingRecipe(),
@@ -104,32 +116,17 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             rotation=0.0,
             patience=3,
         ),
-        # For a reader that knows orientations.
-        "contrast": TrainingRecipe(
-            epochs=12,
-            batch_size=128,
-            learning_rate=2e-3,
-            weight_decay=0.01,
-            warmup=0.3,
-            class_weights=False,
-            rotation=0.0,
-            patience=3,
-            embedding=64,
-            cell=5.6,  # of 2 048 orientations
-        ),
+        "contrast": _CONTRAST,
         # For a reader that learned by contrast, and is to go on from there (--weights): what the belief is asked for.
-        "fused": TrainingRecipe(
+        "fused": replace(
+            _CONTRAST,
             epochs=6,
             batch_size=192,
             learning_rate=5e-4,
-            weight_decay=0.01,
             warmup=0.1,
-            class_weights=False,
-            rotation=0.0,
-            embedding=64,
+            patience=None,
             touches=3,
             negatives=512,
-            cell=5.6,
         ),
     }
 )

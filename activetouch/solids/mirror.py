@@ -28,7 +28,7 @@ def is_own_mirror_image(shape: Shape) -> bool:
     >>> is_own_mirror_image(cube), is_own_mirror_image(Cut(cube, ((1.0, 2.0, 3.0, 1.0),)))
     (True, False)
     """
-    return type(shape) in _SYMMETRIC or any(_is_kept(shape, reflection) for reflection in _reflections())
+    return type(shape) in _SYMMETRIC or any(_is_kept(shape, reflection) for reflection in symmetries_of_a_cube(-1.0))
 
 
 def _is_kept(shape: Shape, reflection: Floats) -> bool:
@@ -46,9 +46,9 @@ def _sorted(points: Floats) -> Floats:
     return np.unique(np.round(points, _DIGITS) + 0.0, axis=0)  # no -0
 
 
-def _reflections() -> list[Floats]:
-    """The reflections of a cube, and its rotations followed by one, ``(3, 3)`` each."""
-    found = [
-        np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)
-    ]
-    return [matrix for matrix in found if np.linalg.det(matrix) < 0.0]
+def symmetries_of_a_cube(determinant: float) -> Floats:
+    """The 24 rotations of a cube onto itself (determinant 1), or its 24 reflections (-1), ``(24, 3, 3)``."""
+    found = np.array(
+        [np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
+    )
+    return np.asarray(found[np.linalg.det(found) * determinant > 0.0])

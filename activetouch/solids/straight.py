@@ -39,12 +39,22 @@ class FlatFaced(ABC):
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
-        enter = np.full(origins.shape[1], -np.inf)
-        leave = np.full(origins.shape[1], np.inf)
-        normals, offsets = self.planes
-        for normal, offset in zip(normals, offsets, strict=True):
-            clip(enter, leave, normal @ origins - offset, float(normal @ direction))
-        return entered(enter, leave)
+        return entered(*crossings(*self.planes, origins, direction))
+
+
+def crossings(normals: Floats, offsets: Floats, origins: Floats, direction: Floats) -> tuple[Floats, Floats]:
+    """Distances at which rays enter and leave the intersection of half-spaces, ``(n,)`` each; a miss leaves first.
+
+    Args:
+        normals: unit outward normals of the faces, ``(m, 3)``.
+        offsets: distances of the faces from the origin, ``(m,)`` [m].
+        origins: ray starts, ``(3, n)`` [m].
+        direction: unit vector ``(3,)`` of all rays.
+    """
+    enter, leave = np.full(origins.shape[1], -np.inf), np.full(origins.shape[1], np.inf)
+    for normal, offset in zip(normals, offsets, strict=True):
+        clip(enter, leave, normal @ origins - offset, float(normal @ direction))
+    return enter, leave
 
 
 @dataclass(frozen=True)

@@ -43,17 +43,18 @@ class EmbeddedHypotheses:
     groups: tuple[int, ...]
     temperature: float
 
-    def scores(self, pose: int, embeddings: Floats) -> Floats32:
+    def scores(self, pose: int, embeddings: Floats, shapes: slice = slice(None)) -> Floats32:
         """Log p(touch | shape, orientation, size) of touches in one pose, up to a constant of the touch, ``(n, K, N)``.
 
         Args:
             pose: index.
             embeddings: of the touches, ``(n, D)``.
+            shapes: of the hypotheses; all by default.
 
         Raises:
             ValueError: there are no hypotheses yet.
         """
-        table = self.in_pose(pose)
+        table = self.in_pose(pose)[shapes]
         return (self.scaled(embeddings) @ table.reshape(-1, table.shape[-1]).T).reshape(-1, *table.shape[:2])
 
     def scaled(self, embeddings: Floats) -> Floats32:

@@ -231,9 +231,9 @@ class RigidBodyModel(ArrayModel):
         """
         return self._embedded.table
 
-    def scores(self, pose: int, embeddings: Floats) -> Floats32:
+    def scores(self, pose: int, embeddings: Floats, shapes: slice = slice(None)) -> Floats32:
         """Log p(touch | hypothesis), ``(n, K, N)``; see :meth:`EmbeddedHypotheses.scores`."""
-        return self._embedded.scores(pose, embeddings)
+        return self._embedded.scores(pose, embeddings, shapes)
 
     def outcome_probs(self, hypotheses: NDArray[np.int64], num_outcomes: int) -> Floats32:
         """p(reference touch | pose, hypothesis), ``(P, K, H, M)``; see :meth:`ReferenceOutcomes.of`."""
@@ -278,20 +278,23 @@ class RigidBodyModel(ArrayModel):
         zeros = np.zeros((len(self.shape_labels), self.num_hypotheses))
         return RigidBodyEvidence(self, frozen(zeros), frozen(zeros[:, 0]), conflict=conflict)
 
-    def log_weights(self, batch: TouchBatch, dtype: type[np.floating] = np.float64) -> NDArray[Any]:
+    def log_weights(
+        self, batch: TouchBatch, dtype: type[np.floating] = np.float64, shapes: slice = slice(None)
+    ) -> NDArray[Any]:
         """Log weight of every hypothesis after all touches of each sequence, up to a constant, ``(S, K, N)``.
 
         Args:
             batch: the touches.
             dtype: of the sums; single precision takes half the memory.
+            shapes: of the hypotheses; all by default.
         """
         embeddings = self.embeddings(batch)
         shares = repeat_shares(batch.poses, self.correlation, self.drift).astype(dtype)
-        weights = np.zeros((len(batch), len(self.shape_labels), self.num_hypotheses), dtype)
+        weights = np.zeros((len(batch), len(self.shape_labels[shapes]), self.num_hypotheses), dtype)
         for step in range(batch.num_touches):
             for pose in np.unique(batch.poses[:, step]).tolist():
                 here = np.flatnonzero(batch.poses[:, step] == pose)
-                weights[here] += shares[here, step, None, None] * self.scores(pose, embeddings[here, step])
+                weights[here] += shares[here, step, None, None] * self.scores(pose, embeddings[here, step], shapes)
         return weights
 
     def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:

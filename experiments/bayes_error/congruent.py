@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +32,8 @@ from activetouch.orientations import Tumbled
 from activetouch.poses import to_matrices, to_matrix
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Scene
-from activetouch.solids.solid import clip
-from activetouch.solids.straight import FlatFaced
+from activetouch.solids.mirror import symmetries_of_a_cube
+from activetouch.solids.straight import FlatFaced, crossings
 
 Floats = NDArray[np.float64]
 
@@ -42,14 +41,7 @@ _SIZES = 64  # on a grid over their range
 _OFFSETS = 24  # along each edge of a grid over theirs
 _SAME = 1e-9  # difference of lengths [m] and of unit vectors below which they are equal
 _DISTINCT = 1e-6  # sine of the angle between directions that are not parallel
-_TURNS = np.array(
-    [
-        turn
-        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
-        if np.linalg.det(turn := np.diag(signs)[list(order)]) > 0.0
-    ]
-)
-"""The rotations of a cube onto itself, ``(24, 3, 3)``."""
+_TURNS = symmetries_of_a_cube(1.0)
 
 
 class Faces(NamedTuple):
@@ -249,10 +241,7 @@ def _frame(first: Floats, second: Floats) -> Floats:
 
 def _heights(pad: Pad, faces: Faces) -> Floats:
     """Position along the approach axis at which the body begins above every taxel [m]; ``inf`` beside it."""
-    number = pad.num_taxels**2
-    enter, leave = np.full(number, -np.inf), np.full(number, np.inf)
-    for normal, distance in zip(*faces, strict=True):
-        clip(enter, leave, normal @ pad.taxel_centres - distance, float(normal[0]))
+    enter, leave = crossings(*faces, pad.taxel_centres, np.array([1.0, 0.0, 0.0]))
     return np.where(enter <= leave, enter, np.inf)
 
 

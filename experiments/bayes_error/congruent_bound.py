@@ -19,6 +19,7 @@ from belief.observation_model.selection import log_posteriors
 from belief.statistics import cluster_bootstrap
 from experiments.bayes_error.congruent import CongruentContacts
 from experiments.bayes_error.estimator import Findings, chunks, words
+from experiments.bayes_error.joint_report import by_touches
 from experiments.bayes_error.simulation import log_loss
 from experiments.command_line.arguments import Count
 from experiments.parallel import run_tasks
@@ -127,19 +128,19 @@ def _sentences(numbers: dict[str, Any]) -> list[str]:
 
 
 def _tables(numbers: dict[str, Any]) -> list[Table]:
-    def rows(*names: str) -> list[tuple[str, ...]]:
-        columns = [[words(entry) for entry in numbers[name]] for name in names]
-        return [(str(n), *cells) for n, cells in zip(numbers["touches"], zip(*columns, strict=True), strict=True)]
+    def columns(**names: str) -> dict[str, list[str]]:
+        return {heading.replace("_", " "): [words(entry) for entry in numbers[name]] for heading, name in names.items()}
 
+    touches = numbers["touches"]
     by_shape = [
         (label, name, *(f"{value:.3f}" for value in values))
         for label, entry in numbers["by_shape"].items()
         for name, values in entry.items()
     ]
-    heads = [f"{n} touch{'es' * (n > 1)}" for n in numbers["touches"]]
+    heads = [f"{n} touch{'es' * (n > 1)}" for n in touches]
     return [
-        Table("NLL of the shape [nats]", ("touches", "no reader below", "sensor"), rows("bound", "sensor")),
-        Table("NLL of the sensor minus the bound [nats]", ("touches", "difference"), rows("excess")),
-        Table("Accuracy", ("touches", "no reader above", "sensor"), rows("accuracy_bound", "sensor_accuracy")),
+        by_touches("NLL of the shape [nats]", touches, columns(no_reader_below="bound", sensor="sensor")),
+        by_touches("NLL of the sensor minus the bound [nats]", touches, columns(difference="excess")),
+        by_touches("Accuracy", touches, columns(no_reader_above="accuracy_bound", sensor="sensor_accuracy")),
         Table("NLL by shape [nats]", ("shape", "of", *heads), by_shape),
     ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,10 +37,10 @@ def quality(log_probs: Floats, shapes: NDArray[np.int64], touches: int, seed: in
 
 def brief(log_probs: Floats, shapes: NDArray[np.int64]) -> dict[str, list[float]]:
     """Accuracy and NLL by number of touches, from log posteriors ``(M, T, K)``."""
-    by_touches = np.moveaxis(log_probs, 1, 0)
+    after_each = np.moveaxis(log_probs, 1, 0)
     return {
-        "accuracy": [float(np.mean(logs.argmax(axis=1) == shapes)) for logs in by_touches],
-        "nll": [float(log_loss(logs, shapes).mean()) for logs in by_touches],
+        "accuracy": [float(np.mean(logs.argmax(axis=1) == shapes)) for logs in after_each],
+        "nll": [float(log_loss(logs, shapes).mean()) for logs in after_each],
     }
 
 
@@ -68,7 +68,7 @@ def tables(touches: tuple[int, ...], numbers: dict[str, Any]) -> list[Table]:
         "stated_minus_accuracy": ("Stated confidence minus accuracy", "+"),
     }
     found = [
-        _table(
+        by_touches(
             title,
             touches,
             {name: [words(row[measure], sign) for row in rows] for name, rows in numbers["readers"].items()},
@@ -76,14 +76,15 @@ def tables(touches: tuple[int, ...], numbers: dict[str, Any]) -> list[Table]:
         for measure, (title, sign) in measures.items()
     ]
     gaps = {name: [words(entry, "+") for entry in rows] for name, rows in numbers["differences"].items()}
-    found.append(_table("NLL minus that of the joint reader, same objects", touches, gaps))
+    found.append(by_touches("NLL minus that of the joint reader, same objects", touches, gaps))
     curve = {
         f"{row['bodies']}": [f"{a:.4f}, {n:.4f}" for a, n in zip(row["accuracy"], row["nll"], strict=True)]
         for row in numbers["curve"]
     }
-    return [*found, _table("Accuracy and NLL of the joint reader, by bodies per shape", touches, curve)]
+    return [*found, by_touches("Accuracy and NLL of the joint reader, by bodies per shape", touches, curve)]
 
 
-def _table(title: str, touches: tuple[int, ...], columns: Mapping[str, list[str]]) -> Table:
+def by_touches(title: str, touches: Sequence[int], columns: Mapping[str, list[str]]) -> Table:
+    """A table with a row for each number of touches."""
     rows = [(str(n), *cells) for n, cells in zip(touches, zip(*columns.values(), strict=True), strict=True)]
     return Table(title, ("touches", *columns), rows)

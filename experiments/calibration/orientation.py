@@ -13,7 +13,7 @@ orientation could have been drawn, so the true orientation is turned by such a r
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
@@ -125,7 +125,6 @@ def rank_tests(
         cell: standard deviation of the rotations about each axis, over which the reader was trained to average [rad].
     """
     rotations = to_matrices(rests)
-    of_shape = [_one_shape(model, shape) for shape in range(len(model.shape_labels))]
     at_once = max(1, _AT_ONCE // model.num_hypotheses)  # objects
     found: dict[tuple[int, int], list[dict[str, float]]] = {}
     for rounds in splits:
@@ -141,9 +140,10 @@ def rank_tests(
             for start in range(0, len(truths), at_once):
                 rows = np.arange(start, min(start + at_once, len(truths)))
                 weights = np.empty((len(rows), model.num_hypotheses))
-                for shape in np.unique(rounds.shapes[rows]):
+                for shape in np.unique(rounds.shapes[rows]).tolist():
                     here = rounds.shapes[rows] == shape
-                    weights[here] = of_shape[shape].log_weights(batch.sequences(rows[here]).first(number))[:, 0]
+                    touches, some = batch.sequences(rows[here]).first(number), slice(shape, shape + 1)
+                    weights[here] = model.log_weights(touches, shapes=some)[:, 0]
                 for row, of_object in zip(rows, weights, strict=True):
                     shape = int(rounds.shapes[row])
                     ranks = _ranks(of_object, rotations, sizes, truths[row], rng)
@@ -157,15 +157,6 @@ def rank_tests(
         )
         for (shape, number), some in sorted(found.items())
     ]
-
-
-def _one_shape(model: RigidBodyModel, shape: int) -> RigidBodyModel:
-    """The model with one of its shapes only: the posterior of the body if the shape is known."""
-    label, some = model.shape_labels[shape], slice(shape, shape + 1)
-    logits = model.reference_logits[..., some]
-    return replace(
-        model, shape_labels=(label,), hypotheses=model.table[:, some], reference_logits=logits, conflict=None
-    )
 
 
 def _cells(rests: Floats, cell: float, rng: np.random.Generator) -> Floats:
