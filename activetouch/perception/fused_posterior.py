@@ -12,7 +12,7 @@ from torch import Tensor
 from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import TouchNetwork
 from activetouch.perception.hypothesis_network import Hypotheses, compose
-from activetouch.perception.objective import drawn, embeddings, hypotheses_of, jittered, turned
+from activetouch.perception.objective import drawn, embeddings, every_shape, hypotheses_of, jittered, turned
 from activetouch.perception.recipe import TrainingRecipe
 
 _TABLE = 2048
@@ -79,7 +79,7 @@ class FusedPosterior:
         known = self._objects
         poses, objects = known.poses[rows[:touches]], known.of_row[rows[::touches]]
         if self._steps % _REFRESH == 0:
-            self._table = drawn(known.bodies, _TABLE * self._num_shapes, self._num_shapes, chance)
+            self._table = drawn(known.bodies, every_shape(_TABLE * self._num_shapes, self._num_shapes), chance)
             self._embedded = embedded(network, self._table, known.turns, known.aims)
         self._steps += 1
         picked, chances = self._confused(network, images, turns, poses, chance)  # (T, B, C), (T, B, M)
@@ -124,7 +124,8 @@ class FusedPosterior:
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`~activetouch.perception.objective.Objective`: after T touches, in the first T poses."""
         number, known = self._recipe.touches, _Objects.of(touches)
-        table = drawn(known.bodies, _TABLE * self._num_shapes, self._num_shapes, torch.Generator().manual_seed(0))
+        every = every_shape(_TABLE * self._num_shapes, self._num_shapes)
+        table = drawn(known.bodies, every, torch.Generator().manual_seed(0))
         found = embeddings(network, touches, bf16)[known.rows[:, :number]]  # (objects, T, D)
         network.eval()
         with torch.no_grad():

@@ -13,9 +13,12 @@ from activetouch.data.dataset import TouchSet
 from activetouch.perception.classifier import TouchNetwork
 from activetouch.perception.hypothesis_network import Hypotheses, compose
 from activetouch.perception.recipe import TrainingRecipe
+from belief.naming import index_of
 
 _CHECKED = 4096
 """Hypotheses among which the calibration split's are told apart."""
+_FOCUS = 4.0
+"""How much more often shapes in the recipe's focus are drawn than others."""
 
 
 class Objective(Protocol):
@@ -91,24 +94,39 @@ class Contrast:
     is the mean over the draws of that shape. It has the same minimiser, and spends the network's capacity on what the
     belief is asked for.
 
+    Shapes in the recipe's focus are drawn more often, as touches and as hypotheses. This changes p(o) only, so the
+    minimiser stays the same up to a constant of the image.
+
     Args:
         train: what is learned from, with known orientations and sizes.
-        num_shapes: how many shapes there are.
+        labels: of the shapes.
         recipe: of the training.
 
     Raises:
+        UnknownName: the recipe's focus is on a shape that there is not.
         ValueError: orientation or size of a touch is not known.
     """
 
-    def __init__(self, train: TouchSet, num_shapes: int, recipe: TrainingRecipe) -> None:
-        self._known, self._num_shapes, self._recipe = hypotheses_of(train), num_shapes, recipe
+    def __init__(self, train: TouchSet, labels: tuple[str, ...], recipe: TrainingRecipe) -> None:
+        self._known, self._num_shapes, self._recipe = hypotheses_of(train), len(labels), recipe
+        in_focus = [index_of("shape", labels, label) for label in recipe.focus]
+        self._frequencies = torch.ones(len(labels))
+        self._frequencies[in_focus] = _FOCUS
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
-        """See :class:`Objective`."""
-        return single_touches(len(self._known.shapes), self._recipe.batch_size, chance)
+        """See :class:`Objective`; touches are drawn anew for every epoch where the recipe has a focus."""
+        shapes, size = self._known.shapes, self._recipe.batch_size
+        if not self._recipe.focus:
+            return single_touches(len(shapes), size, chance)
+        rows = torch.multinomial(self._frequencies[shapes], len(shapes), replacement=True, generator=chance)
+        return _sorted_batches(rows, size)
 
-    def _draw(self, number: int, chance: torch.Generator) -> Hypotheses:
-        return drawn(self._known, max(number, self._num_shapes), self._num_shapes, chance)
+    def _shapes(self, number: int) -> Tensor:
+        """Shapes of hypotheses, each as often as it is drawn, ``(number,)``."""
+        if not self._recipe.focus:
+            return every_shape(number, self._num_shapes)
+        bounds = self._frequencies.cumsum(0)
+        return torch.bucketize((torch.arange(number) + 0.5) / number * bounds[-1], bounds)
 
     def loss(
         self, network: TouchNetwork, images: Tensor, rows: Tensor, turns: Tensor, chance: torch.Generator
@@ -119,16 +137,18 @@ class Contrast:
         own = turned(self._known.select(rows), turns)
         if self._recipe.cell:
             own = own._replace(orientations=jittered(own.orientations, math.radians(self._recipe.cell), chance))
-        others = self._draw(self._recipe.negatives, chance)
+        least = math.ceil(float(self._frequencies.sum()))  # of hypotheses, so that every shape has one
+        others = drawn(self._known, self._shapes(max(self._recipe.negatives, least)), chance)
         scores = found.float() @ network.hypotheses(own.join(others)).T
         contrast = (torch.logsumexp(scores, dim=1) - scores.diagonal()).mean() - math.log(scores.shape[1])
         logits = shape_logits(scores[:, len(rows) :], others.shapes, self._num_shapes)
-        return contrast + nn.functional.cross_entropy(logits, own.shapes)
+        prior = torch.log(self._frequencies / self._frequencies.mean())
+        return contrast + nn.functional.cross_entropy(logits + prior, own.shapes)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""
         found, own = embeddings(network, touches, bf16), hypotheses_of(touches)
-        others = self._draw(_CHECKED, torch.Generator().manual_seed(0))
+        others = drawn(self._known, every_shape(_CHECKED, self._num_shapes), torch.Generator().manual_seed(0))
         loss = correct = 0.0
         with torch.inference_mode():
             known, others_embedded = network.hypotheses(own), network.hypotheses(others)
@@ -145,14 +165,23 @@ class Contrast:
 
 def single_touches(number: int, batch_size: int, chance: torch.Generator) -> list[Tensor]:
     """The rows of a split in random order, in batches; sorted in each, so that images are gathered faster."""
-    return [rows.sort().values for rows in torch.randperm(number, generator=chance).split(batch_size)]
+    return _sorted_batches(torch.randperm(number, generator=chance), batch_size)
 
 
-def drawn(known: Hypotheses, number: int, num_shapes: int, chance: torch.Generator) -> Hypotheses:
-    """Draws from the prior: every shape in turn; orientation with aim, size and stiffness each those of a known one."""
-    rows = torch.randint(len(known.shapes), (3, number), generator=chance)
+def _sorted_batches(rows: Tensor, size: int) -> list[Tensor]:
+    return [some.sort().values for some in rows.split(size)]
+
+
+def every_shape(number: int, num_shapes: int) -> Tensor:
+    """Shapes of hypotheses, each in turn, ``(number,)``; every shape at least once."""
+    return torch.arange(max(number, num_shapes)) % num_shapes
+
+
+def drawn(known: Hypotheses, shapes: Tensor, chance: torch.Generator) -> Hypotheses:
+    """Draws from the prior of these shapes; orientation with aim, size and stiffness are each those of a known one."""
+    rows = torch.randint(len(known.shapes), (3, len(shapes)), generator=chance)
     body = (known.orientations[rows[0]], known.sizes[rows[1]], known.stiffnesses[rows[2]])
-    return Hypotheses(torch.arange(number) % num_shapes, *body, known.aims[rows[0]])
+    return Hypotheses(shapes, *body, known.aims[rows[0]])
 
 
 def shape_logits(scores: Tensor, shapes: Tensor, num_shapes: int) -> Tensor:

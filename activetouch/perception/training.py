@@ -55,6 +55,7 @@ class Trainer:
     Raises:
         CorruptFile: the state file is damaged.
         LabelMismatch: it belongs to another training.
+        UnknownName: the recipe's focus is on a shape that there is not.
         ValueError: a shape has no image, or a touch no orientation where it is needed.
     """
 
@@ -82,8 +83,10 @@ class Trainer:
         self.objective: Objective
         if not contrast:
             self.objective = ShapeObjective(train, labels, recipe)
+        elif recipe.touches > 1:
+            self.objective = FusedPosterior(train, len(labels), recipe)
         else:
-            self.objective = (FusedPosterior if recipe.touches > 1 else Contrast)(train, len(labels), recipe)
+            self.objective = Contrast(train, labels, recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
         self.steps_per_epoch = len(self.objective.batches(torch.Generator()))

@@ -42,6 +42,16 @@ if TYPE_CHECKING:
     from activetouch.perception.training import Trainer
 
 STATE_FILE = "state.safetensors"
+_STANDARDISING = (
+    "pixel_mean",
+    "pixel_std",
+    "log_size_mean",
+    "log_size_std",
+    "log_stiffness_mean",
+    "log_stiffness_std",
+    "aim_scale",
+)
+"""Fields of a card that centre and scale the inputs of its network."""
 BackboneName: TypeAlias = Literal[tuple(BACKBONES)]  # type: ignore[valid-type]
 
 
@@ -67,6 +77,8 @@ class Changes:
     """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
     """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
+    focus: tuple[str, ...] | None = None
+    """Shapes that are hard to tell apart and are drawn four times as often, by contrast only."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
@@ -89,6 +101,7 @@ class Train:
 
         activetouch train --scene coarse
         activetouch train --scene gel --recipe large
+        activetouch train --scene hard --change.focus cube cuboid wedge
         activetouch train --scene many --recipe fused --weights runs/train-many/classifier.safetensors --out runs/fused
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
@@ -142,16 +155,15 @@ class Train:
         train, calibration = (_split(data, name, size) for name in ("train", "calibration"))
         if self.objects is not None:
             train = train.select(train.object_ids < self.objects)
-        start = f"the weights of {self.weights}" if self.weights else "random weights"
         labels = (manifest.shape_labels, manifest.pose_labels)
         card = replace(
             card_for(train, backbone, size, *labels, recipe.embedding),
             scene=manifest.scene,
             mujoco_version=manifest.versions["mujoco"],
-            training=f"{recipe.words}; {len(train.images)} images, from {start}",
+            training=f"{recipe.words}; {len(train.images)} images",
         )
         classifier = new_classifier(card, recipe.seed, self.weights)
-        print(f"{backbone} at {size} pixels, {card.training}")
+        print(f"{backbone} at {size} pixels, {classifier.card.training}")
         trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry)
         run_to_the_end(trainer, out / "tensorboard")
         classifier = trainer.finish()
@@ -241,7 +253,14 @@ def _stiffness_fields(stiffnesses: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) -> TouchClassifier:
-    """A classifier with random weights, or with weights that were trained before.
+    """A classifier with random weights, or with weights that were trained before; its card says which.
+
+    Of a checkpoint that reads the same shapes alike, it also takes how inputs are standardised.
+
+    Args:
+        card: of the network to train.
+        seed: of random weights.
+        weights: see :class:`Train`.
 
     Raises:
         MissingWeights: the weights are not to be had, or belong to another network.
@@ -252,15 +271,21 @@ def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
     checkpoint = _checkpoint(card, weights) if weights is not None and Path(weights).is_file() else None
+    whole = checkpoint is not None and _reads_alike(checkpoint.card, card)
     features: nn.Module | None = None
     if checkpoint is not None:
-        features = checkpoint.network.backbone
+        features, start = checkpoint.network.backbone, f"the {'weights' if whole else 'backbone'} of {weights}"
     elif weights is not None:
-        features = _published(card, weights)
+        features, start = _published(card, weights), f"the weights of {weights}"
+    else:
+        start = "random weights"
+    card = replace(card, training=f"{card.training}, from {start}" if card.training else f"from {start}")
+    if checkpoint is not None and whole:
+        card = replace(card, **{name: getattr(checkpoint.card, name) for name in _STANDARDISING})
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
         network = TouchNetwork(card, features)
-    if checkpoint is not None and _reads_alike(checkpoint.card, card):
+    if checkpoint is not None and whole:
         network.load_state_dict(checkpoint.network.state_dict())
     return TouchClassifier(card, network)
 
@@ -279,11 +304,10 @@ def _checkpoint(card: ClassifierCard, path: str) -> TouchClassifier:
 
 
 def _reads_alike(one: ClassifierCard, other: ClassifierCard) -> bool:
-    """Whether two networks have the same shapes, inputs and outputs."""
-    told_apart_by = ("scene", "mujoco_version", "training", "pose_labels", "image_shape")
-    return all(
-        getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in told_apart_by
-    )
+    """Whether two networks have the same shapes, inputs and outputs, perhaps standardised by other numbers."""
+    apart = {"scene", "mujoco_version", "training", "pose_labels", "image_shape", *_STANDARDISING}
+    same = all(getattr(one, each.name) == getattr(other, each.name) for each in fields(one) if each.name not in apart)
+    return same and (one.knows_stiffness, one.knows_aims) == (other.knows_stiffness, other.knows_aims)
 
 
 def _published(card: ClassifierCard, weights: str) -> nn.Module:

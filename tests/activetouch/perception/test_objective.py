@@ -8,18 +8,20 @@ import torch
 
 from activetouch import Quasistatic, Scene
 from activetouch.data.dataset import TouchSet
+from activetouch.errors import ImpossibleRecipe
 from activetouch.perception.augmentation import augment
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader, fixed_hypotheses
 from activetouch.perception.hypothesis_network import Hypotheses, compose, rotation_matrices
-from activetouch.perception.objective import jittered, shape_logits, turned
+from activetouch.perception.objective import Contrast, jittered, shape_logits, turned
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
 from activetouch.placement import Placement
 from activetouch.poses import multiply, random_orientation, to_matrices, to_matrix, turn
 from activetouch.pressing.pad import Pad
 from activetouch.scene import Symmetry
+from belief.errors import UnknownName
 
 pytestmark = pytest.mark.torch
 RECIPE = replace(RECIPES["contrast"], epochs=8, batch_size=32, negatives=64, cell=0.0, bf16=False)
@@ -116,6 +118,32 @@ def test_orientations_related_by_a_symmetry_get_equal_ratios(tmp_path):
     )
     spread = ratios.std()
     assert np.abs(ratios - of_twins).mean() < 0.15 * spread
+
+
+def test_a_focus_draws_a_shape_more_often_and_favours_it_no_more(tmp_path):
+    """A third of the touches shows nothing: what such a touch says must not depend on the focus."""
+    train, of_blank = bars_and_discs(240), []
+    num_blank = len(train.images) // 3
+    train.images[:num_blank] = 20
+    for focus in ("bar", "disc"):
+        recipe = replace(RECIPE, focus=(focus,))
+        rows = torch.cat(Contrast(train, ("bar", "disc"), recipe).batches(torch.Generator().manual_seed(0)))
+        assert len(rows) == len(train.images)
+        assert (train.shapes[rows] == ("bar", "disc").index(focus)).mean() == pytest.approx(0.8, abs=0.06)
+        trained = trainer(tmp_path / focus, train, recipe)
+        for _ in range(recipe.epochs):
+            trained.run_epoch()
+        reader = export_reader(trained.finish(), (16, 16), fixed_hypotheses(trained.classifier, train))
+        assert (reader.read(train.images[num_blank:]).labels == train.shapes[num_blank:]).mean() > 0.95
+        of_blank.append(float(np.subtract(*reader.read(train.images[:1]).logits[0])))
+    assert abs(of_blank[0] - of_blank[1]) < 0.6  # 1.2 if the loss took no account of the frequencies
+
+
+def test_a_focus_is_on_shapes_that_there_are_and_for_contrast_only(tmp_path):
+    with pytest.raises(UnknownName, match="unknown shape 'cube'"):
+        trainer(tmp_path / "state", bars_and_discs(24), replace(RECIPE, focus=("cube",)))
+    with pytest.raises(ImpossibleRecipe, match="learning by contrast from single touches"):
+        replace(RECIPES["fused"], focus=("bar",))
 
 
 def test_touches_without_orientations_cannot_be_contrasted(tmp_path):

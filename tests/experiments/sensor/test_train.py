@@ -122,8 +122,12 @@ def test_learning_from_fused_touches_goes_on_with_the_whole_network(data, tmp_pa
     assert "from the fused posterior of 3 touches" in again.card.training
     for name, value in again.network.state_dict().items():
         np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
+    some = trained(data, tmp_path / "some", recipe="fused", weights=str(start), change=hardly, objects=8)
+    assert f"from the weights of {start}" in some.card.training
+    assert some.card.log_size_std == again.card.log_size_std  # of the checkpoint, not of the eight objects
     other = trained(data, tmp_path / "third", recipe="fused", weights=str(start), change=replace(hardly, embedding=9))
     assert other.card.embedding == 9  # of another length, so only the backbone is taken
+    assert f"from the backbone of {start}" in other.card.training
     for name, value in other.network.backbone.state_dict().items():
         np.testing.assert_allclose(value.numpy(), before[f"backbone.{name}"].numpy(), atol=1e-5)
 
