@@ -55,6 +55,38 @@ class Tumbled:
 
 
 @dataclass(frozen=True)
+class Inexact:
+    """Tumbled, in poses that are not reached exactly: every touch turns the object by another small rotation.
+
+    A reader that was trained with cells of this size (``TrainingRecipe.cell``) expects such touches.
+
+    Attributes:
+        error: standard deviation of these rotations about each axis [rad].
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    error: float = np.deg2rad(5.6)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.error <= np.pi:
+            raise ValueError(f"error must be in [0, π] rad, got {self.error}")
+
+    def rest(self, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return random_orientation(rng)
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        small = np.array([1.0, *rng.normal(0.0, self.error / 2, 3)])
+        return multiply(small / np.linalg.norm(small), multiply(pose, rest))
+
+    def rests(self, num: int) -> NDArray[np.float64]:
+        """See :class:`Presentation`."""
+        return quaternions(num)
+
+
+@dataclass(frozen=True)
 class Upright:
     """Standing on its base at an unknown heading, tilted a little about a random horizontal axis.
 

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.named_scenes import SCENES, NamedScene
-from activetouch.orientations import Presentation, Resampled, Tumbled, Upright
+from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.deformable import Deformable
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.press import Press
@@ -33,7 +33,12 @@ FIDELITIES: Mapping[str, Press] = {
     "guarded_move": GuardedMove(),
     "deformable": Deformable(),
 }
-PRESENTATIONS: Mapping[str, Presentation] = {"tumbled": Tumbled(), "upright": Upright(), "resampled": Resampled()}
+PRESENTATIONS: Mapping[str, Presentation] = {
+    "tumbled": Tumbled(),
+    "inexact": Inexact(),
+    "upright": Upright(),
+    "resampled": Resampled(),
+}
 
 
 FidelityName: TypeAlias = Literal[tuple(FIDELITIES)]  # type: ignore[valid-type]

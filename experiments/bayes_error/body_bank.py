@@ -51,7 +51,7 @@ class BodyBank:
 
         Raises:
             UnknownLikelihood: the sensor's faults have no closed-form likelihood, the renderer cannot show many presses
-                at once, or touches of an object are in unrelated orientations.
+                at once, or the orientation in a touch does not follow from the pose.
         """
         SensorNoise.of(scene.faults, scene.image_shape[0])
         if getattr(scene.renderer, "mean_pressure", None) is None:
@@ -61,8 +61,8 @@ class BodyBank:
         first, second = (scene.place(thing, pose, rng).orientation for _ in range(2))
         if not np.array_equal(first, second):
             raise UnknownLikelihood(
-                f"with {scene.presentation!r} touches of one object are in unrelated orientations: joint and "
-                "independent evidence are the same. Use limit without --touches-per-object"
+                f"with {scene.presentation!r} the orientation in a touch does not follow from the pose, which a bank "
+                "of bodies does not model. Use limit without --touches-per-object"
             )
         ratios = (force_ratio(scene, shape, rng) for shape in range(len(scene.shapes)))
         return cls(scene, draws, tuple(ratios), seed, slice_size)

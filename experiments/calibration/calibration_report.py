@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -28,7 +27,7 @@ from experiments.calibration.models import UNDISCOUNTED, fit_model, free_weights
 from experiments.calibration.orientation import RankTest, rank_tests
 from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
-from experiments.command_line.arguments import Count, Jobs, NotNegative, Seed, Within, check_arguments
+from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
@@ -75,9 +74,6 @@ class CalibrationReport:
     """Test the posterior of orientation and size with so many hypotheses of each shape, at temperature 1; with those of
     the model, at its temperature, by default. Hypotheses are points: 2 048 lie too far apart where touches are
     sharp, and the model's temperature makes up for that."""
-    orientation_cell: NotNegative = 0.0
-    """For a reader that was trained with cells (train --change.cell): their standard deviation [degrees]. Its posterior
-    is then compared with the true orientation after a random rotation of this size."""
     seed: Seed = 0
     """Seed of sequences, null distributions and intervals."""
     jobs: Jobs = field(default_factory=default_jobs)
@@ -195,14 +191,13 @@ class CalibrationReport:
                 for test_of_shape in self._rank_tests(choice.model, hypotheses, [calibration, test])
             ],
             orientation_hypotheses=self.orientation_hypotheses,
-            orientation_cell=self.orientation_cell,
         )
 
     def _rank_tests(self, model: RigidBodyModel, hypotheses: HypothesisTable, splits: list[Rounds]) -> list[RankTest]:
         if self.orientation_hypotheses is not None:
             model = model.with_hypotheses(hypotheses, self.orientation_hypotheses).at(1.0)
-        bodies, cell = hypotheses.hypotheses(model.num_hypotheses), math.radians(self.orientation_cell)
-        return rank_tests(model, bodies.rests, bodies.sizes, splits, self._rng(4), cell)
+        bodies = hypotheses.hypotheses(model.num_hypotheses)
+        return rank_tests(model, bodies.rests, bodies.sizes, splits, self._rng(4))
 
     def _rng(self, *key: int) -> np.random.Generator:
         return keyed_rng([self.seed, *key], is_fixed_length=True)

@@ -29,7 +29,6 @@ class Measurements:
         weights: weights of touches in one pose, by split.
         orientation: tests of the joint model's posterior of orientation and size; none without such a model.
         orientation_hypotheses: number of hypotheses of each shape in these tests; None for those of the model.
-        orientation_cell: standard deviation of the random rotation of the true orientation in these tests [degrees].
     """
 
     scene: str
@@ -43,7 +42,6 @@ class Measurements:
     weights: Mapping[str, Sequence[Weight]]
     orientation: Sequence[RankTest] = ()
     orientation_hypotheses: int | None = None
-    orientation_cell: float = 0.0
 
     @property
     def calibration(self) -> TouchScores:

@@ -5,9 +5,8 @@ quantity is any function of the rotation, so symmetric shapes, whose orientation
 canonical one: orientations that look alike are as probable in the prior as in the posterior. Here the rank is the
 posterior probability of smaller values, which has no error of drawing.
 
-A reader that was trained with cells knows the likelihood of a cell: the average over small random rotations of its
-middle. Its posterior is one of cells. The truth that it should be compared with is a cell from which the true
-orientation could have been drawn, so the true orientation is turned by such a random rotation first.
+A reader that was trained with cells knows the likelihood of a touch after a small random rotation, another one in every
+touch. Its posterior is tested with touches of such a world (``collect --presentation inexact``).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kstest
 
-from activetouch.poses import hamilton_product, to_matrices
+from activetouch.poses import to_matrices
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.calibration.sequences import Rounds
 
@@ -112,7 +111,6 @@ def rank_tests(
     sizes: Floats,
     splits: Sequence[Rounds],
     rng: np.random.Generator,
-    cell: float = 0.0,
 ) -> list[RankTest]:
     """Ranks of the true orientation and size of every shape: of all objects, each in one sequence of different poses.
 
@@ -121,8 +119,7 @@ def rank_tests(
         rests: orientations at rest of these, unit quaternions ``wxyz``, ``(N, 4)``.
         sizes: size factors of these, ``(N,)``.
         splits: touches of objects whose orientations and sizes are known.
-        rng: of the sequences, of cells, and of ranks among equals.
-        cell: standard deviation of the rotations about each axis, over which the reader was trained to average [rad].
+        rng: of the sequences, and of ranks among equals.
     """
     rotations = to_matrices(rests)
     at_once = max(1, _AT_ONCE // model.num_hypotheses)  # objects
@@ -134,7 +131,7 @@ def rank_tests(
         _, first = np.unique(sequences.object_ids, return_index=True)
         batch, truths = (
             sequences.batch.sequences(first),
-            list(zip(to_matrices(_cells(rounds.rests, cell, rng)), rounds.sizes, strict=True)),
+            list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True)),
         )
         for number in [number for number in NUM_TOUCHES if number <= batch.num_touches]:
             for start in range(0, len(truths), at_once):
@@ -157,15 +154,6 @@ def rank_tests(
         )
         for (shape, number), some in sorted(found.items())
     ]
-
-
-def _cells(rests: Floats, cell: float, rng: np.random.Generator) -> Floats:
-    """Orientations ``(N, 4)`` after small random rotations of this standard deviation about each axis [rad]."""
-    if not cell:
-        return rests
-    small = np.hstack([np.ones((len(rests), 1)), rng.normal(0.0, cell / 2, (len(rests), 3))])
-    small /= np.linalg.norm(small, axis=1, keepdims=True)
-    return np.stack(hamilton_product(small.T, rests.T), axis=1)
 
 
 def _ranks(

@@ -247,12 +247,6 @@ def _orientation(found: Measurements) -> list[Section]:
         if found.orientation_hypotheses is None
         else f"there are {found.orientation_hypotheses} hypotheses of each shape, at temperature 1"
     )
-    cell = (
-        f" The reader was trained with cells of {found.orientation_cell:g}°, so the posterior is one of cells: the "
-        "true orientation is turned by a random rotation of this standard deviation about each axis first."
-        if found.orientation_cell
-        else ""
-    )
     sentences = [
         f"The joint posterior of orientation and size is calibrated in {passed} of {len(found.orientation)} tests "
         f"(p > {LEAST_P:g}, corrected for {len(QUANTITIES)} quantities).",
@@ -260,8 +254,7 @@ def _orientation(found: Measurements) -> list[Section]:
         "the true shape is uniform (simulation-based calibration). This holds for symmetric shapes too: orientations "
         "that look alike are equally probable before and after touches. Every object of both splits has one sequence "
         f"of touches in different poses; {temperature}. A "
-        "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest."
-        f"{cell}",
+        "posterior that is too narrow has a spread above 1, and a mean rank above 0.5 of the angle to the likeliest.",
     ]
     headings = (
         *("shape", "touches", "objects", "p, corrected"),

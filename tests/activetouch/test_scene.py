@@ -10,7 +10,7 @@ import pytest
 from activetouch import SCENES, SHAPES, Quasistatic, Scene
 from activetouch.distributions import Constant, LogUniform, Normal, Uniform
 from activetouch.errors import BadMesh
-from activetouch.orientations import Resampled, Tumbled, Upright
+from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import to_matrix
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
@@ -45,6 +45,19 @@ def test_a_tumbled_object_keeps_its_orientation_and_a_resampled_one_does_not(rng
         thing = scene.sample_object(1, rng)
         shown = [scene.place(thing, 3, np.random.default_rng(seed)).orientation for seed in range(2)]
         assert np.allclose(*shown) == same
+
+
+def test_inexact_poses_are_missed_by_the_stated_error_about_every_axis(rng):
+    scene = replace(STILL, presentation=Inexact(error=0.1))
+    thing = scene.sample_object(1, rng)
+    exact = to_matrix(replace(scene, presentation=Tumbled()).place(thing, 3, rng).orientation)
+    missed = [to_matrix(scene.place(thing, 3, rng).orientation) @ exact.T for _ in range(2000)]
+    about = np.array([(turn[2, 1], turn[0, 2], turn[1, 0]) for turn in missed])  # small rotations: their vectors
+    assert np.abs(about.mean(axis=0)).max() < 0.01
+    assert about.std(axis=0) == pytest.approx([0.1] * 3, rel=0.06)
+    assert scene.symmetry is replace(scene, presentation=Tumbled()).symmetry
+    with pytest.raises(ValueError, match=r"error must be in \[0, π\] rad, got nan"):
+        Inexact(error=np.nan)
 
 
 def test_an_upright_object_stands_within_its_tilt(rng):

@@ -87,7 +87,7 @@ def test_dynamic_presses_stop_a_few_per_cent_above_their_target(rng):
 
 
 def test_scenes_without_a_body_or_a_closed_form_are_refused():
-    with pytest.raises(UnknownLikelihood, match="unrelated orientations"):
+    with pytest.raises(UnknownLikelihood, match="does not follow from the pose"):
         BodyBank.of(replace(SCENE, presentation=Resampled()), 2, 0)
     with pytest.raises(UnknownLikelihood, match="Noise"):
         BodyBank.of(replace(SCENE, faults=()), 2, 0)

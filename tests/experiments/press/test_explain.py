@@ -8,7 +8,7 @@ from rich.console import Console
 
 from activetouch import SCENES
 from activetouch.distributions import Constant
-from activetouch.orientations import Resampled, Tumbled, Upright
+from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.sensor_files import MODELS
 from belief.observation_model import OutcomeTable
 from experiments.press import explain
@@ -30,7 +30,12 @@ def test_explain_shows_the_hardest_pairs_first_and_names_those_beyond_telling():
 
 @pytest.mark.parametrize(
     ("presentation", "words"),
-    [(Tumbled(), ["orientation", "size"]), (Upright(), ["heading", "tilt", "size"]), (Resampled(), [])],
+    [
+        (Tumbled(), ["orientation", "size"]),
+        (Inexact(), ["orientation", "size"]),
+        (Upright(), ["heading", "tilt", "size"]),
+        (Resampled(), []),
+    ],
 )
 def test_what_is_hidden_follows_from_the_presentation(presentation, words):
     scene = replace(SCENES["coarse"].scene, presentation=presentation)
