@@ -36,7 +36,8 @@ class FusedPosterior:
 
     The true body is turned by one small random rotation for all its touches if the recipe has cells. The sum of the log
     ratios then learns the average over a cell of the product over the touches. Cells in single touches
-    (:class:`~activetouch.perception.objective.Contrast`) give the product of averages, which is too sharp.
+    (:class:`~activetouch.perception.objective.Contrast`) give the product of averages: the posterior where every touch
+    is turned by another small rotation (:class:`activetouch.orientations.Inexact`), which is sharper.
 
     Args:
         train: what is learned from: objects with known orientations and sizes, each touched in every pose.

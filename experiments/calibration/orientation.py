@@ -129,10 +129,8 @@ def rank_tests(
         assert rounds.sizes is not None, "recorded with it"
         sequences = rounds.distinct_poses(rng)
         _, first = np.unique(sequences.object_ids, return_index=True)
-        batch, truths = (
-            sequences.batch.sequences(first),
-            list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True)),
-        )
+        batch = sequences.batch.sequences(first)
+        truths = list(zip(to_matrices(rounds.rests), rounds.sizes, strict=True))
         for number in [number for number in NUM_TOUCHES if number <= batch.num_touches]:
             for start in range(0, len(truths), at_once):
                 rows = np.arange(start, min(start + at_once, len(truths)))
