@@ -35,9 +35,8 @@ class Presentation(Protocol):
         """Orientations that cover the distribution of :meth:`rest` evenly, the same at every call, ``(num, 4)``."""
 
 
-@dataclass(frozen=True)
-class Tumbled:
-    """Unknown, uniformly random, and kept for the whole episode; poses turn the object from there."""
+class LyingAnyhow:
+    """The part of a presentation that puts an object on its guide in a uniformly random orientation."""
 
     isotropic: ClassVar[bool] = True
 
@@ -45,17 +44,22 @@ class Tumbled:
         """See :class:`Presentation`."""
         return random_orientation(rng)
 
-    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
-        """See :class:`Presentation`."""
-        return multiply(pose, rest)
-
     def rests(self, num: int) -> NDArray[np.float64]:
         """See :class:`Presentation`."""
         return quaternions(num)
 
 
 @dataclass(frozen=True)
-class Inexact:
+class Tumbled(LyingAnyhow):
+    """Unknown, uniformly random, and kept for the whole episode; poses turn the object from there."""
+
+    def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
+        """See :class:`Presentation`."""
+        return multiply(pose, rest)
+
+
+@dataclass(frozen=True)
+class Inexact(LyingAnyhow):
     """Tumbled, in poses that are not reached exactly: every touch turns the object by another small rotation.
 
     A reader that was trained with cells of this size (``TrainingRecipe.cell``) expects such touches.
@@ -64,26 +68,16 @@ class Inexact:
         error: standard deviation of these rotations about each axis [rad].
     """
 
-    isotropic: ClassVar[bool] = True
-
     error: float = np.deg2rad(5.6)
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.error <= np.pi:
             raise ValueError(f"error must be in [0, π] rad, got {self.error}")
 
-    def rest(self, rng: np.random.Generator) -> Quaternion:
-        """See :class:`Presentation`."""
-        return random_orientation(rng)
-
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         small = np.array([1.0, *rng.normal(0.0, self.error / 2, 3)])
         return multiply(small / np.linalg.norm(small), multiply(pose, rest))
-
-    def rests(self, num: int) -> NDArray[np.float64]:
-        """See :class:`Presentation`."""
-        return quaternions(num)
 
 
 @dataclass(frozen=True)
@@ -120,19 +114,9 @@ class Upright:
 
 
 @dataclass(frozen=True)
-class Resampled:
+class Resampled(LyingAnyhow):
     """A new random orientation for every touch, whatever the pose: touches of one object are then independent."""
-
-    isotropic: ClassVar[bool] = True
-
-    def rest(self, rng: np.random.Generator) -> Quaternion:
-        """See :class:`Presentation`."""
-        return random_orientation(rng)
 
     def shown(self, rest: Quaternion, pose: Quaternion, rng: np.random.Generator) -> Quaternion:
         """See :class:`Presentation`."""
         return random_orientation(rng)
-
-    def rests(self, num: int) -> NDArray[np.float64]:
-        """See :class:`Presentation`."""
-        return quaternions(num)

@@ -11,8 +11,9 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.distributions import Distribution
+from activetouch.errors import WrongScene
 from activetouch.hypotheses import sizes, stiffnesses
-from activetouch.orientations import Tumbled
+from activetouch.orientations import LyingAnyhow
 from activetouch.perception.reader import TactileReader
 from activetouch.poses import multiply, to_matrices, turned
 from activetouch.randomisation import assumed
@@ -94,13 +95,22 @@ class HypothesisTable:
 
         See :class:`belief.observation_model.views.Views`.
         """
-        if len(self.scene.poses) <= _FEW_POSES or not isinstance(self.scene.presentation, Tumbled):
+        if len(self.scene.poses) <= _FEW_POSES or not isinstance(self.scene.presentation, LyingAnyhow):
             return ()
         aims = list(map(tuple, self.scene.aim_offsets.tolist()))
         return tuple(list(dict.fromkeys(aims)).index(aim) for aim in aims)
 
     def views(self, num_hypotheses: int) -> Views:
-        """Which hypotheses look alike in different poses, by orientation."""
+        """Which hypotheses look alike in different poses, by orientation.
+
+        Raises:
+            WrongScene: none do in this scene.
+        """
+        if not self.groups:
+            raise WrongScene(
+                f"this observation model takes poses as alike, which holds for more than {_FEW_POSES} poses of objects "
+                f"that lie anyhow, not for {self.scene!r}. Fit one to touches of this scene (activetouch calibrate)"
+            )
         from belief.observation_model.views import Views  # with all observation models, which recording does not need
 
         groups, rotations = np.array(self.groups), list(self.scene.rotations.values())

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activetouch import TactileSensor, TouchWorld
+from activetouch import SCENES, TactileSensor, TouchWorld
+from activetouch.errors import WrongScene
+from activetouch.orientations import Inexact, Tumbled, Upright
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.poses import facing
 from belief.touch_batch import TouchBatch
@@ -27,3 +29,16 @@ def test_poses_that_no_training_touch_was_made_in_are_read_by_their_rotations():
     assert (found == shapes).mean() >= 0.95  # 0.998 in the poses of training, of thousands of objects
     wrong = shipped.model.log_likelihood_batch(TouchBatch.of(touches)).argmax(axis=1)
     assert (wrong == shapes).mean() < 0.8  # with the rotations of other poses
+
+
+def test_poses_look_alike_wherever_objects_lie_anyhow():
+    """The sensor of many poses also works where these are missed a little, and says why where objects stand."""
+    shipped = TactileSensor.shipped("keyed")
+    scene = SCENES["keyed"].scene
+    tumbled, inexact, upright = (
+        HypothesisTable(shipped.reader, replace(scene, presentation=how)) for how in (Tumbled(), Inexact(), Upright())
+    )
+    assert inexact.groups == tumbled.groups
+    assert np.array_equal(inexact.views(64).same, tumbled.views(64).same)
+    with pytest.raises(WrongScene, match="objects that lie anyhow"):
+        upright.views(64)
