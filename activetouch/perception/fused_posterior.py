@@ -80,7 +80,7 @@ class FusedPosterior:
         known = self._objects
         poses, objects = known.poses[rows[:touches]], known.of_row[rows[::touches]]
         if self._steps % _REFRESH == 0:
-            self._table = drawn(known.bodies, every_shape(_TABLE * self._num_shapes, self._num_shapes), chance)
+            self._table = self._random(known.bodies, chance)
             self._embedded = embedded(network, self._table, known.turns, known.aims)
         self._steps += 1
         picked, chances = self._confused(network, images, turns, poses, chance)  # (T, B, C), (T, B, M)
@@ -108,6 +108,10 @@ class FusedPosterior:
             loss = loss + (torch.logsumexp(compared + weights, dim=1) - scores[n]).mean() / touches
         return loss
 
+    def _random(self, known: Hypotheses, chance: torch.Generator) -> Hypotheses:
+        """A table of random bodies, as many of each shape."""
+        return drawn(known, every_shape(_TABLE * self._num_shapes, self._num_shapes), chance)
+
     @torch.no_grad()
     def _confused(
         self, network: TouchNetwork, images: Tensor, turns: Tensor, poses: Tensor, chance: torch.Generator
@@ -125,8 +129,7 @@ class FusedPosterior:
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`~activetouch.perception.objective.Objective`: after T touches, in the first T poses."""
         number, known = self._recipe.touches, _Objects.of(touches)
-        every = every_shape(_TABLE * self._num_shapes, self._num_shapes)
-        table = drawn(known.bodies, every, torch.Generator().manual_seed(0))
+        table = self._random(known.bodies, torch.Generator().manual_seed(0))
         found = embeddings(network, touches, bf16)[known.rows[:, :number]]  # (objects, T, D)
         network.eval()
         with torch.no_grad():

@@ -112,6 +112,8 @@ class Contrast:
         in_focus = [index_of("shape", labels, label) for label in recipe.focus]
         self._frequencies = torch.ones(len(labels))
         self._frequencies[in_focus] = _FOCUS
+        self._log_prior = torch.log(self._frequencies / self._frequencies.mean())
+        self._drawn_shapes = self._in_proportion(recipe.negatives)
 
     def batches(self, chance: torch.Generator) -> list[Tensor]:
         """See :class:`Objective`; touches are drawn anew for every epoch where the recipe has a focus."""
@@ -121,11 +123,12 @@ class Contrast:
         rows = torch.multinomial(self._frequencies[shapes], len(shapes), replacement=True, generator=chance)
         return _sorted_batches(rows, size)
 
-    def _shapes(self, number: int) -> Tensor:
-        """Shapes of hypotheses, each as often as it is drawn, ``(number,)``."""
+    def _in_proportion(self, number: int) -> Tensor:
+        """Shapes of hypotheses, each as often as it is drawn and at least once, ``(number,)``."""
         if not self._recipe.focus:
             return every_shape(number, self._num_shapes)
         bounds = self._frequencies.cumsum(0)
+        number = max(number, math.ceil(float(bounds[-1])))
         return torch.bucketize((torch.arange(number) + 0.5) / number * bounds[-1], bounds)
 
     def loss(
@@ -137,13 +140,11 @@ class Contrast:
         own = turned(self._known.select(rows), turns)
         if self._recipe.cell:
             own = own._replace(orientations=jittered(own.orientations, math.radians(self._recipe.cell), chance))
-        least = math.ceil(float(self._frequencies.sum()))  # of hypotheses, so that every shape has one
-        others = drawn(self._known, self._shapes(max(self._recipe.negatives, least)), chance)
+        others = drawn(self._known, self._drawn_shapes, chance)
         scores = found.float() @ network.hypotheses(own.join(others)).T
         contrast = (torch.logsumexp(scores, dim=1) - scores.diagonal()).mean() - math.log(scores.shape[1])
         logits = shape_logits(scores[:, len(rows) :], others.shapes, self._num_shapes)
-        prior = torch.log(self._frequencies / self._frequencies.mean())
-        return contrast + nn.functional.cross_entropy(logits + prior, own.shapes)
+        return contrast + nn.functional.cross_entropy(logits + self._log_prior, own.shapes)
 
     def evaluate(self, network: TouchNetwork, touches: TouchSet, bf16: bool) -> tuple[float, float]:
         """See :class:`Objective`: among the touch's own hypothesis and 4 096 that are the same for all touches."""

@@ -271,22 +271,22 @@ def new_classifier(card: ClassifierCard, seed: int, weights: str | None = None) 
     from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
     checkpoint = _checkpoint(card, weights) if weights is not None and Path(weights).is_file() else None
-    whole = checkpoint is not None and _reads_alike(checkpoint.card, card)
+    whole = checkpoint if checkpoint is not None and _reads_alike(checkpoint.card, card) else None
     features: nn.Module | None = None
     if checkpoint is not None:
-        features, start = checkpoint.network.backbone, f"the {'weights' if whole else 'backbone'} of {weights}"
+        features, start = checkpoint.network.backbone, f"the {'backbone' if whole is None else 'weights'} of {weights}"
     elif weights is not None:
         features, start = _published(card, weights), f"the weights of {weights}"
     else:
         start = "random weights"
     card = replace(card, training=f"{card.training}, from {start}" if card.training else f"from {start}")
-    if checkpoint is not None and whole:
-        card = replace(card, **{name: getattr(checkpoint.card, name) for name in _STANDARDISING})
+    if whole is not None:
+        card = replace(card, **{name: getattr(whole.card, name) for name in _STANDARDISING})
     with torch.random.fork_rng():  # torch draws initial weights from its global generator only
         torch.manual_seed(seed)
         network = TouchNetwork(card, features)
-    if checkpoint is not None and whole:
-        network.load_state_dict(checkpoint.network.state_dict())
+    if whole is not None:
+        network.load_state_dict(whole.network.state_dict())
     return TouchClassifier(card, network)
 
 
