@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import Literal
 
 from activetouch.errors import ImpossibleRecipe
 
 
 @dataclass(frozen=True)
 class TrainingRecipe:
-    """How to train with AdamW; as it comes, the paper's recipe (paper §5.7).
+    """How to train; as it comes, the paper's recipe (paper §5.7).
 
     The paper does not give its batch size, nor how far its "small rotations" went; those two are ours.
 
     Attributes:
         epochs: passes over the training split; the cosine schedule ends with the last.
+        optimizer: ``"adamw"`` (Loshchilov & Hutter 2019), or ``"muon"`` (Jordan et al. 2024) for the matrices and AdamW
+            for the rest: a step takes longer, and fewer are needed.
         batch_size: images a step.
         learning_rate: peak of the cosine schedule, after ``warmup`` epochs of linear rise.
-        weight_decay: of AdamW, on matrices and kernels only.
+        weight_decay: on matrices and kernels only.
         warmup: epochs of linear rise.
         class_weights: whether rare shapes count more in the loss, so that all shapes count alike together.
         rotation: images are turned by up to so many degrees either way, where the scene's symmetry allows it.
@@ -42,6 +45,7 @@ class TrainingRecipe:
     """
 
     epochs: int = 30
+    optimizer: Literal["adamw", "muon"] = "adamw"
     batch_size: int = 32
     learning_rate: float = 1e-4
     weight_decay: float = 1e-4
@@ -60,6 +64,8 @@ class TrainingRecipe:
     def __post_init__(self) -> None:
         if min(self.epochs, self.batch_size) < 1 or (self.patience is not None and self.patience < 1):
             raise ImpossibleRecipe(f"epochs, batch_size and patience must be at least 1, got {self}")
+        if self.optimizer not in ("adamw", "muon"):
+            raise ImpossibleRecipe(f'optimizer must be "adamw" or "muon", got {self}')
         if not (0.0 < self.learning_rate < float("inf") and 0.0 <= self.weight_decay < float("inf")):
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
@@ -76,6 +82,7 @@ class TrainingRecipe:
         """In words."""
         parts = [
             f"{self.epochs} epochs" if self.epochs > 1 else "1 epoch",
+            "Muon" if self.optimizer == "muon" else "",
             f"{self.batch_size} images a step",
             f"learning rate {self.learning_rate:g}",
             f"weight decay {self.weight_decay:g}",

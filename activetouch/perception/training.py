@@ -1,4 +1,4 @@
-"""Train a network: AdamW, cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
+"""Train a network: cosine schedule, augmentation by symmetry, a checkpoint after every epoch."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from activetouch.perception.augmentation import augment
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.fused_posterior import FusedPosterior
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
+from activetouch.perception.optimizers import Optimizers
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
 from activetouch.scene import Symmetry
@@ -71,13 +72,7 @@ class Trainer:
         self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
         self.train, self.calibration = train, calibration
         self._task = json.dumps([asdict(recipe), asdict(classifier.card), len(train.images), symmetry])
-        network = classifier.network
-        decayed = [p for p in network.parameters() if p.ndim > 1]
-        plain = [p for p in network.parameters() if p.ndim <= 1]
-        self.optimizer = torch.optim.AdamW(
-            [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}],
-            lr=recipe.learning_rate,
-        )
+        self.optimizers = Optimizers(classifier.network, recipe)
         labels = classifier.card.shape_labels
         contrast = classifier.card.embedding > 0
         self.objective: Objective
@@ -143,7 +138,7 @@ class Trainer:
             images = torch.from_numpy(train.images[rows.numpy()])
             images, turns = augment(images, self.symmetry, recipe.rotation, generator)
             loss = self.objective.loss(network, images, rows, turns, generator)
-            self.optimizer.zero_grad(set_to_none=True)
+            network.zero_grad(set_to_none=True)
             loss.backward()
             norm = nn.utils.clip_grad_norm_(network.parameters(), 1.0)
             if not torch.isfinite(norm):
@@ -152,9 +147,7 @@ class Trainer:
                     f"{norm.item():g}. Train with a lower --change.learning-rate, or, if that does not help, in single "
                     "precision (--change.bf16 False): bfloat16 fails on the smallest images"
                 )
-            for group in self.optimizer.param_groups:
-                group["lr"] = self.learning_rate(self.epochs_done + seen / num_images)
-            self.optimizer.step()
+            self.optimizers.step(self.learning_rate(self.epochs_done + seen / num_images))
             total += loss.item() * len(rows)
             seen += len(rows)
             tick(len(rows))
@@ -165,16 +158,9 @@ class Trainer:
         self._save()
         return self.reports[-1]
 
-    def _moments(self) -> dict[str, Tensor]:
-        return {
-            f"{moment}.{name}": self.optimizer.state[parameter][moment]
-            for name, parameter in self.classifier.network.named_parameters()
-            for moment in ("exp_avg", "exp_avg_sq")
-        }
-
     def _save(self) -> None:
         tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
-        tensors |= {f"best.{name}": value for name, value in self._best.items()} | self._moments()
+        tensors |= {f"best.{name}": value for name, value in self._best.items()} | self.optimizers.moments()
         fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
         write_tensors(self.state, {name: value.numpy() for name, value in tensors.items()}, fields)
 
@@ -189,17 +175,10 @@ class Trainer:
                 f"{self.state} belongs to another training (recipe, network, start or data): {header.get('task')}, not "
                 f"{self._task}. Choose another folder, or delete this file to start anew."
             )
-        network = self.classifier.network
-        network.load_state_dict(_with_prefix(tensors, "model."))
+        self.classifier.network.load_state_dict(_with_prefix(tensors, "model."))
         self._best = _with_prefix(tensors, "best.")
         self.reports = [EpochReport(**report) for report in header["reports"]]
-        steps = torch.tensor(float(self.epochs_done * self.steps_per_epoch))
-        for name, parameter in network.named_parameters():
-            self.optimizer.state[parameter] = {
-                "step": steps.clone(),
-                "exp_avg": tensors[f"exp_avg.{name}"],
-                "exp_avg_sq": tensors[f"exp_avg_sq.{name}"],
-            }
+        self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
 
 def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

@@ -61,12 +61,14 @@ class Changes:
 
     epochs: Count | None = None
     """Passes over the training split."""
+    optimizer: Literal["adamw", "muon"] | None = None
+    """AdamW, or Muon for the matrices and AdamW for the rest: slower steps, and fewer are needed."""
     batch_size: Count | None = None
     """Images per step."""
     learning_rate: Positive | None = None
     """Peak of the cosine schedule."""
     weight_decay: NotNegative | None = None
-    """Weight decay of AdamW."""
+    """Weight decay of matrices and kernels."""
     patience: Count | None = None
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     embedding: Count | None = None

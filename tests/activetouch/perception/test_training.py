@@ -49,18 +49,38 @@ def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
     assert reports[-1].calibration_accuracy > 0.9
 
 
-def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path):
-    whole = trainer(tmp_path / "whole.safetensors")
+@pytest.mark.parametrize("optimizer", ["adamw", "muon"])
+def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(optimizer, tmp_path):
+    recipe = replace(RECIPE, optimizer=optimizer)
+    whole = trainer(tmp_path / "whole.safetensors", recipe)
     for _ in range(3):
         whole.run_epoch()
-    first = trainer(tmp_path / "parts.safetensors")
+    first = trainer(tmp_path / "parts.safetensors", recipe)
     first.run_epoch()
-    second = trainer(tmp_path / "parts.safetensors", seed=99)  # its own initial weights must not matter
+    second = trainer(tmp_path / "parts.safetensors", recipe, seed=99)  # its own initial weights must not matter
     assert second.reports == first.reports
     for _ in range(2):
         second.run_epoch()
     torch.testing.assert_close(weights(second), weights(whole), rtol=0, atol=0)
     assert second.reports == whole.reports
+
+
+def test_muon_takes_steps_of_known_size_in_matrices_and_adamw_in_other_parameters(tmp_path):
+    adamw, muon = (
+        trainer(tmp_path / name, replace(RECIPE, epochs=1, warmup=0.0, batch_size=96, optimizer=name))
+        for name in ("adamw", "muon")
+    )
+    before = {name: value.clone() for name, value in muon.classifier.network.named_parameters()}
+    for trained in (adamw, muon):
+        trained.run_epoch()
+    by_adamw = dict(adamw.classifier.network.named_parameters())
+    for name, value in muon.classifier.network.named_parameters():
+        step, usual = (value - before[name]).detach(), (by_adamw[name] - before[name]).detach()
+        if value.ndim == 2:
+            expected = RECIPE.learning_rate * 0.2 * max(value.shape) ** 0.5
+            assert 0.6 < torch.linalg.svdvals(step)[0] / expected < 1.3  # its iterations end near 1
+        else:
+            torch.testing.assert_close(step, usual)
 
 
 def test_patience_stops_and_goes_back_to_the_best_epoch(tmp_path):
@@ -147,7 +167,7 @@ def test_the_paper_recipe_is_the_papers():
 @pytest.mark.parametrize(
     "change",
     [{"epochs": 0}, {"batch_size": 0}, {"learning_rate": 0.0}, {"learning_rate": np.inf}, {"weight_decay": -1.0},
-     {"warmup": 30.0}, {"rotation": -1.0}, {"patience": 0}],
+     {"warmup": 30.0}, {"rotation": -1.0}, {"patience": 0}, {"optimizer": "sgd"}],
 )  # fmt: skip
 def test_impossible_recipes_are_refused(change):
     with pytest.raises(ValueError, match="got TrainingRecipe"):
