@@ -37,6 +37,8 @@ class TrainingRecipe:
             network then learns the average over a cell of that size. Sharp images need it, because a table of
             hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
         focus: labels of shapes that are hard to tell apart: in training by contrast they are drawn four times as often.
+        dead: in half of the images, up to this share of the taxels is dead, as if the pad were worn; in [0, 1].
+        noise: in the same images, pixels have noise of up to this standard deviation, relative to full scale.
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -58,6 +60,8 @@ class TrainingRecipe:
     negatives: int = 1536
     cell: float = 0.0
     focus: tuple[str, ...] = ()
+    dead: float = 0.0
+    noise: float = 0.0
     bf16: bool = True
     seed: int = 0
 
@@ -74,6 +78,8 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"touches must be at least 1, and 1 without an embedding, got {self}")
         if self.focus and not (self.embedding and self.touches == 1):
             raise ImpossibleRecipe(f"focus is for learning by contrast from single touches, got {self}")
+        if not (0.0 <= self.dead <= 1.0 and 0.0 <= self.noise < float("inf")):
+            raise ImpossibleRecipe(f"dead must be in [0, 1], noise finite and ≥ 0; got {self}")
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 
@@ -94,6 +100,8 @@ class TrainingRecipe:
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
             f"focus on {', '.join(self.focus)}" if self.focus else "",
+            f"up to {self.dead:.0%} of the taxels dead in half of the images" if self.dead else "",
+            f"noise of up to {self.noise:g} of full scale in half of the images" if self.noise else "",
             "residual network of hypotheses" if self.embedding else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",

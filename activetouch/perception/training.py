@@ -20,6 +20,7 @@ from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.optimizers import Optimizers
 from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.perception.wear import worn
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
 
@@ -52,6 +53,7 @@ class Trainer:
         calibration: touches of other objects, for the reports and for stopping early.
         state: file of the training's state, written after every epoch.
         symmetry: of the scene.
+        taxels: of which a pixel is the mean.
 
     Raises:
         CorruptFile: the state file is damaged.
@@ -68,8 +70,10 @@ class Trainer:
         calibration: TouchSet,
         state: Path,
         symmetry: Symmetry = Symmetry.NONE,
+        taxels: int = 1,
     ) -> None:
         self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
+        self.taxels = taxels
         self.train, self.calibration = train, calibration
         self._task = json.dumps([asdict(recipe), asdict(classifier.card), len(train.images), symmetry])
         self.optimizers = Optimizers(classifier.network, recipe)
@@ -137,6 +141,8 @@ class Trainer:
         for rows in batches:
             images = torch.from_numpy(train.images[rows.numpy()])
             images, turns = augment(images, self.symmetry, recipe.rotation, generator)
+            if recipe.dead or recipe.noise:
+                images = worn(images, recipe.dead, recipe.noise, self.taxels, generator)
             loss = self.objective.loss(network, images, rows, turns, generator)
             network.zero_grad(set_to_none=True)
             loss.backward()

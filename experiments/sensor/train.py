@@ -81,6 +81,10 @@ class Changes:
     """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
     focus: tuple[str, ...] | None = None
     """Shapes that are hard to tell apart and are drawn four times as often, by contrast only."""
+    dead: NotNegative | None = None
+    """In half of the images, up to this share of the taxels is dead, as if the pad were worn."""
+    noise: NotNegative | None = None
+    """In the same images, noise of up to this standard deviation, relative to full scale."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
@@ -166,7 +170,8 @@ class Train:
         )
         classifier = new_classifier(card, recipe.seed, self.weights)
         print(f"{backbone} at {size} pixels, {classifier.card.training}")
-        trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry)
+        taxels = (manifest.image_shape[0] // train.images.shape[1]) ** 2
+        trainer = Trainer(classifier, recipe, train, calibration, out / STATE_FILE, manifest.symmetry, taxels)
         run_to_the_end(trainer, out / "tensorboard")
         classifier = trainer.finish()
         classifier.save(out / CLASSIFIER_FILE)

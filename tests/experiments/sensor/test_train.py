@@ -97,6 +97,14 @@ def test_the_same_command_trains_the_same_classifier(data, tmp_path):
     assert first == second
 
 
+def test_a_training_for_a_worn_pad_says_so(data, tmp_path):
+    change = Changes(epochs=1, batch_size=64, optimizer="muon", dead=0.25, noise=0.01, bf16=False)
+    card = trained(data, tmp_path, input_size=2, change=change).card
+    assert "Muon" in card.training
+    assert "up to 25% of the taxels dead in half of the images" in card.training
+    assert "noise of up to 0.01 of full scale in half of the images" in card.training
+
+
 def test_fewer_objects_are_the_first_ones(data, tmp_path):
     assert "48 images" in trained(data, tmp_path, objects=8).card.training
 

@@ -1,0 +1,53 @@
+"""Worn images: half of them, with the dead taxels and the noise that was asked for."""
+
+import pytest
+import torch
+
+from activetouch.perception.wear import worn
+
+pytestmark = pytest.mark.torch
+IMAGES = torch.full((4000, 8, 8), 160, dtype=torch.uint8)
+
+
+def chance():
+    return torch.Generator().manual_seed(0)
+
+
+@pytest.mark.parametrize("taxels", [1, 16])
+def test_half_of_the_images_have_up_to_the_share_of_dead_taxels(taxels):
+    shares = 1.0 - worn(IMAGES, 0.4, 0.0, taxels, chance()).float().mean((1, 2)) / 160
+    assert 0.43 < (shares > 0).float().mean() < 0.55  # by chance, some shares kill no taxel
+    assert shares.mean().item() == pytest.approx(0.1, abs=0.01)
+    assert 0.38 < shares.max() < 0.6
+
+
+def test_a_pixel_of_one_taxel_is_dead_or_not():
+    assert set(worn(IMAGES, 0.4, 0.0, 1, chance()).unique().tolist()) == {0, 160}
+    assert set(worn(IMAGES, 1.0, 0.0, 2, chance()).unique().tolist()) == {0, 80, 160}
+
+
+def test_noise_has_up_to_the_standard_deviation():
+    spreads = worn(IMAGES, 0.0, 0.02, 1, chance()).float().std((1, 2)) / 255
+    changed = spreads[spreads > 0]
+    assert 0.45 < len(changed) / len(IMAGES) < 0.55
+    assert changed.mean().item() == pytest.approx(0.01, abs=0.001)
+    assert changed.max() < 0.03
+
+
+def test_channels_of_a_pixel_share_its_taxels_and_the_originals_stay():
+    images = torch.full((50, 8, 8, 3), 200, dtype=torch.uint8)
+    changed = worn(images, 0.5, 0.0, 4, chance())
+    assert (changed == changed[..., :1]).all()
+    assert (changed < 200).any()
+    assert (images == 200).all()
+
+
+def test_noise_stays_within_full_scale():
+    extremes = torch.tensor([0, 255], dtype=torch.uint8).repeat(50, 8, 4)
+    changed = worn(extremes, 0.0, 10.0, 1, chance())
+    assert (changed[..., 0::2] == 0).float().mean() > 0.7  # half of the images are not changed
+    assert (changed[..., 1::2] == 255).float().mean() > 0.7
+
+
+def test_no_images_stay_none():
+    assert worn(IMAGES[:0], 0.5, 0.1, 1, chance()).shape == (0, 8, 8)
