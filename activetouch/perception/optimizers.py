@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import torch
@@ -25,21 +26,15 @@ class Optimizers:
 
     def __init__(self, network: nn.Module, recipe: TrainingRecipe) -> None:
         self._names = {parameter: name for name, parameter in network.named_parameters()}
-        by_muon = [p for p in self._names if p.ndim == 2 and recipe.optimizer == "muon"]
-        decayed = [p for p in self._names if p.ndim > 1 and not (p.ndim == 2 and recipe.optimizer == "muon")]
-        groups = [
-            {"params": decayed, "weight_decay": recipe.weight_decay},
-            {"params": [p for p in self._names if p.ndim <= 1], "weight_decay": 0.0},
-        ]
-        self._optimizers: list[Optimizer] = [AdamW(groups, lr=recipe.learning_rate)]
-        if by_muon:
-            muon = Muon(
-                by_muon,
-                lr=recipe.learning_rate,
-                weight_decay=recipe.weight_decay,
-                adjust_lr_fn="match_rms_adamw",
-            )
-            self._optimizers.append(muon)
+        vectors, matrices, kernels = (
+            [p for p in self._names if low <= p.ndim <= high] for low, high in ((0, 1), (2, 2), (3, math.inf))
+        )
+        rate, decay = recipe.learning_rate, recipe.weight_decay
+        decayed = kernels if recipe.optimizer == "muon" else matrices + kernels
+        groups = [{"params": decayed, "weight_decay": decay}, {"params": vectors, "weight_decay": 0.0}]
+        self._optimizers: list[Optimizer] = [AdamW(groups, lr=rate)]
+        if recipe.optimizer == "muon":
+            self._optimizers.append(Muon(matrices, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
 
     def step(self, learning_rate: float) -> None:
         """Change the parameters by their gradients."""

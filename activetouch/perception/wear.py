@@ -27,9 +27,8 @@ def worn(images: Tensor, dead: float, noise: float, taxels: int, chance: torch.G
         grid = torch.ones(pixels.shape[:3]).reshape(*pixels.shape[:3], *each[3:])
         pixels = pixels * (torch.binomial(taxels * grid, working * grid, generator=chance) / taxels)
     if noise:
-        pixels = pixels + 255.0 * noise * torch.rand(each, generator=chance) * torch.randn(
-            pixels.shape, generator=chance
-        )
+        std = 255.0 * noise * torch.rand(each, generator=chance)
+        pixels = pixels + std * torch.randn(pixels.shape, generator=chance)
     images = images.clone()
     images[chosen] = pixels.round().clamp(0, 255).to(torch.uint8)
     return images
