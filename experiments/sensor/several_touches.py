@@ -1,8 +1,9 @@
 """``activetouch several-touches``: accuracy after several touches of one object, by reader and number of hypotheses.
 
 The joint model of every reader, with every number of hypotheses, beside the model that takes touches as independent
-given the shape. Models are fitted to the calibration split; all read the same touches of the test split. Each object
-is read in several random orders of its poses: which poses come first matters, and one order leaves that to chance.
+given the shape; a reader that tells shapes only has only the latter. Models are fitted to the calibration split; all
+read the same touches of the test split. Each object is read in several random orders of its poses: which poses come
+first matters, and one order leaves that to chance.
 """
 
 from __future__ import annotations
@@ -24,7 +25,6 @@ from activetouch.data.manifest import Manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
-from belief.errors import InvalidArgument
 from belief.files import require_writable, write_text
 from belief.observation_model import ArrayModel
 from belief.observation_model.likelihood_ratio import RatioModel
@@ -78,6 +78,11 @@ class Entry:
         """Network and precision in words."""
         return f"{self.network}, {self.precision}"
 
+    @property
+    def milliseconds(self) -> str:
+        """To read one image, and to update the belief with it, in words."""
+        return f"{self.read_milliseconds:.1f} + {self.update_milliseconds:.1f}"
+
 
 @dataclass(frozen=True)
 class SeveralTouches:
@@ -88,6 +93,7 @@ class SeveralTouches:
     For example:
 
         activetouch several-touches --scene hard
+        activetouch several-touches --scene coarse --readers activetouch/models/coarse{,-independent}/reader.safetensors
         activetouch several-touches --scene gel --hypotheses 64 512 4096 --readers runs/train-8/reader.safetensors
         activetouch several-touches --scene gel --precisions float32 int8
     """
@@ -129,13 +135,11 @@ class SeveralTouches:
         ):
             reader = in_precision(TactileReader.load(path), precision)
             require_collection(data, manifest, reader.card, None, repeats=True)
-            if reader.hypotheses is None:
-                raise InvalidArgument(f"{path} tells shapes only; activetouch train makes one that knows orientations")
             known = read_touches(reader, calibration, f"{path}, calibration touches").sequence(0)
             known_test = read_touches(reader, test, f"{path}, test touches")
             read = in_random_orders(known_test, test, self.orders, self.seed)
             seconds = _milliseconds(partial(reader.read, test.images[:1]))
-            for number in (0, *self.hypotheses):
+            for number in (0,) if reader.hypotheses is None else (0, *self.hypotheses):
                 model = _fitted(known, calibration, manifest, HypothesisTable(reader, scene), number)
                 truth = test.shapes[:: len(scene.poses)]
                 entries.append(self._entry(reader, precision, seconds, number, model, read, truth))
@@ -149,7 +153,10 @@ class SeveralTouches:
         ):
             write_text(self.out / name, text)
         draw(entries, self.scene, self.out / "several-touches.svg")
-        plain_console().print(shown.rich())
+        console = plain_console()
+        console.print(f"{shown.title}\n{shown.note}\n")
+        for entry in entries:
+            console.print(table_of(entry).rich())
         print(f"wrote {self.out}/several-touches.md, .json and .svg")
 
     def _entry(
@@ -194,22 +201,20 @@ def in_random_orders(touches: TouchBatch, truth: TouchSet, number: int, seed: in
     return TouchBatch(rounds.poses[rows, orders], rounds.logits[rows, orders], features)
 
 
-def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
-    """Results of readers and models, and what they cost."""
-    rows = [
-        (
-            *(entry.name, r.touches, r.accuracy, r.accuracy_interval, r.nll, r.gap, r.gap_interval),
-            f"{entry.read_milliseconds:.1f} + {entry.update_milliseconds:.1f}",
-        )
-        for entry in entries
-        for r in entry.results
-    ]
+def table_of(entry: Entry) -> Table:
+    """Results of one reader with one model; what they cost is in the title."""
+    rows = [(r.touches, r.accuracy, r.accuracy_interval, r.nll, r.gap, r.gap_interval) for r in entry.results]
     scores = [("accuracy", ".3f"), ("95 %", ".3f"), ("NLL", ".4f"), ("gap", "+.3f"), ("gap, 95 %", "+.3f")]
-    columns = ["reader, model", "touches", *scores, "ms"]
+    return Table(f"{entry.name}: {entry.milliseconds} ms", [("touches", "d"), *scores], rows)
+
+
+def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
+    """Results of all readers and models, and what they cost."""
+    parts = [(entry, table_of(entry)) for entry in entries]
     return Table(
         f"scene {scene}, {num_objects} unseen objects, poses in random orders",
-        columns,
-        rows,
+        ["reader, model", *parts[0][1].columns, "ms"],
+        [(entry.name, *row, entry.milliseconds) for entry, part in parts for row in part.rows],
         "gap: stated confidence minus accuracy. ms: to read one image, and to update the belief with it.",
     )
 

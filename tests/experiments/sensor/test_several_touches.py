@@ -66,9 +66,10 @@ def test_more_orders_of_the_same_objects_do_not_narrow_the_intervals():
 def test_more_touches_and_more_hypotheses_tell_more(tmp_path, capsys):
     data = tmp_path / "data"
     collect(SceneChoice("coarse"), CollectionPlan(0, 6, 6, repeats=1), data, jobs=1)
-    SeveralTouches("coarse", data=data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
-    independent, few, many = json.loads((tmp_path / "out" / "several-touches.json").read_text())["entries"]
-    assert [entry["hypotheses"] for entry in (independent, few, many)] == [0, 2, 512]
+    readers = (MODELS / "coarse" / READER_FILE, MODELS / "coarse-independent" / READER_FILE)
+    SeveralTouches("coarse", readers, data, hypotheses=(2, 512), touches=(1, 4), out=tmp_path / "out").run()
+    independent, few, many, of_shapes = json.loads((tmp_path / "out" / "several-touches.json").read_text())["entries"]
+    assert [entry["hypotheses"] for entry in (independent, few, many, of_shapes)] == [0, 2, 512, 0]
     one, four = many["results"]
     assert four["accuracy"] >= 0.9  # 0.99 on thousands of objects
     assert four["nll"] < one["nll"]
