@@ -75,8 +75,8 @@ REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
 REPEATS.keyed := --plan.repeats 2 --plan.calibration 60 --plan.test 40
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
-TRAIN.hard := --backbone grid_cnn --change.epochs 18 --change.patience 18 --change.optimizer muon \
-  --change.focus cube cuboid wedge --change.dead 0.25 --change.noise 0.008 --threads 1
+TRAIN.hard := --backbone grid_cnn --change.epochs 24 --change.patience 24 --change.optimizer muon \
+  --change.focus cube cuboid wedge --change.gain 0.4 --change.noise 0.04 --change.dead 0.25 --threads 1
 TRAIN.many := --change.epochs 16
 TRAIN.paper := --backbone cnn --change.epochs 30 --change.patience 30 --change.cell 2.8
 TRAIN.keyed := --change.patience 12

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
@@ -30,15 +30,14 @@ class TrainingRecipe:
             one; None to train to the end and keep the last.
         embedding: length of the embeddings of a reader that knows orientations, trained by contrast; 0 for a plain
             classifier of shapes.
-        touches: of an object in different poses, from whose fused posterior a reader that knows orientations learns;
-            1 to learn from single touches.
         negatives: hypotheses drawn from the prior for every step, against which the touch's own is contrasted.
         cell: standard deviation, about each axis, of a random rotation of the touch's own hypothesis [degrees]. The
             network then learns the average over a cell of that size. Sharp images need it, because a table of
             hypotheses has gaps: N orientations are (8 π² / N)^⅓ rad apart, the width of a cell of √12 deviations.
         focus: labels of shapes that are hard to tell apart: in training by contrast they are drawn four times as often.
-        dead: in half of the images, up to this share of the taxels is dead, as if the pad were worn; in [0, 1].
-        noise: in the same images, pixels have noise of up to this standard deviation, relative to full scale.
+        gain: in half of the images, the gain is uniform in 1 ± ``gain``, as if the pad were worn; in [0, 1].
+        noise: in the same images, taxels have noise of up to this standard deviation, relative to full scale.
+        dead: in the same images, up to this share of the taxels is dead; in [0, 1].
         bf16: compute in bfloat16 where it is safe.
         seed: of shuffling, augmentation and initialisation.
 
@@ -56,12 +55,12 @@ class TrainingRecipe:
     rotation: float = 10.0
     patience: int | None = None
     embedding: int = 0
-    touches: int = 1
     negatives: int = 1536
     cell: float = 0.0
     focus: tuple[str, ...] = ()
-    dead: float = 0.0
+    gain: float = 0.0
     noise: float = 0.0
+    dead: float = 0.0
     bf16: bool = True
     seed: int = 0
 
@@ -74,12 +73,10 @@ class TrainingRecipe:
             raise ImpossibleRecipe(f"learning_rate must be positive, weight_decay ≥ 0, both finite; got {self}")
         if not (0.0 <= self.warmup < self.epochs and 0.0 <= self.rotation <= 180.0):
             raise ImpossibleRecipe(f"warmup must end before the epochs do, rotation be in [0°, 180°]; got {self}")
-        if self.touches < 1 or (self.touches > 1 and not self.embedding):
-            raise ImpossibleRecipe(f"touches must be at least 1, and 1 without an embedding, got {self}")
-        if self.focus and not (self.embedding and self.touches == 1):
-            raise ImpossibleRecipe(f"focus is for learning by contrast from single touches, got {self}")
-        if not (0.0 <= self.dead <= 1.0 and 0.0 <= self.noise < float("inf")):
-            raise ImpossibleRecipe(f"dead must be in [0, 1], noise finite and ≥ 0; got {self}")
+        if self.focus and not self.embedding:
+            raise ImpossibleRecipe(f"focus is for learning by contrast, got {self}")
+        if not (0.0 <= self.gain <= 1.0 and 0.0 <= self.dead <= 1.0 and 0.0 <= self.noise < float("inf")):
+            raise ImpossibleRecipe(f"gain and dead must be in [0, 1], noise finite and ≥ 0; got {self}")
         if self.embedding < 0 or self.negatives < 1 or not 0.0 <= self.cell <= 180.0:
             raise ImpossibleRecipe(f"embedding must be ≥ 0, negatives ≥ 1, cell in [0°, 180°]; got {self}")
 
@@ -96,12 +93,12 @@ class TrainingRecipe:
             "rare shapes weighted up" if self.class_weights else "",
             f"rotations up to {self.rotation:g}°" if self.rotation else "",
             f"patience of {self.patience} epochs" if self.patience is not None else "",
-            f"from the fused posterior of {self.touches} touches" if self.touches > 1 else "",
             f"by contrast with {self.negatives} hypotheses" if self.embedding else "",
             f"cells of {self.cell:g}°" if self.embedding and self.cell else "",
             f"focus on {', '.join(self.focus)}" if self.focus else "",
-            f"up to {self.dead:.0%} of the taxels dead in half of the images" if self.dead else "",
+            f"gains of 1 ± {self.gain:g} in half of the images" if self.gain else "",
             f"noise of up to {self.noise:g} of full scale in half of the images" if self.noise else "",
+            f"up to {self.dead:.0%} of the taxels dead in half of the images" if self.dead else "",
             "residual network of hypotheses" if self.embedding else "",
             "bfloat16" if self.bf16 else "",
             f"seed {self.seed}",
@@ -109,18 +106,6 @@ class TrainingRecipe:
         return ", ".join(part for part in parts if part)
 
 
-_CONTRAST = TrainingRecipe(  # for a reader that knows orientations
-    epochs=12,
-    batch_size=128,
-    learning_rate=2e-3,
-    weight_decay=0.01,
-    warmup=0.3,
-    class_weights=False,
-    rotation=0.0,
-    patience=3,
-    embedding=64,
-    cell=5.6,  # of 2 048 orientations
-)
 RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
     {
         "paper": TrainingRecipe(),
@@ -136,17 +121,17 @@ RECIPES: Mapping[str, TrainingRecipe] = MappingProxyType(
             rotation=0.0,
             patience=3,
         ),
-        "contrast": _CONTRAST,
-        # For a reader that learned by contrast, and is to go on from there (--weights): what the belief is asked for.
-        "fused": replace(
-            _CONTRAST,
-            epochs=6,
-            batch_size=192,
-            learning_rate=5e-4,
-            warmup=0.1,
-            patience=None,
-            touches=3,
-            negatives=512,
+        "contrast": TrainingRecipe(  # for a reader that knows orientations
+            epochs=12,
+            batch_size=128,
+            learning_rate=2e-3,
+            weight_decay=0.01,
+            warmup=0.3,
+            class_weights=False,
+            rotation=0.0,
+            patience=3,
+            embedding=64,
+            cell=5.6,  # of 2 048 orientations
         ),
     }
 )

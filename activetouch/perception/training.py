@@ -15,7 +15,6 @@ from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.augmentation import augment
 from activetouch.perception.classifier import TouchClassifier
-from activetouch.perception.fused_posterior import FusedPosterior
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.optimizers import Optimizers
 from activetouch.perception.recipe import TrainingRecipe
@@ -79,13 +78,7 @@ class Trainer:
         self.optimizers = Optimizers(classifier.network, recipe)
         labels = classifier.card.shape_labels
         contrast = classifier.card.embedding > 0
-        self.objective: Objective
-        if not contrast:
-            self.objective = ShapeObjective(train, labels, recipe)
-        elif recipe.touches > 1:
-            self.objective = FusedPosterior(train, len(labels), recipe)
-        else:
-            self.objective = Contrast(train, labels, recipe)
+        self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape
         self.steps_per_epoch = len(self.objective.batches(torch.Generator()))
@@ -141,8 +134,8 @@ class Trainer:
         for rows in batches:
             images = torch.from_numpy(train.images[rows.numpy()])
             images, turns = augment(images, self.symmetry, recipe.rotation, generator)
-            if recipe.dead or recipe.noise:
-                images = worn(images, recipe.dead, recipe.noise, self.taxels, generator)
+            if recipe.gain or recipe.noise or recipe.dead:
+                images = worn(images, recipe.gain, recipe.noise, recipe.dead, self.taxels, generator)
             loss = self.objective.loss(network, images, rows, turns, generator)
             network.zero_grad(set_to_none=True)
             loss.backward()

@@ -39,11 +39,6 @@ class Evidence:
         return np.asarray(np.cumsum(np.take_along_axis(self.single, orders[:, :, None], axis=1), axis=1))
 
     @classmethod
-    def of_objects(cls, parts: Sequence[Evidence]) -> Evidence:
-        """The evidence of all objects from that of some after others."""
-        return cls(*(np.concatenate(some) for some in _columns(parts)))
-
-    @classmethod
     def of_shapes(cls, parts: Sequence[Evidence]) -> Evidence:
         """The evidence for all shapes from that for each."""
         return cls(*(np.concatenate(some, axis=2) for some in _columns(parts)))

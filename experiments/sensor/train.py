@@ -73,18 +73,18 @@ class Changes:
     """Stop after so many epochs without a lower loss on the calibration split, and keep the best epoch."""
     embedding: Count | None = None
     """Length of the embeddings, by contrast only."""
-    touches: Count | None = None
-    """Touches of an object, from whose fused posterior the reader learns; 1 for single touches."""
     negatives: Count | None = None
     """Hypotheses drawn for every step, by contrast only."""
     cell: NotNegative | None = None
     """Standard deviation of a random rotation of the true hypothesis [degrees], by contrast only."""
     focus: tuple[str, ...] | None = None
     """Shapes that are hard to tell apart and are drawn four times as often, by contrast only."""
-    dead: NotNegative | None = None
-    """In half of the images, up to this share of the taxels is dead, as if the pad were worn."""
+    gain: NotNegative | None = None
+    """In half of the images, the gain differs by up to this share, as if the pad were worn."""
     noise: NotNegative | None = None
-    """In the same images, noise of up to this standard deviation, relative to full scale."""
+    """In the same images, taxels have noise of up to this standard deviation, relative to full scale."""
+    dead: NotNegative | None = None
+    """In the same images, up to this share of the taxels is dead."""
     bf16: bool | None = None
     """Whether to compute in bfloat16; images of 8 pixels need single precision."""
     seed: Seed | None = None
@@ -108,7 +108,6 @@ class Train:
         activetouch train --scene coarse
         activetouch train --scene gel --recipe large
         activetouch train --scene hard --change.focus cube cuboid wedge
-        activetouch train --scene many --recipe fused --weights runs/train-many/classifier.safetensors --out runs/fused
         activetouch train --recipe paper --backbone tiny --weights facebook/convnext-tiny-224   (a hub's, or a folder)
         activetouch train --data data/mug --out runs/train-mug --input-size 32 --recipe large --change.epochs 5
     """
@@ -129,9 +128,8 @@ class Train:
     only case that goes online; random weights without."""
     objects: Count | None = None
     """Learn from the first so many objects of the training split only; from all by default."""
-    recipe: Literal["contrast", "fused", "large", "paper"] = "contrast"
-    """For a reader that knows orientations: from single touches, or, with the weights of such a reader, from several
-    touches of an object. Or for a plain classifier of shapes: ours, or the paper's."""
+    recipe: Literal["contrast", "large", "paper"] = "contrast"
+    """For a reader that knows orientations; or for a plain classifier of shapes: ours, or the paper's."""
     change: Changes = field(default_factory=Changes)
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)

@@ -167,8 +167,8 @@ def test_the_paper_recipe_is_the_papers():
 @pytest.mark.parametrize(
     "change",
     [{"epochs": 0}, {"batch_size": 0}, {"learning_rate": 0.0}, {"learning_rate": np.inf}, {"weight_decay": -1.0},
-     {"warmup": 30.0}, {"rotation": -1.0}, {"patience": 0}, {"optimizer": "sgd"}, {"dead": 1.1}, {"noise": -0.1},
-     {"noise": np.inf}],
+     {"warmup": 30.0}, {"rotation": -1.0}, {"patience": 0}, {"optimizer": "sgd"}, {"gain": 1.1}, {"noise": -0.1},
+     {"noise": np.inf}, {"dead": 1.1}, {"focus": ("cube",)}],
 )  # fmt: skip
 def test_impossible_recipes_are_refused(change):
     with pytest.raises(ValueError, match="got TrainingRecipe"):

@@ -1,4 +1,4 @@
-"""Worn images: half of them, with the dead taxels and the noise that was asked for."""
+"""Worn images: half of them, with the gain, the noise and the dead taxels that were asked for."""
 
 import pytest
 import torch
@@ -15,19 +15,28 @@ def chance():
 
 @pytest.mark.parametrize("taxels", [1, 16])
 def test_half_of_the_images_have_up_to_the_share_of_dead_taxels(taxels):
-    shares = 1.0 - worn(IMAGES, 0.4, 0.0, taxels, chance()).float().mean((1, 2)) / 160
+    shares = 1.0 - worn(IMAGES, 0.0, 0.0, 0.4, taxels, chance()).float().mean((1, 2)) / 160
     assert 0.43 < (shares > 0).float().mean() < 0.55  # by chance, some shares kill no taxel
     assert shares.mean().item() == pytest.approx(0.1, abs=0.01)
     assert 0.38 < shares.max() < 0.6
 
 
 def test_a_pixel_of_one_taxel_is_dead_or_not():
-    assert set(worn(IMAGES, 0.4, 0.0, 1, chance()).unique().tolist()) == {0, 160}
-    assert set(worn(IMAGES, 1.0, 0.0, 2, chance()).unique().tolist()) == {0, 80, 160}
+    assert set(worn(IMAGES, 0.0, 0.0, 0.4, 1, chance()).unique().tolist()) == {0, 160}
+    assert set(worn(IMAGES, 0.0, 0.0, 1.0, 2, chance()).unique().tolist()) == {0, 80, 160}
+
+
+def test_gains_are_uniform_in_their_range():
+    gains = worn(IMAGES, 0.25, 0.0, 0.0, 16, chance()).float().mean((1, 2)) / 160
+    changed = gains[gains != 1.0]
+    assert 0.45 < len(changed) / len(IMAGES) < 0.55
+    assert changed.mean().item() == pytest.approx(1.0, abs=0.02)
+    assert changed.std().item() == pytest.approx(0.25 / 3**0.5, abs=0.01)
+    assert 0.75 <= changed.min() < changed.max() <= 1.25
 
 
 def test_noise_has_up_to_the_standard_deviation():
-    spreads = worn(IMAGES, 0.0, 0.02, 1, chance()).float().std((1, 2)) / 255
+    spreads = worn(IMAGES, 0.0, 0.02, 0.0, 1, chance()).float().std((1, 2)) / 255
     changed = spreads[spreads > 0]
     assert 0.45 < len(changed) / len(IMAGES) < 0.55
     assert changed.mean().item() == pytest.approx(0.01, abs=0.001)
@@ -36,7 +45,7 @@ def test_noise_has_up_to_the_standard_deviation():
 
 def test_channels_of_a_pixel_share_its_taxels_and_the_originals_stay():
     images = torch.full((50, 8, 8, 3), 200, dtype=torch.uint8)
-    changed = worn(images, 0.5, 0.0, 4, chance())
+    changed = worn(images, 0.0, 0.0, 0.5, 4, chance())
     assert (changed == changed[..., :1]).all()
     assert (changed < 200).any()
     assert (images == 200).all()
@@ -44,10 +53,22 @@ def test_channels_of_a_pixel_share_its_taxels_and_the_originals_stay():
 
 def test_noise_stays_within_full_scale():
     extremes = torch.tensor([0, 255], dtype=torch.uint8).repeat(50, 8, 4)
-    changed = worn(extremes, 0.0, 10.0, 1, chance())
+    changed = worn(extremes, 0.0, 10.0, 0.0, 1, chance())
     assert (changed[..., 0::2] == 0).float().mean() > 0.7  # half of the images are not changed
     assert (changed[..., 1::2] == 255).float().mean() > 0.7
 
 
+def test_noise_that_is_cut_at_zero_lifts_the_mean_of_many_taxels():
+    dark = torch.zeros(4000, 8, 8, dtype=torch.uint8)
+    means = worn(dark, 0.0, 0.5, 0.0, 64, chance()).float().mean((1, 2)) / 255
+    assert means.max().item() == pytest.approx(0.5 / (2 * torch.pi) ** 0.5, abs=0.01)  # of half a normal distribution
+
+
+def test_dead_taxels_have_no_noise():
+    pixels = worn(IMAGES, 0.0, 0.01, 0.4, 1, chance())
+    assert (pixels == 0).float().mean().item() == pytest.approx(0.1, abs=0.01)
+    assert pixels[pixels > 0].min() > 140
+
+
 def test_no_images_stay_none():
-    assert worn(IMAGES[:0], 0.5, 0.1, 1, chance()).shape == (0, 8, 8)
+    assert worn(IMAGES[:0], 0.5, 0.1, 0.5, 1, chance()).shape == (0, 8, 8)

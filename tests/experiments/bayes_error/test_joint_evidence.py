@@ -80,7 +80,6 @@ def test_parts_of_a_bank_pool_to_the_whole(rng):
     whole = joint_log_likelihoods(logs, orders)
     pooled = Evidence.pooled([joint_log_likelihoods(part, orders) for part in np.split(logs, 4, axis=3)])
     by_shape = Evidence.of_shapes([joint_log_likelihoods(logs[:, :, [k]], orders) for k in range(3)])
-    by_object = Evidence.of_objects([joint_log_likelihoods(logs[[n]], orders[[n]]) for n in range(5)])
-    for found in (pooled, by_shape, by_object):
+    for found in (pooled, by_shape):
         np.testing.assert_allclose(found.joint, whole.joint)
         np.testing.assert_allclose(found.single, whole.single)

@@ -98,10 +98,11 @@ def test_the_same_command_trains_the_same_classifier(data, tmp_path):
 
 
 def test_a_training_for_a_worn_pad_says_so(data, tmp_path):
-    change = Changes(epochs=1, batch_size=64, optimizer="muon", dead=0.25, noise=0.01, bf16=False)
+    change = Changes(epochs=1, batch_size=64, optimizer="muon", gain=0.3, noise=0.01, dead=0.25, bf16=False)
     card = trained(data, tmp_path, input_size=2, change=change).card
     assert "Muon" in card.training
     assert "up to 25% of the taxels dead in half of the images" in card.training
+    assert "gains of 1 ± 0.3 in half of the images" in card.training
     assert "noise of up to 0.01 of full scale in half of the images" in card.training
 
 
@@ -120,20 +121,19 @@ def test_a_training_may_start_from_a_checkpoint_and_says_so(data, tmp_path):
             np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
 
 
-def test_learning_from_fused_touches_goes_on_with_the_whole_network(data, tmp_path):
+def test_learning_by_contrast_goes_on_with_the_whole_network(data, tmp_path):
     small = Changes(epochs=1, batch_size=64, embedding=8, negatives=64, bf16=False)
     trained(data, tmp_path / "first", recipe="contrast", change=small)
     start = tmp_path / "first" / CLASSIFIER_FILE
     before = TouchClassifier.load(start).network.state_dict()
-    hardly = replace(small, learning_rate=1e-12)
-    again = trained(data, tmp_path / "second", recipe="fused", weights=str(start), change=hardly)
-    assert "from the fused posterior of 3 touches" in again.card.training
+    more = {"recipe": "contrast", "weights": str(start), "change": replace(small, learning_rate=1e-12)}
+    again = trained(data, tmp_path / "second", **more)
     for name, value in again.network.state_dict().items():
         np.testing.assert_allclose(value.numpy(), before[name].numpy(), atol=1e-5)
-    some = trained(data, tmp_path / "some", recipe="fused", weights=str(start), change=hardly, objects=8)
+    some = trained(data, tmp_path / "some", **more, objects=8)
     assert f"from the weights of {start}" in some.card.training
     assert some.card.log_size_std == again.card.log_size_std  # of the checkpoint, not of the eight objects
-    other = trained(data, tmp_path / "third", recipe="fused", weights=str(start), change=replace(hardly, embedding=9))
+    other = trained(data, tmp_path / "third", **more | {"change": replace(small, embedding=9, learning_rate=1e-12)})
     assert other.card.embedding == 9  # of another length, so only the backbone is taken
     assert f"from the backbone of {start}" in other.card.training
     for name, value in other.network.backbone.state_dict().items():

@@ -279,6 +279,7 @@ def test_search_bounds_enclose_what_brute_force_finds(composition, num_objects, 
     # touches are dear, so that three in all are nearly as good as any number
     assert policy.lower_bound >= least - 0.01
     assert policy.initial_value == policy.lower_bound
+    assert policy.initial_action == policy.action(0, staged(problem).initial)
 
 
 @pytest.mark.parametrize("composition", ["distinct", "independent"])
@@ -360,6 +361,7 @@ def test_the_last_of_all_distinct_objects_is_confirmed_untouched():
     problem = SearchTouchProblem(np.full((2, 3, 2), 0.5), 3, "distinct", 1, 0.01)
     policy = solve(problem)
     assert policy.initial_value == pytest.approx(-1 / 3)  # nothing is told: confirm one of three
+    assert policy.initial_action >= problem.num_poses  # and no touch before it
     belief = stage_belief(staged(problem), np.array([[0.0, -np.inf, 0.0], [0.0, -np.inf, 0.0], [0.0, 0.0, 0.0]]), 2)
     assert policy.action(2, belief) == problem.num_poses  # CONFIRM
     assert policy.value(2, belief) == pytest.approx(1.0)
