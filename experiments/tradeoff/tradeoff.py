@@ -100,7 +100,7 @@ class Tradeoff:
     def measure(self) -> list[tuple[SearchResult, TouchCost]]:
         """Measure all configurations; return their results and costs."""
         from experiments.tradeoff.configuration import Network, shipped_networks, sweep
-        from experiments.tradeoff.measure import measured
+        from experiments.tradeoff.measure import measured, touch_cost
 
         scenes = list(dict.fromkeys(self.scenes))
         networks = [network for scene in scenes for network in shipped_networks(scene)]
@@ -115,5 +115,6 @@ class Tradeoff:
         configurations = sweep(networks, calibrated, self.episodes, self.seed)
         if self.vary:
             configurations = [c for c in configurations if c.varied in ("nothing", *self.vary)]
-        tasks = [partial(measured, c, self.out) for c in configurations]
-        return list(run_tasks(tasks, self.jobs, "searching"))
+        for _ in run_tasks([partial(touch_cost, c, self.out) for c in configurations], 1, "timing touches"):
+            pass  # before the searches, whose processes would disturb the times
+        return list(run_tasks([partial(measured, c, self.out) for c in configurations], self.jobs, "searching"))

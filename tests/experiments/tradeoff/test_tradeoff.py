@@ -205,7 +205,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
 def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.tradeoff.tradeoff.repeats_folder", lambda _: tmp_path)  # where nothing is recorded
     monkeypatch.setattr("experiments.tradeoff.configuration.sweep", lambda *given: sweep(*given)[:12:4])
-    sweep_of = Tradeoff(scenes=("coarse",), episodes=4, out=tmp_path)
+    sweep_of = Tradeoff(scenes=("coarse",), episodes=4, jobs=2, out=tmp_path)
     sweep_of.run()
     shards = sorted((tmp_path / "results").glob("*.json"))
     numbers = json.loads((tmp_path / "tradeoff.json").read_text())
