@@ -80,14 +80,14 @@ class TouchCost:
     memory: float
 
 
-def measured(configuration: Configuration, folder: Path) -> tuple[SearchResult, TouchCost]:
-    """Result and costs of a configuration, read from their files, or measured and written if there are none."""
+def measured(configuration: Configuration, folder: Path) -> SearchResult:
+    """Result of a configuration, read from its file, or measured and written if there is none."""
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
         result = _search(configuration, folder / "models")
         write_text(path, json.dumps(asdict(result)) + "\n")
     fields = json.loads(path.read_text())
-    return SearchResult(**{**fields, "configuration": configuration}), touch_cost(configuration, folder)
+    return SearchResult(**{**fields, "configuration": configuration})
 
 
 def finished(folder: Path) -> list[tuple[SearchResult, TouchCost]]:

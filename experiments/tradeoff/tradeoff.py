@@ -115,6 +115,8 @@ class Tradeoff:
         configurations = sweep(networks, calibrated, self.episodes, self.seed)
         if self.vary:
             configurations = [c for c in configurations if c.varied in ("nothing", *self.vary)]
-        for _ in run_tasks([partial(touch_cost, c, self.out) for c in configurations], 1, "timing touches"):
-            pass  # before the searches, whose processes would disturb the times
-        return list(run_tasks([partial(measured, c, self.out) for c in configurations], self.jobs, "searching"))
+        timings = [partial(touch_cost, c, self.out) for c in configurations]
+        searches = [partial(measured, c, self.out) for c in configurations]
+        # Timed one by one, before the searches, whose processes would disturb the times.
+        costs = dict(zip(configurations, run_tasks(timings, 1, "timing touches"), strict=True))
+        return [(found, costs[found.configuration]) for found in run_tasks(searches, self.jobs, "searching")]

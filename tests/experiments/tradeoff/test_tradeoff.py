@@ -100,10 +100,10 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     network = Network.of_sensor("coarse", "coarse")
     configuration = Configuration(network, JOINT, "information_gain", episodes=1, num_hypotheses=64)
     assert observation_model(configuration, tmp_path).table.shape[:3] == (6, 4, 64)
-    result, _ = measured(configuration, tmp_path)
+    result = measured(configuration, tmp_path)
     assert min(result.touches) > 0
     same = replace(configuration, network=Network.in_file("coarse", network.path))  # as if it were a user's
-    again, _ = measured(same, tmp_path)
+    again = measured(same, tmp_path)
     assert (again.successes, again.touches) == (result.successes, result.touches)
 
 
@@ -227,11 +227,11 @@ def test_a_live_sweep_is_measured_kept_and_resumed(tmp_path, monkeypatch):
 @pytest.mark.torch
 def test_a_result_is_read_from_its_shard_not_searched_again(tmp_path):
     configuration = Configuration(Network.of_sensor("coarse", "coarse"), episodes=1, decider="threshold")
-    first, _ = measured(configuration, tmp_path)
+    first = measured(configuration, tmp_path)
     [shard] = (tmp_path / "results").iterdir()
     assert shard.stem == configuration.key
     shard.write_text(shard.read_text().replace('"decision_seconds": ', '"decision_seconds": 1'))
-    again, _ = measured(configuration, tmp_path)
+    again = measured(configuration, tmp_path)
     assert again.decision_seconds > first.decision_seconds
     assert again.successes == first.successes
 
