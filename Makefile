@@ -60,12 +60,12 @@ $(VENV)/ready-dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $(VENV)/ready $@
 
 # The shipped sensor of a scene from nothing: touches, reader, observation model; make sensor SCENE=coarse for another
-# (half an hour on two cores).
+# (up to an hour on two cores).
 SCENE ?= gel
 COLLECT.gel := --plan.test 0
 COLLECT.coarse := --plan.train 13500 --plan.test 0
 COLLECT.hard := --plan.train 3600 --plan.calibration 100 --plan.test 0
-COLLECT.many := --plan.train 1200 --plan.calibration 100 --plan.test 0
+COLLECT.many := $(COLLECT.hard)
 COLLECT.paper := --plan.train 3000 --plan.calibration 150 --plan.test 0
 COLLECT.keyed := --plan.train 450 --plan.calibration 40 --plan.test 0
 REPEATS.gel := --plan.repeats 2 --plan.calibration 150
@@ -77,7 +77,7 @@ REPEATS.keyed := --plan.repeats 2 --plan.calibration 60 --plan.test 40
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
 TRAIN.hard := --backbone grid_cnn --change.epochs 24 --change.patience 24 --change.optimizer muon \
   --change.focus cube cuboid wedge --change.gain 0.4 --change.noise 0.04 --change.dead 0.25 --threads 1
-TRAIN.many := --change.epochs 16
+TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn --change.epochs 30 --change.patience 30 --change.cell 2.8
 TRAIN.keyed := --change.patience 12
 MODEL = $(if $(filter keyed,$(SCENE)),,ratio) "rigid body"
