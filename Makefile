@@ -177,5 +177,6 @@ figures: development
 reproduce: development
 	$(BIN)/activetouch reproduce $(ARGS)
 
+# Results stay: data/ and runs/.
 clean:
-	rm -rf $(VENV) runs build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from threadpoolctl import threadpool_limits
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.console import plain_console
@@ -55,8 +56,8 @@ def run_lazily(
 ) -> Iterator[T]:
     """Yield the result of every task in order of completion; take each task from the iterable shortly before it runs.
 
-    Each worker process uses one thread for linear algebra. With one job, the tasks run in this process. Workers end
-    with this process and on an interrupt.
+    With one job, the tasks run in this process. Linear algebra uses one thread, in this process too: the last bit of a
+    sum depends on the number of threads. Workers end with this process and on an interrupt.
 
     Args:
         tasks: at most ``total`` tasks.
@@ -69,7 +70,7 @@ def run_lazily(
         NoCluster: The scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
     alone = jobs == 1 and scheduler is None
-    with nullcontext() if alone else _backend(scheduler), progress_bar() as progress:
+    with threadpool_limits(1) if alone else _backend(scheduler), progress_bar() as progress:
         bar = progress.add_task(description, total=total)
         with closing((task() for task in tasks) if alone else _in_parallel(tasks, jobs)) as results:
             for result in results:

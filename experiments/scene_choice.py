@@ -26,6 +26,7 @@ from activetouch.shapes import Mesh
 from belief.errors import ActiveTouchError
 from belief.references import BadReference, build, find
 from experiments.command_line.arguments import Positive
+from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
     "quasistatic": Quasistatic(),
@@ -197,6 +198,11 @@ class SceneChoice:
         return {name: value for name, value in plain.items() if name != "poses" or value is not None}
 
     @classmethod
-    def from_dict(cls, fields: Mapping[str, Any]) -> SceneChoice:
-        """The choice from :meth:`to_dict`."""
+    def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
+        """The choice from :meth:`to_dict`, in a file.
+
+        Raises:
+            FileNamesCode: scene or renderer is code that may not be used.
+        """
+        trust.require([fields["scene"], fields.get("renderer")])
         return cls(**{**fields, "meshes": tuple(Path(path) for path in fields["meshes"])})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,13 @@ from belief.touch_batch import TouchBatch
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+MOST_BYTES = 1 << 28
+"""Size of the outcome tables that are kept at most; after that, the oldest are computed again where they are needed."""
 _AT_ONCE = 32  # objects whose hypotheses are weighed at a time; they fit the cache
 
 
 class WeighedTouches:
-    """What sets of touches of a bank's objects say by a joint model; each set is weighed once.
+    """What sets of touches of a bank's objects say by a joint model; each set is weighed once, until it is forgotten.
 
     It is what :class:`~belief.observation_model.rigid_body_evidence.RigidBodyEvidence` says, up to rounding.
 
@@ -51,7 +54,8 @@ class WeighedTouches:
         untouched = np.zeros((1, num_shapes, number), np.float32)
         self.untouched: NDArray[np.float16] = self._tables_of(untouched)[0]
         """p(outcome of the first touch | pose, shape), ``(P, K, M)``."""
-        self._known: dict[bytes, tuple[Floats, NDArray[np.float16]]] = {}
+        self._known: dict[bytes, tuple[Floats, NDArray[np.float16]]] = {}  # the oldest first
+        self._most_known = MOST_BYTES // self.untouched.nbytes
 
     def of(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
         """Log-likelihoods of the shapes, ``(n, K)``, and outcome tables of the next touch, ``(n, P, K, M)``.
@@ -69,6 +73,8 @@ class WeighedTouches:
             found = self._weigh(objects[block], rounds[block], poses[block])
             self._known |= zip((keys[row] for row in block), zip(*found, strict=True), strict=True)
         log_likelihoods, tables = zip(*(self._known[key] for key in keys), strict=True)
+        for key in [*islice(self._known, max(0, len(self._known) - self._most_known))]:
+            del self._known[key]
         return np.stack(log_likelihoods), np.stack(tables)
 
     def _weigh(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:

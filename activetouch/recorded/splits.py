@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,6 @@ from activetouch.recorded.touches import TaskTouches
 from belief.cross_validation import object_folds
 from belief.frozen import FrozenArrays
 
-Order: TypeAlias = Literal["time", "random", "objects"]
 _LEARNED, _CALIBRATED = 0.6, 0.8  # ends of the shares of an object's sessions
 _INNER = 4
 

@@ -29,6 +29,7 @@ from experiments.calibration.sequences import KINDS, Rounds
 from experiments.calibration.touches import CALIBRATION_FITS, score_touches
 from experiments.command_line.arguments import Count, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
 from experiments.sensor.calibrate import candidate_models, scene_of
@@ -80,6 +81,8 @@ class CalibrationReport:
     """Number of processes; the results do not depend on it."""
     anyway: bool = False
     """Use a collection of another scene than the sensor's."""
+    trust: bool = False
+    """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     def run(self) -> None:
         """Measure, print and write."""
@@ -98,7 +101,7 @@ class CalibrationReport:
                 f"{repeats_folder(self.scene)}"
             )
         reader = self._reader(data, manifest)
-        scene = scene_of(manifest)
+        scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         fits = candidate_models({}, reader, scene)
         hypotheses = HypothesisTable(reader, scene) if JOINT_MODELS.keys() & fits.keys() and scene else None
         calibration, test = self._read(reader, data, manifest)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-_MESSAGE = "interrupted; finished results are kept, run the same command to continue"
+_MESSAGE = "interrupted; what was written is kept. The same command goes on, or starts again if it writes at its end"
 _PATIENCE = 10.0  # seconds from SIGTERM until the process ends without cleaning up
 
 

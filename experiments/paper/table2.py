@@ -27,7 +27,6 @@ PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
     }
 )
 """Table 2 as printed: success over 100 trials of each target."""
-PAPER_TRIALS = 100
 
 
 @dataclass(frozen=True)

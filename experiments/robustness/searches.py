@@ -200,8 +200,13 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
     robots = np.repeat(np.arange(len(by_robot)), [len(some) for some in by_robot])
 
     def rate(events: Sequence[bool]) -> list[float]:
-        """With an interval that resamples robots, because the searches of one are not independent."""
-        return list(cluster_bootstrap(np.asarray(events), robots, np.random.default_rng(0)))
+        """With an interval that resamples robots, because the searches of one are not independent.
+
+        It is at least as wide as that of independent searches: with no event in any of few robots, it would be a point.
+        """
+        share, low, high = cluster_bootstrap(np.asarray(events), robots, np.random.default_rng(0))
+        least, most = clopper_pearson_interval(sum(events), len(events))
+        return [share, min(low, least), max(high, most)]
 
     sure = [
         (episode.steps[-1].decision.scores[ANSWER], episode.success, episode.num_touches)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import textwrap
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_writable, unsealed_json
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
 from experiments.scene_choice import in_file_names, renderer_named
 from experiments.search.holdings import Holdings, Selection
@@ -97,6 +99,8 @@ class Compare:
     config: Path | None = None
     """run.json of an earlier run. Its arguments, except --jobs, become the defaults; its folder becomes the default of
     --out."""
+    trust: bool = False
+    """Run code of your own that only --config or the folder of the run names, such as a decider module:attribute."""
 
     @classmethod
     def from_config(cls, path: Path) -> Compare:
@@ -115,8 +119,8 @@ class Compare:
                 key: tuple(value) if isinstance(value, list) else value for key, value in recorded.items()
             }
             del given["jobs"]
-            setting = Setting.from_dict(given["setting"])
-            return cls(**{**given, "setting": setting, "out": file.parent, "config": path})
+            setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what remains
+            return cls(**{**given, "setting": setting, "out": file.parent, "config": path, "trust": False})
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise BadArgument(f"--config {path} is not the run.json of a comparison: {error}") from error
 
@@ -129,7 +133,15 @@ class Compare:
         return Path("runs/compare" if scene == "gel" else f"runs/compare-{in_file_names(scene)}")
 
     def run(self) -> None:
-        """Run the missing searches, then print the results and write the report."""
+        """Run the missing searches, then print the results and write the report.
+
+        Raises:
+            FileNamesCode: ``config`` names code, and ``trust`` is not set.
+        """
+        if self.config is not None:
+            asked = self._names()
+            recorded = (name for name in Compare.from_config(self.config)._names() if name in asked)
+            Trust(self.config, everything=self.trust).require(recorded)
         console = plain_console()
         worlds = self.worlds()
         found = {name: compare._run_one(console) for name, compare in worlds.items()}
@@ -139,6 +151,11 @@ class Compare:
             root = next(iter(worlds.values())).folder.parent
             page = write_overview(root, {name: comparison for name, comparison in found.items() if comparison})
             console.print(f"overview: {page}", soft_wrap=True)
+
+    def _names(self) -> list[str | None]:
+        """Names of scenes, renderers and deciders, which can be code."""
+        choice = self.setting.choice
+        return [choice.scene, choice.renderer, *self.scenes, *self.renderers, *self.deciders]
 
     def worlds(self) -> dict[str, Compare]:
         """One comparison per requested scene and renderer, by name.
@@ -247,7 +264,11 @@ class Compare:
         problem, targets = self.fill()
         setting, folder = self.setting.resolved(), RunFolder(self.folder)
         current: dict[str, dict[str, str]] = {}
+        trust = Trust(self.folder, self.deciders, self.trust)
         for decider, by_target in folder.read_run()["made_by"].items():
+            if not trust.allows(decider):
+                print(f"warning: searches of {decider} in {self.folder} are left out; add --trust", file=sys.stderr)
+                continue
             for target, digest in by_target.items():
                 try:
                     now = made_by(setting, decider, target)
@@ -322,5 +343,5 @@ class Compare:
         return problem, targets
 
     def _arguments(self) -> dict[str, object]:
-        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "config"}
+        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name not in ("config", "trust")}
         return {**own, "out": str(self.folder), "setting": self.setting.to_dict()}

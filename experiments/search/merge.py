@@ -84,6 +84,12 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
             )
         _require_same_players(folder.path, run["made_by"], players)
         players = united(players, run["made_by"])
+    players = {name: dict(sorted(players[name].items())) for name in sorted(players)}
+    deciders = [name for name in players if name not in (ORACLE, BOUND)]
+    targets = list(dict.fromkeys(target for name in deciders for target in players[name]))
+    changes = {"deciders": deciders, "targets": targets, "part": "1/1", "out": str(out)}
+    # Before the first shard: without it, an interrupted merge leaves shards that any other run would take as its own.
+    target_folder.write_run({**runs[0], "made_by": players, "arguments": {**runs[0]["arguments"], **changes}})
     for folder in folders:
         for key in folder.complete_keys():
             theirs, ours = folder.read(key), target_folder.read(key)
@@ -95,11 +101,6 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
                     f"{folder.path} and {out} hold different episodes in shard {key.stem} of the same run, probably "
                     "because different kinds of processors played them; delete one of the two shards"
                 )
-    players = {name: dict(sorted(players[name].items())) for name in sorted(players)}
-    deciders = [name for name in players if name not in (ORACLE, BOUND)]
-    targets = list(dict.fromkeys(target for name in deciders for target in players[name]))
-    changes = {"deciders": deciders, "targets": targets, "part": "1/1", "out": str(out)}
-    target_folder.write_run({**runs[0], "made_by": players, "arguments": {**runs[0]["arguments"], **changes}})
     keys = target_folder.complete_keys()
     target_folder.write_episodes(line for key in keys if key.is_played for line in target_folder.lines(key))
     return keys

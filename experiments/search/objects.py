@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 
@@ -15,12 +16,13 @@ from activetouch.distributions import LogUniform
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.scene_description import scene_fields
-from activetouch.sensor_files import READER_FILE, write_observation_model
+from activetouch.sensor_files import READER_FILE, observation_file, write_observation_model
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.command_line.arguments import BadArgument
 from experiments.parallel import default_jobs
 from experiments.scene_choice import SceneChoice, as_named
 from experiments.search.compare import Compare
+from experiments.search.fingerprint import files_digest
 from experiments.search.run_folder import BOUND, ORACLE
 from experiments.search.setting import Setting
 from experiments.search.summary import Comparison
@@ -167,14 +169,18 @@ def _choice(scene: str | Scene | NamedScene) -> SceneChoice:
 
 
 def _sensor_folder(sensor: str | Path | TactileSensor | None, run: Path) -> Path | None:
-    """Folder of a sensor; a sensor object is written into the folder of the run."""
+    """Folder of a sensor; a sensor object is written into the folder of the run, under a name of its own."""
     if not isinstance(sensor, TactileSensor):
         return None if sensor is None else Path(sensor)
-    folder, here = run / "sensor", scene_fields(sensor.scene)
-    sensor.reader.save(folder / READER_FILE)
-    write_observation_model(
-        folder, sensor.model, sensor.reader.card.in_poses_of(here) or here, stiffness=_measured_stiffness(sensor)
-    )
+    here, stiffness = scene_fields(sensor.scene), _measured_stiffness(sensor)
+    run.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".sensor", dir=run) as written:
+        new = Path(written) / "sensor"
+        sensor.reader.save(new / READER_FILE)
+        write_observation_model(new, sensor.model, sensor.reader.card.in_poses_of(here) or here, stiffness=stiffness)
+        folder = run / f"sensor-{files_digest([new / READER_FILE, observation_file(new)])[:12]}"
+        if not folder.exists():
+            new.rename(folder)
     return folder
 
 

@@ -16,6 +16,7 @@ from belief.files import write_text
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import Within, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table, interval
 from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting
@@ -105,16 +106,21 @@ class OverprobingCommand:
     """Folder of a finished comparison; overprobing.json is written there."""
     confidence: Annotated[float, Within(0.5, 1.0, open_low=True)] = 0.95
     """Smallest posterior probability that counts as certain."""
+    trust: bool = False
+    """Run code of your own that the folder names, such as a scene module:attribute."""
 
     def run(self) -> None:
         """Read the episodes, count and print.
 
         Raises:
             NothingToCount: The posterior never became certain of an object.
+            FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         check_arguments(self)
         run = RunFolder(self.folder)
-        labels = tuple(Setting.from_dict(run.read_run()["arguments"]["setting"]).problem.shape_labels)
+        arguments = run.read_run()["arguments"]
+        setting = Setting.from_dict(arguments["setting"], Trust(self.folder, everything=self.trust))
+        labels = tuple(setting.problem.shape_labels)
         episodes: dict[str, list[Episode]] = {}
         for key in (key for key in run.complete_keys() if key.is_played):
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
@@ -123,7 +129,7 @@ class OverprobingCommand:
             num = sum(map(len, episodes.values()))
             raise NothingToCount(
                 f"no posterior in {self.folder} reached --confidence {self.confidence} in {num} episodes. Use a lower "
-                f"value, or run more searches with:\n{run.again(episodes=num + 1000)}"
+                f"value, or run more searches with:\n{run.again(episodes=arguments['episodes'] + 1000)}"
             )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         shares = ("probed again", "revised", "first wrong", "wrong")

@@ -9,6 +9,7 @@ from typing import Annotated
 from belief.errors import ActiveTouchError
 from belief.files import atomic_path, require_writable_file
 from experiments.command_line.arguments import CountOrNone, Ending, check_arguments
+from experiments.command_line.trust import Trust
 from experiments.search.frames import replay
 from experiments.search.run_folder import RunFolder, read_episode
 from experiments.search.setting import Setting, load_sensor
@@ -40,12 +41,15 @@ class Replay:
     """Number of the episode, from 0."""
     out: Annotated[Path, Ending((".png", ".svg", ".pdf", *_ANIMATED))] = Path("runs/search.png")
     """File to write. The ending decides the format: .png, .svg or .pdf; .gif or .webp for an animation."""
+    trust: bool = False
+    """Run code of your own that the folder names, such as a scene module:attribute."""
 
     def run(self) -> None:
         """Repeat the touches and draw the search.
 
         Raises:
             NoSuchEpisode: The folder does not hold the requested search.
+            FileNamesCode: The folder names code, and ``trust`` is not set.
         """
         check_arguments(self)
         from experiments.search.body_picture import Bodies
@@ -53,7 +57,7 @@ class Replay:
 
         require_writable_file(self.out)
         run = RunFolder(self.folder)
-        setting = Setting.from_dict(run.read_run()["arguments"]["setting"])
+        setting = Setting.from_dict(run.read_run()["arguments"]["setting"], Trust(self.folder, everything=self.trust))
         episode = read_episode(self._line(run), tuple(setting.problem.shape_labels))
         draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:

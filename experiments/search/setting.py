@@ -20,6 +20,7 @@ from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within
+from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
 from experiments.search.touch_memo import TouchMemo
@@ -66,10 +67,14 @@ class Setting:
         return {**own, "choice": self.choice.to_dict(), "sensor": sensor}
 
     @classmethod
-    def from_dict(cls, fields: Mapping[str, Any]) -> Setting:
-        """The setting from :meth:`to_dict`."""
+    def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> Setting:
+        """The setting from :meth:`to_dict`, in a file.
+
+        Raises:
+            FileNamesCode: the scene or its renderer is code that may not be used.
+        """
         sensor = None if fields["sensor"] is None else Path(fields["sensor"])
-        return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"]), "sensor": sensor})
+        return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"], trust), "sensor": sensor})
 
     def resolved(self) -> Setting:
         """The same setting with absolute paths, for workers with another working folder."""

@@ -30,6 +30,7 @@ from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
@@ -70,6 +71,8 @@ class Calibrate:
     """Seed of the bootstrap intervals."""
     anyway: bool = False
     """Use a collection of another scene than the reader's."""
+    trust: bool = False
+    """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     def run(self, scene: Scene | None = None) -> None:
         """Choose, fit, write, and print the evaluation.
@@ -89,7 +92,7 @@ class Calibrate:
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
         require_enough(manifest, data)
-        scene = scene if scene is not None else scene_of(manifest)
+        scene = scene if scene is not None else scene_of(manifest, Trust(data, [self.scene], self.trust))
         candidates = candidate_models(chosen_from, reader, scene, self.hypotheses)
         calibration, test = read_split(data, "calibration"), read_split(data, "test")
         known = read_touches(reader, calibration, "reading calibration touches")
@@ -112,11 +115,13 @@ class Calibrate:
             "depth_and_force_accuracy": depth_and_force_accuracy(calibration, test),
             **evaluate(choice.model, tested, test, np.random.default_rng(self.seed)),
         }
+        independent = candidates[leaner](*touches, **labels) if leaner is not None else None
         reader.save(out / READER_FILE)
         write_observation_model(out, choice.model, manifest.scene)
-        (out / INDEPENDENT_FILE).unlink(missing_ok=True)
-        if leaner is not None:
-            write_observation_model(out, candidates[leaner](*touches, **labels), manifest.scene, INDEPENDENT_FILE)
+        if independent is not None:
+            write_observation_model(out, independent, manifest.scene, INDEPENDENT_FILE)
+        else:
+            (out / INDEPENDENT_FILE).unlink(missing_ok=True)
         write_text(out / "evaluation.json", json.dumps(evaluation, indent=1) + "\n")
         _show(evaluation, choice)
         if manifest.plan.repeats == 1:
@@ -127,9 +132,13 @@ class Calibrate:
         print(f"wrote {out}")
 
 
-def scene_of(manifest: Manifest) -> Scene | None:
-    """The scene of a collection that the command line chose; None where a program did."""
-    return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice).named.scene
+def scene_of(manifest: Manifest, trust: Trust) -> Scene | None:
+    """The scene of a collection that the command line chose; None where a program did.
+
+    Raises:
+        FileNamesCode: the scene is code that may not be used.
+    """
+    return None if manifest.choice is None else SceneChoice.from_dict(manifest.choice, trust).named.scene
 
 
 def candidate_models(

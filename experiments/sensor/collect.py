@@ -17,6 +17,7 @@ from activetouch.scene_description import in_words, scene_differences, scene_fie
 from belief.errors import ActiveTouchError, CorruptFile
 from experiments.command_line.arguments import Jobs, check_arguments
 from experiments.command_line.collection_arguments import PlanArguments
+from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 
@@ -47,6 +48,8 @@ class Collect:
     """Objects per shape and split, and rounds of poses that each is touched in."""
     from_manifest: Path | None = None
     """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
+    trust: bool = False
+    """With --from-manifest: run code of your own that it names, such as a scene module:attribute."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Processes; the bytes do not depend on it."""
 
@@ -74,7 +77,7 @@ class Collect:
             raise NotReproduced(
                 f"{source} is not complete, there is no SHA-256 to compare with; finish it {recorded.how(original)}"
             )
-        choice = _choice(recorded, source)
+        choice = _choice(recorded, Trust(source, everything=self.trust))
         again = collect(choice, recorded.plan, self.out, self.jobs)
         assert again.sha256 is not None, "a collection ends with its digests"
         if differing := [name for name, digest in recorded.sha256.items() if again.sha256[name] != digest]:
@@ -156,12 +159,13 @@ def _require_recorded(
         )
 
 
-def _choice(recorded: Manifest, source: Path) -> SceneChoice:
+def _choice(recorded: Manifest, trust: Trust) -> SceneChoice:
     """The scene of a manifest in words of the command line, if they still mean what they meant."""
+    source = trust.source
     if recorded.choice is None:
         raise NotReproduced(f"{source} was recorded by a program, not by this command; run that program again")
     try:
-        choice = SceneChoice.from_dict(recorded.choice)
+        choice = SceneChoice.from_dict(recorded.choice, trust)
         scene = scene_fields(choice.named.scene)
     except ActiveTouchError:
         raise

@@ -30,6 +30,7 @@ from experiments.command_line.arguments import (
     Seed,
     check_arguments,
 )
+from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, progress_bar
 from experiments.scene_choice import collection_folder, named_scene, training_folder
 from experiments.sensor_choice import open_collection, require_named_scene, to_be_read
@@ -134,6 +135,8 @@ class Train:
     """Settings that differ from the recipe's."""
     threads: Jobs = field(default_factory=default_jobs)
     """Threads of the linear algebra."""
+    trust: bool = False
+    """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
@@ -143,7 +146,7 @@ class Train:
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
         require_writable(out)
-        manifest = to_be_read(open_collection(data, self.scene, repeats=False))
+        manifest = to_be_read(open_collection(data, self.scene, repeats=False), Trust(data, [self.scene], self.trust))
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size
         backbone = self.backbone if self.backbone is not None else named.backbone

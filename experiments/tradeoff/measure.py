@@ -9,7 +9,7 @@ import json
 import multiprocessing
 import resource
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from activetouch.world import touch_many
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
+from experiments.search.run_folder import code_digests, versions
 from experiments.search.setting import episode_seed, make_world
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
@@ -85,20 +86,35 @@ def measured(configuration: Configuration, folder: Path) -> SearchResult:
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
         result = _search(configuration, folder / "models")
-        write_text(path, json.dumps(asdict(result)) + "\n")
+        write_text(path, json.dumps({**asdict(result), "made_with": _made_with()}) + "\n")
     fields = json.loads(path.read_text())
+    fields.pop("made_with", None)
     return SearchResult(**{**fields, "configuration": configuration})
 
 
-def finished(folder: Path) -> list[tuple[SearchResult, TouchCost]]:
-    """All results in a folder, with their costs; if some differ only in the number of searches, the largest."""
+def num_outdated(configurations: Iterable[Configuration], folder: Path) -> int:
+    """Number of results that other code or other versions of packages measured than now."""
+    paths = (folder / "results" / f"{configuration.key}.json" for configuration in configurations)
+    return sum(json.loads(path.read_text()).get("made_with") != _made_with() for path in paths)
+
+
+def _made_with() -> dict[str, str]:
+    return versions() | code_digests()
+
+
+def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
+    """All results of a seed in a folder, with their costs; if some differ only in the number of searches, the largest.
+
+    All of them played the same searches.
+    """
     found: dict[Configuration, SearchResult] = {}
     for path in sorted((folder / "results").glob("[!.]*.json")):
         fields = json.loads(path.read_text())
         network = Network(**fields["configuration"].pop("network"))
         configuration = Configuration(network=network, **fields["configuration"])
-        if configuration.key != path.stem:
-            continue  # measured with an earlier version of a shipped sensor
+        if configuration.key != path.stem or configuration.seed != seed:
+            continue  # measured with an earlier version of a shipped sensor, or in other searches
+        fields.pop("made_with", None)
         result = SearchResult(**{**fields, "configuration": configuration})
         same = replace(configuration, episodes=0)
         if same not in found or len(found[same].successes) < len(result.successes):

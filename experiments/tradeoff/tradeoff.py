@@ -76,7 +76,7 @@ class Tradeoff:
             BadArgument: There are no results, or a reader is not given as SCENE=FILE.
             UnknownName: There is no such scene.
         """
-        from experiments.tradeoff.measure import finished
+        from experiments.tradeoff.measure import finished, num_outdated
         from experiments.tradeoff.picks import Candidate, fronts, picks
         from experiments.tradeoff.report import sentences, short_front_table, write_tradeoff_report
 
@@ -84,7 +84,7 @@ class Tradeoff:
         for scene in self.scenes:
             named_scene(scene)
         require_writable(self.out)
-        results = finished(self.out) if self.finished else self.measure()
+        results = finished(self.out, self.seed) if self.finished else self.measure()
         if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
         found = fronts([Candidate(*result) for result in results], np.random.default_rng(self.seed))
@@ -95,6 +95,12 @@ class Tradeoff:
             console.print(short_front_table(front).rich())
         for line in sentences(answers, self.out):
             console.print(line, soft_wrap=True)
+        if outdated := num_outdated((result.configuration for result, _ in results), self.out):
+            console.print(
+                f"{outdated} of {len(results)} results are kept from other code or other versions of packages. Delete "
+                f"{self.out / 'results'} to measure all again.",
+                soft_wrap=True,
+            )
         print(f"wrote {self.out}/report.html, tradeoff.md, .json, .csv, .svg and .png")
 
     def measure(self) -> list[tuple[SearchResult, TouchCost]]:

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from activetouch import Dynamic, Quasistatic
@@ -7,6 +9,7 @@ from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.rendering import GelSightRenderer, PressureRenderer
 from belief.errors import UnknownName
 from belief.references import BadReference
+from experiments.command_line.trust import Trust
 from experiments.scene_choice import DuplicateShape, SceneChoice, renderer_named
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n30 0 0\n0 30 0\n0 0 30\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
@@ -54,7 +57,7 @@ def test_an_unknown_scene_suggests_the_nearest():
 
 def test_a_choice_survives_the_way_through_a_run_file(mesh):
     choice = SceneChoice(scene="hard", fidelity="dynamic", meshes=(mesh,), mesh_scale=0.001)
-    assert SceneChoice.from_dict(choice.to_dict()) == choice
+    assert SceneChoice.from_dict(choice.to_dict(), Trust(Path("run.json"))) == choice
 
 
 def test_settings_of_a_renderer_that_is_ready_are_refused_rather_than_ignored():

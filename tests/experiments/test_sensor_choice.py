@@ -21,6 +21,7 @@ from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.cli import commands
 from experiments.command_line.arguments import BadArgument
+from experiments.command_line.trust import Trust
 from experiments.ppo.touch_bank import MakeTouchBank
 from experiments.ppo.train_ppo import TrainPPO
 from experiments.press.leak import Leak
@@ -187,7 +188,7 @@ def test_a_sensor_of_another_scene_is_used_anyway_when_asked_to(tmp_path, capsys
     Compare(setting=setting, deciders=("threshold",), targets=("cone",), episodes=1, jobs=1, out=tmp_path / "run").run()
     for text in (capsys.readouterr().err, (tmp_path / "run" / "report.html").read_text(encoding="utf-8")):
         assert "pad.num_taxels is 32, not 128" in text
-    assert Setting.from_dict(setting.to_dict()) == setting
+    assert Setting.from_dict(setting.to_dict(), Trust(Path("run.json"))) == setting
 
 
 def test_anyway_is_not_offered_where_the_network_cannot_read_the_images():
@@ -270,7 +271,7 @@ def test_a_joint_sensor_keeps_its_independent_model_and_compare_can_play_it(tmp_
     independent = replace(own, observation_model="independent")
     assert (known_model(own)[0].name, known_model(independent)[0].name) == ("rigid body", "ratio")
     assert identity(own, 0)["sensor_sha256"] != identity(independent, 0)["sensor_sha256"]
-    assert Setting.from_dict(independent.to_dict()) == independent
+    assert Setting.from_dict(independent.to_dict(), Trust(Path("run.json"))) == independent
     shutil.copytree(joint, tmp_path / "sensor")
     (tmp_path / "sensor" / INDEPENDENT_FILE).unlink()
     with pytest.raises(NoIndependentModel, match="calibrate writes both"):

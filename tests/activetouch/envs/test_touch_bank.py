@@ -8,6 +8,7 @@ from scipy.special import log_softmax
 from activetouch import TactileSensor
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes
+from activetouch.envs.joint_evidence import WeighedTouches
 from activetouch.envs.object_goal import ObjectGoalEnv
 from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
@@ -124,6 +125,18 @@ def test_the_gains_of_a_bank_are_those_of_the_environment(env_of, state, body):
             live, *_ = env.step(pose)
             episodes.step(np.array([pose]))
     assert np.mean(seen) < 1e-5
+
+
+def test_touches_that_were_forgotten_are_weighed_again(body, monkeypatch):
+    bank = recorded(ObjectTestEnv(touches=SampledTouches(body, POSES), target="shape_1", touch_limit=30), 20, 2)
+    all_known = WeighedTouches(bank, body)
+    monkeypatch.setattr("activetouch.envs.joint_evidence.MOST_BYTES", 2 * all_known.untouched.nbytes)
+    few_known = WeighedTouches(bank, body)
+    touches = np.arange(6), np.zeros((6, 2), int), np.tile([0, 1], (6, 1))
+    for _ in range(2):
+        for found, wanted in zip(few_known.of(*touches), all_known.of(*touches), strict=True):
+            np.testing.assert_array_equal(found, wanted)
+        assert (len(few_known._known), len(all_known._known)) == (2, 6)
 
 
 def test_a_drawn_target_is_every_shape_and_has_the_prior(body, rng):

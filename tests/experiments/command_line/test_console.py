@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from experiments import parallel
 from experiments.command_line.collection_arguments import PlanArguments
@@ -135,3 +136,9 @@ def test_no_cell_of_a_table_is_a_formula(tmp_path, label):
 @pytest.mark.parametrize("cell", ["cone", "", "-0.5", "+1e-3", "-inf", -0.5, -1, None, "a=b", "'=1"])
 def test_harmless_cells_stay_as_they_are(cell):
     assert csv_text([(cell, "x")]) == f"{'' if cell is None else cell},x\n"
+
+
+def test_linear_algebra_uses_one_thread_in_this_process_as_in_workers():
+    with threadpool_limits(2):
+        [pools] = parallel.run_tasks([threadpool_info], 1, "asking")
+    assert {pool["num_threads"] for pool in pools if pool["user_api"] == "blas"} == {1}

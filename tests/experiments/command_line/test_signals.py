@@ -103,7 +103,7 @@ ENDS = pytest.mark.parametrize(
 def judge(found, code):
     assert found[0] == code
     if code > 0:
-        assert "interrupted; finished results are kept" in found[1]
+        assert "interrupted; what was written is kept" in found[1]
         assert "Traceback" not in found[1]
 
 
@@ -139,7 +139,7 @@ def test_a_signal_while_a_command_loads_ends_it_with_one_line(tmp_path, module, 
     process = start(["-m", "experiments.cli", "compare", "--help"], tmp_path, path=[tmp_path])
     _, errors = process.communicate(timeout=SECONDS)
     assert process.returncode == 128 + getattr(signal, name)
-    assert errors.strip() == "interrupted; finished results are kept, run the same command to continue"
+    assert errors.strip().startswith("interrupted; what was written is kept. The same command goes on")
 
 
 def test_told_to_end_a_command_ends_even_where_foreign_code_swallows_the_exception(tmp_path):

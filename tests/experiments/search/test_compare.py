@@ -15,6 +15,7 @@ from rich.console import Console
 from belief.errors import UnknownName
 from belief.files import sealed_json
 from experiments.cli import main
+from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search import shards
 from experiments.search.compare import BadArgument, Compare
@@ -210,7 +211,8 @@ def test_names_of_deciders_are_never_cut(finished, width):
 def test_a_composition_makes_room_for_more_objects_than_shapes():
     problem = Setting(num_objects=9, composition="independent").problem
     assert (problem.num_objects, problem.counts) == (9, None)
-    assert Setting.from_dict(Setting(composition="independent").to_dict()) == Setting(composition="independent")
+    setting = Setting(composition="independent")
+    assert Setting.from_dict(setting.to_dict(), Trust(Path("run.json"))) == setting
 
 
 @pytest.mark.parametrize(
@@ -274,7 +276,7 @@ def test_a_file_that_records_no_comparison_is_no_configuration(tmp_path):
 
 def test_abstaining_deciders_are_played_reported_replayed_and_kept_apart_from_others(tmp_path):
     setting = Setting(SceneChoice("coarse", fidelity="quasistatic"), abstain=0.02, unsure_reward=-0.5)
-    assert Setting.from_dict(json.loads(json.dumps(setting.to_dict()))) == setting
+    assert Setting.from_dict(json.loads(json.dumps(setting.to_dict())), Trust(Path("run.json"))) == setting
     request = Compare(("random_confirm",), targets=("cone",), episodes=2, setting=setting, out=tmp_path, jobs=1)
     comparison, page, _ = request.report()
     assert [episode.outcome for episode in comparison.of("random_confirm")] == [Outcome.UNSURE] * 2

@@ -271,3 +271,9 @@ def test_a_sensor_object_is_of_the_poses_of_its_scene(tmp_path):
     scene = replace(sensor.scene, poses=poses)
     folder = _sensor_folder(TactileSensor(scene, sensor.reader, sensor.model), tmp_path)
     assert TactileSensor.load(folder, scene).shift == ()
+
+
+def test_a_second_sensor_object_leaves_that_of_the_run_as_it_was(tmp_path):
+    folders = [_sensor_folder(TactileSensor.shipped(name), tmp_path) for name in ("coarse", "gel", "coarse")]
+    assert folders[0] == folders[2] != folders[1]
+    assert sorted(tmp_path.iterdir()) == sorted({*folders})

@@ -55,7 +55,7 @@ def a_run(folder, probability):
     probe, confirm = Decision(Probe(0)), Decision(Confirm())
     steps = (Step(0, Belief.uniform(labels), probe, Touch(0, np.zeros(4))), Step(0, after, confirm, None))
     run = RunFolder(folder)
-    run.open({}, {"setting": Setting().to_dict()})
+    run.open({}, {"setting": Setting().to_dict(), "episodes": 25})
     played = [Episode((0,), 0, (0, 1, 2, 3), steps, Outcome.CONFIRMED)] * EPISODES_PER_SHARD
     run.write(ShardKey("somebody", "sphere", 0), Shard(episode_lines("somebody", played), Seconds(), "v1"))
 
@@ -71,7 +71,7 @@ def test_the_command_reads_a_finished_comparison(tmp_path, capsys):
 def test_without_anything_to_count_nothing_is_written(tmp_path, capsys):
     a_run(tmp_path, 0.6)
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(NothingToCount, match=r"0\.95 in 25 episodes.*\n.*--config .*run\.json --episodes"):
+    with pytest.raises(NothingToCount, match=r"0\.95 in 25 episodes.*\n.*--config .*run\.json --episodes 1025"):
         OverprobingCommand(folder=tmp_path).run()
     assert sorted(tmp_path.rglob("*")) == before
     assert not capsys.readouterr().out

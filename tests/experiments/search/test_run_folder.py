@@ -295,3 +295,18 @@ def test_what_is_no_shard_among_shards_is_left_alone(tmp_path):
     folder = a_run(tmp_path)
     (tmp_path / "shards" / "notes.jsonl").write_text("mine")
     assert folder.complete_keys() == [KEY]
+
+
+def test_a_merge_that_is_interrupted_leaves_no_folder_that_another_run_takes_as_its_own(tmp_path, monkeypatch):
+    a_run(tmp_path / "a", [ShardKey("x", "t", number) for number in range(2)])
+    written = RunFolder.write
+
+    def write_one(folder, key, shard):
+        written(folder, key, shard)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunFolder, "write", write_one)
+    with pytest.raises(KeyboardInterrupt):
+        merge([tmp_path / "a"], tmp_path / "c")
+    with pytest.raises(RunMismatch, match="other seed"):
+        RunFolder(tmp_path / "c").require({"seed": 7})

@@ -29,7 +29,7 @@ from experiments.tradeoff.configuration import (
     sweep,
 )
 from experiments.tradeoff.figures import _STYLES as STYLES
-from experiments.tradeoff.measure import SearchResult, TouchCost, measured
+from experiments.tradeoff.measure import SearchResult, TouchCost, finished, measured, num_outdated
 from experiments.tradeoff.models import observation_model
 from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
 from experiments.tradeoff.tradeoff import Tradeoff
@@ -261,3 +261,18 @@ def test_a_table_has_words_to_the_left_and_numbers_to_the_right():
     assert table.is_word == [True, True, False, False]
     assert table.markdown().splitlines()[1] == "| --- | --- | ---: | ---: |"
     assert Table("", ("who", "n"), []).is_word == [True, False]
+
+
+@pytest.mark.mujoco
+@pytest.mark.torch
+def test_results_of_other_searches_stay_out_of_a_report_and_those_of_other_code_are_counted(tmp_path):
+    network = Network.of_sensor("coarse", "coarse")
+    for seed in (0, 1):
+        measured(Configuration(network, episodes=1, decider="threshold", seed=seed), tmp_path)
+    for seed in (0, 1):
+        [(result, _)] = finished(tmp_path, seed)
+        assert result.configuration.seed == seed
+        assert num_outdated([result.configuration], tmp_path) == 0
+    path = tmp_path / "results" / f"{result.configuration.key}.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "made_with": {"numpy": "1.0"}}))
+    assert num_outdated([result.configuration], tmp_path) == 1

@@ -1,0 +1,54 @@
+"""Names of code in files: a command runs ``module:attribute`` only if its own command line names or allows it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from belief.errors import ActiveTouchError
+
+
+class FileNamesCode(ActiveTouchError, ValueError):
+    """A file names code that the command line does not name."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Which code a file may name.
+
+    Attributes:
+        source: the file, or the folder that holds it.
+        known: names on the command line.
+        everything: whether the command line has ``--trust``.
+    """
+
+    source: Path
+    known: Collection[str] = ()
+    everything: bool = False
+
+    def allows(self, name: str) -> bool:
+        """Whether a name is of a registry, or of code that may be used."""
+        return self.everything or name in self.known or not _is_code(name)
+
+    def require(self, names: Iterable[str | None]) -> None:
+        """Check the names of scenes, renderers or deciders that the file holds.
+
+        Raises:
+            FileNamesCode: one of them is ``module:attribute``, and may not be used.
+        """
+        unknown = [name for name in names if name and not self.allows(name)]
+        if unknown:
+            raise FileNamesCode(
+                f"{self.source} names code: {', '.join(dict.fromkeys(unknown))}. Reading a file runs no code that only "
+                "the file names. If you know where it is from, add --trust"
+            )
+
+
+def _is_code(name: str) -> bool:
+    """Whether it refers to something outside the registries.
+
+    >>> _is_code("mine:scene(force=2)"), _is_code("information_gain(given='a:b')")
+    (True, False)
+    """
+    return ":" in name.partition("(")[0]
