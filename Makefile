@@ -74,9 +74,12 @@ REPEATS.hard := --plan.repeats 2 --plan.calibration 100 --plan.test 100
 REPEATS.many := $(REPEATS.hard)
 REPEATS.paper := --plan.repeats 2 --plan.calibration 150 --plan.test 300
 REPEATS.keyed := --plan.repeats 2 --plan.calibration 60 --plan.test 40
+# Half of the images look as those of a worn pad (decisions 0070 and 0071).
+WORN := --backbone grid_cnn --change.epochs 24 --change.patience 24 --change.optimizer muon \
+  --change.gain 0.4 --change.noise 0.04 --change.dead 0.25 --threads 1
+TRAIN.gel := $(WORN)
 TRAIN.coarse := --change.batch-size 512 --change.cell 0
-TRAIN.hard := --backbone grid_cnn --change.epochs 24 --change.patience 24 --change.optimizer muon \
-  --change.focus cube cuboid wedge --change.gain 0.4 --change.noise 0.04 --change.dead 0.25 --threads 1
+TRAIN.hard := $(WORN) --change.focus cube cuboid wedge
 TRAIN.many := $(TRAIN.hard)
 TRAIN.paper := --backbone cnn --change.epochs 30 --change.patience 30 --change.cell 2.8
 TRAIN.keyed := --change.patience 12
