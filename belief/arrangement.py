@@ -36,7 +36,7 @@ from belief.arrangement_sums import every_arrangement, fast_marginals
 from belief.errors import ImpossibleObservation
 from belief.multisets import Layer, layers, num_multisets
 from belief.problem import Floats
-from belief.validation import as_real
+from belief.validation import as_real, require_index
 
 MAX_STATES = 2**20
 """Largest number of multisets in an exact sum, reached by 20 distinct shapes."""
@@ -95,28 +95,6 @@ def _log_marginals(weights: Floats, bag: tuple[int, ...]) -> Floats:
         return np.log(fast)
 
 
-def log_arrangement_evidence(log_weights: ArrayLike, counts: Sequence[int] | None = None) -> float:
-    """Log evidence of all touches, the log of the mean weight of all draws from the bag; -inf if it is zero.
-
-    Arguments and ``ValueError`` are those of :func:`arrangement_marginals`.
-
-    >>> round(float(np.exp(log_arrangement_evidence(np.log([[0.8, 0.2], [0.5, 0.5]])))), 3)
-    0.25
-    """
-    weights, bag = _checked(log_weights, counts)
-    blank = blank_objects(weights, bag)  # they add the same factor to every arrangement
-    some = weights[~blank]
-    try:
-        relative = _relative(some, bag)
-    except ImpossibleObservation:
-        return -np.inf
-    with np.errstate(divide="ignore", over="ignore"):
-        log_total = _log_sum(_forward(relative.weights, relative.table)[-1] + relative.end, axis=0)
-        log_num_draws = np.log(float(sum(bag)) - np.arange(len(some))).sum()
-        log_evidence = log_total - log_num_draws + relative.best + weights[blank].max(axis=1).sum()
-        return float(np.clip(log_evidence, -_LARGEST, _LARGEST))
-
-
 def prob_shape_absent(
     log_weights: ArrayLike, counts: Sequence[int] | None, shape: int, among: NDArray[np.bool_]
 ) -> float:
@@ -129,12 +107,15 @@ def prob_shape_absent(
         among: mask of the selected objects, ``(N,)``; the others may have any shape.
 
     Raises:
-        ValueError, ImpossibleObservation: as :func:`arrangement_marginals`.
+        ValueError: a shape out of range, or as :func:`arrangement_marginals`.
+        ImpossibleObservation: as :func:`arrangement_marginals`.
 
     >>> round(prob_shape_absent(np.zeros((2, 4)), None, shape=0, among=np.array([True, True])), 12)
     0.5
     """
-    relative = _relative(*_checked(log_weights, counts))
+    checked, bag = _checked(log_weights, counts)
+    require_index("shape", shape, len(bag))
+    relative = _relative(checked, bag)
     without = np.where(among[:, None] & (np.arange(relative.weights.shape[1]) == shape), -np.inf, relative.weights)
     with np.errstate(divide="ignore"):
         log_total, log_total_without = (

@@ -28,7 +28,7 @@ from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real, at, normalise_log_probs, normalise_probs, require
+from belief.validation import SUM_TOLERANCE, as_real, at, normalise_log_probs, normalise_probs, require, require_index
 
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache
@@ -138,15 +138,14 @@ def target_information_gain(belief: ArrayLike, outcome_probs: ArrayLike, target:
     """Mutual information of the event "this is the target" and the outcome in each pose [nats].
 
     The result ``(..., P)`` is in ``[0, log 2]`` and at most :func:`expected_information_gain`, whose arguments and
-    errors it shares; ``target`` is the index of the target shape.
+    errors it shares; ``target`` is the index of the target shape, and one out of range is a ``ValueError``.
 
     >>> tells_the_target, tells_the_others = np.eye(3)[[0, 1, 1]], np.eye(3)[[0, 0, 1]]
     >>> target_information_gain([0.5, 0.25, 0.25], [tells_the_target, tells_the_others], target=0).round(3).tolist()
     [0.693, 0.216]
     """
     b, table = _belief_and_table(belief, outcome_probs)
-    if not 0 <= target < b.shape[-1]:
-        raise ValueError(f"target must be in [0, {b.shape[-1]}), got {target}")
+    require_index("target", target, b.shape[-1])
     joint = b[..., None, :, None] * table  # (..., P, K, M)
     hit = joint[..., target, :]  # (..., P, M)
     miss = np.maximum(joint.sum(axis=-2) - hit, 0.0)

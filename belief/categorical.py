@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief import bayes
-from belief.errors import UnknownName
 from belief.frozen import FrozenArrays
-from belief.naming import one_line
+from belief.naming import Name, checked_names, index_of, one_line
 from belief.problem import Floats
 from belief.validation import as_real, normalise_log_probs, normalise_probs
 
@@ -27,7 +26,8 @@ class Belief(FrozenArrays):
         log_probs: log probabilities, ``(K,)``, normalised at construction, read-only.
 
     Raises:
-        ValueError: the probabilities hold NaN, do not sum to one, or do not fit the labels.
+        ValueError: labels that are no sequence of different names; probabilities that hold NaN, do not sum to one, or
+            do not fit the labels.
 
     Example:
         >>> belief = Belief.uniform(["sphere", "cube", "cone"])
@@ -40,24 +40,22 @@ class Belief(FrozenArrays):
     log_probs: Floats
 
     def __post_init__(self) -> None:
-        labels, log_probs = tuple(self.labels), as_real(self.log_probs, "log_probs")
-        _require_labels(labels, log_probs.shape)
-        object.__setattr__(self, "labels", labels)
+        log_probs = as_real(self.log_probs, "log_probs")
+        object.__setattr__(self, "labels", _checked_labels(self.labels, log_probs.shape))
         object.__setattr__(self, "log_probs", normalise_log_probs(log_probs))
         self.freeze()
 
     @classmethod
     def uniform(cls, labels: Sequence[str]) -> Belief:
         """Every shape equally likely."""
-        if not labels:
-            raise ValueError("labels is empty: a belief needs at least one shape")
-        return cls(tuple(labels), np.full(len(labels), -np.log(len(labels))))
+        names = checked_names("labels", labels)
+        return cls(names, np.full(len(names), -np.log(len(names))))
 
     @classmethod
     def from_probs(cls, labels: Sequence[str], probs: ArrayLike) -> Belief:
         """A belief from probabilities ``(K,)``; zeros are allowed."""
-        names, given = tuple(labels), normalise_probs(probs)
-        _require_labels(names, given.shape)
+        given = normalise_probs(probs)
+        names = _checked_labels(labels, given.shape)
         with np.errstate(divide="ignore"):
             return cls.of_normalised(names, np.log(given))
 
@@ -85,11 +83,14 @@ class Belief(FrozenArrays):
         """Entropy [nats]."""
         return float(bayes.entropy(self.probs))
 
-    def prob(self, label: str) -> float:
-        """Probability of one shape by name."""
-        if label not in self.labels:
-            raise UnknownName("shape", label, list(self.labels))
-        return float(np.exp(self.log_probs[self.labels.index(label)]))
+    def prob(self, label: Name) -> float:
+        """Probability of one shape, in [0, 1], by its label or index.
+
+        Raises:
+            UnknownName: there is no shape of this name.
+            InvalidArgument: an index out of range.
+        """
+        return float(np.exp(self.log_probs[index_of("shape", self.labels, label)]))
 
     def update(self, log_likelihood: ArrayLike) -> Belief:
         """The posterior belief after an observation with this log-likelihood ``(K,)``.
@@ -113,11 +114,9 @@ class Belief(FrozenArrays):
         return f"Belief({', '.join(f'{label} {prob:.3f}' for label, prob in pairs)})"
 
 
-def _require_labels(labels: tuple[str, ...], shape: tuple[int, ...]) -> None:
-    """Check the names of a belief's shapes against the shape of its array."""
-    if len(set(labels)) != len(labels):
-        raise ValueError(f"labels must differ from each other, got {list(labels)}")
-    if shape != (len(labels),) or not labels:
-        raise ValueError(
-            f"{len(labels)} labels need log_probs of shape ({len(labels)},) with at least one entry, got {shape}"
-        )
+def _checked_labels(labels: Sequence[str], shape: tuple[int, ...]) -> tuple[str, ...]:
+    """The names of a belief's shapes, checked against the shape of its array."""
+    names = checked_names("labels", labels)
+    if shape != (len(names),):
+        raise ValueError(f"{len(names)} labels need as many probabilities, ({len(names)},), got {shape}")
+    return names

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 
 _MOST = 2**53  # integers up to here are exact floats
 
@@ -39,7 +39,7 @@ class Counts:
         items: shapes and their counts, sorted by name.
 
     Raises:
-        ValueError: a count that is not an integer or out of range, or an empty bag.
+        ValueError: a label that is not a string, a count that is not an integer or out of range, or an empty bag.
 
     >>> bag = Counts({"cube": 2, "cone": 1})
     >>> bag.total, bag.of(["sphere", "cube", "cone"])
@@ -49,6 +49,8 @@ class Counts:
     items: tuple[tuple[str, int], ...]
 
     def __init__(self, counts: Mapping[str, int]) -> None:
+        if not all(isinstance(label, str) for label in counts):
+            raise InvalidArgument(f"counts must be given by names of shapes, got {dict(counts)}")
         try:
             items = tuple(sorted((str(label), operator.index(count)) for label, count in counts.items()))
         except TypeError as error:

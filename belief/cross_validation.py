@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.validation import unmasked
+from belief.validation import require_count, unmasked
 
 
 def numbered_objects(shapes: ArrayLike, object_ids: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -54,13 +54,14 @@ def object_folds(shapes: ArrayLike, object_ids: ArrayLike, num_folds: int) -> ND
     The first arguments are those of :func:`numbered_objects`; ``num_folds`` is from 1 to the number of objects.
 
     Raises:
-        ValueError: ``num_folds`` is out of range; or as :func:`numbered_objects`.
+        ValueError: ``num_folds`` is not an integer in this range; or as :func:`numbered_objects`.
 
     >>> object_folds([0, 0, 1, 0, 1], [7, 7, 3, 9, 5], num_folds=2)
     array([0, 0, 0, 1, 1])
     """
     owner, shape_of = numbered_objects(shapes, object_ids)
-    if not 1 <= num_folds <= len(shape_of):
+    require_count("num_folds", num_folds)
+    if num_folds > len(shape_of):
         raise ValueError(f"need between 1 and {len(shape_of)} folds for {len(shape_of)} objects, got {num_folds}")
     fold_of = np.empty(len(shape_of), np.intp)
     fold_of[np.argsort(shape_of, kind="stable")] = np.arange(len(shape_of)) % num_folds

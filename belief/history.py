@@ -30,7 +30,7 @@ class TouchHistory(Sequence[Touch]):
         self._length = len(self._shared)
         self._uses = Counter(touch.pose for touch in self._shared)
 
-    def extended(self, touches: Sequence[Touch]) -> TouchHistory:
+    def extended(self, touches: Iterable[Touch]) -> TouchHistory:
         """This history followed by these touches; the time is linear in the number of new touches."""
         longer = object.__new__(TouchHistory)
         is_newest = len(self._shared) == self._length  # otherwise the shared list already has another extension
@@ -38,7 +38,7 @@ class TouchHistory(Sequence[Touch]):
         longer._shared.extend(touches)
         longer._length = len(longer._shared)
         longer._uses = self._uses.copy()
-        longer._uses.update(touch.pose for touch in touches)
+        longer._uses.update(touch.pose for touch in longer._shared[self._length :])
         return longer
 
     def uses(self, num_poses: int) -> NDArray[np.int64]:

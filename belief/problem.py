@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from belief.composition import Composition, Counts
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.naming import checked_names, one_line
+from belief.naming import Name, checked_names, index_of, one_line
 from belief.validation import as_real, require_count
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -30,7 +30,7 @@ class Touch(FrozenArrays):
 
     Attributes:
         pose: index of the exploration pose.
-        logits: the classifier's logits over shapes, ``(K,)``; -inf for a shape that is ruled out.
+        logits: the classifier's logits over shapes, ``(K,)``; -inf for a shape that is ruled out. Converted to float64.
         features: the classifier's embedding, ``(D,)``, or None.
 
     Raises:
@@ -45,10 +45,10 @@ class Touch(FrozenArrays):
     def __post_init__(self) -> None:
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
             raise InvalidArgument(f"the pose of a touch must be an integer ≥ 0, got {self.pose!r}")
-        for name in ("logits", "features"):
-            if name == "logits" or self.features is not None:
-                object.__setattr__(self, name, as_real(getattr(self, name), f"{name} of a touch"))
-        scores = self.logits
+        scores = np.asarray(as_real(self.logits, "logits of a touch"), np.float64)
+        object.__setattr__(self, "logits", scores)
+        if self.features is not None:
+            object.__setattr__(self, "features", as_real(self.features, "features of a touch"))
         if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
             raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
         self.freeze()
@@ -184,7 +184,7 @@ class SearchProblem:
     def reward(
         self,
         confirmed_shape: int | None,
-        target: int,
+        target: Name,
         num_touches: int,
         target_present: bool = True,
         is_unsure: bool = False,
@@ -192,8 +192,9 @@ class SearchProblem:
         """Return of a finished search (decision 0004), which is not the sum of the paper's single-object rewards.
 
         Args:
-            confirmed_shape: true shape of the confirmed object; None if none was confirmed.
-            target: shape sought.
+            confirmed_shape: index of the true shape of the confirmed object, which may be none of the K; None if none
+                was confirmed.
+            target: label or index of the shape sought.
             num_touches: number of touches in the whole search.
             target_present: whether any object had the target shape.
             is_unsure: whether the search ended with :class:`Unsure`.
@@ -203,12 +204,15 @@ class SearchProblem:
             minus ``touch_cost`` per touch.
 
         Raises:
-            InvalidArgument: ``is_unsure`` in a search without this answer, or together with a confirmed shape.
+            UnknownName: no shape has the target's name.
+            InvalidArgument: a target out of range; ``is_unsure`` in a search without this answer, or together with a
+                confirmed shape.
 
         >>> search = SearchProblem(("sphere", "cube"), ("front",), 2, unsure_reward=0.0)
         >>> search.reward(None, 0, num_touches=3, is_unsure=True)
         -0.06
         """
+        target = index_of("target", self.shape_labels, target)
         if is_unsure:
             if self.unsure_reward is None or confirmed_shape is not None:
                 given = "unsure_reward=None" if self.unsure_reward is None else f"a confirmed shape {confirmed_shape}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable
 from copy import copy
 
 import numpy as np
@@ -20,6 +20,7 @@ from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import ObjectEvidence, start
 from belief.problem import Floats, SearchProblem, Touch
 from belief.scene_view import UNKNOWN, ReadableScene, SceneView
+from belief.validation import as_real
 
 
 class SceneBelief(ReadableScene):
@@ -38,7 +39,8 @@ class SceneBelief(ReadableScene):
 
     Raises:
         ValueError: problem, model and prior have different shapes; a prior where the composition fixes one; more
-            multisets of shapes than :data:`belief.arrangement.MAX_STATES`; an unknown target.
+            multisets of shapes than :data:`belief.arrangement.MAX_STATES`; a target out of range.
+        UnknownName: no shape has the target's name.
 
     >>> from belief import Counts
     >>> from belief.synthetic import random_model
@@ -106,11 +108,11 @@ class SceneBelief(ReadableScene):
         Touches of many objects are evaluated faster together, by a model's ``log_likelihood_batch``, than one by one.
 
         Raises:
-            ValueError: they are not ``(N, K)``.
+            ValueError: they are not ``(N, K)``, not real numbers, or hold NaN or +inf.
             ImpossibleObservation: every arrangement has likelihood zero.
         """
         supposed = copy(self)
-        supposed._log_likelihoods = np.array(log_likelihoods, np.float64)
+        supposed._log_likelihoods = np.array(as_real(log_likelihoods, "log_likelihoods"), np.float64)
         if supposed._log_likelihoods.shape != self._log_likelihoods.shape:
             raise ValueError(
                 f"log_likelihoods must be {self._log_likelihoods.shape} (objects, shapes), "
@@ -119,30 +121,30 @@ class SceneBelief(ReadableScene):
         supposed._log_marginals = self._compute(supposed._log_likelihoods, self._known)
         return SceneView(supposed)
 
-    def update(self, object_index: int, touches: Sequence[Touch]) -> Belief:
+    def update(self, object_index: int, touches: Iterable[Touch]) -> Belief:
         """Update the belief with new touches of one object and return its posterior.
 
         Raises:
-            ValueError: an object index out of range, or the object was removed.
+            ValueError: an object index out of range, the object was removed, or a touch does not fit the model.
             ImpossibleObservation: every arrangement has likelihood zero; the belief is unchanged.
         """
         if not self._on_table[self._object(object_index)]:
             raise ValueError(f"object {object_index} is no longer on the table and cannot be touched")
-        all_touches, evidence = self._touches[object_index].extended(touches), self._evidence[object_index]
-        for touch in touches:
+        new, evidence = tuple(touches), self._evidence[object_index]
+        for touch in new:
             evidence = evidence.update(touch)
         log_likelihoods = self._log_likelihoods.copy()
         log_likelihoods[object_index] = evidence.log_likelihood
         try:
             log_marginals = self._compute(log_likelihoods, self._known)
         except ImpossibleObservation as error:
-            poses = [touch.pose for touch in touches]
+            poses = [touch.pose for touch in new]
             raise ImpossibleObservation(
                 f"touching object {object_index} in poses {poses}, {self.belief(object_index)}: {error}"
             ) from error
         self._log_likelihoods, self._log_marginals = log_likelihoods, log_marginals
         self._evidence[object_index] = evidence
-        self._touches[object_index] = all_touches
+        self._touches[object_index] = self._touches[object_index].extended(new)
         return self.belief(object_index)
 
     def known(self, object_index: int, shape: Name) -> None:
@@ -150,6 +152,7 @@ class SceneBelief(ReadableScene):
 
         Raises:
             ValueError: an object or a shape out of range.
+            UnknownName: there is no shape of this name.
             ImpossibleObservation: the object is known to have another shape, or the touches, the prior or the bag rule
                 this one out; the belief is unchanged.
         """
@@ -175,7 +178,7 @@ class SceneBelief(ReadableScene):
         It can no longer be touched and no longer counts as present. Its touches remain evidence about the others.
 
         Raises:
-            ValueError, ImpossibleObservation: as :meth:`known`; the object then stays on the table.
+            ValueError, UnknownName, ImpossibleObservation: as :meth:`known`; the object then stays on the table.
         """
         if shape is not None:
             self.known(object_index, shape)

@@ -16,6 +16,7 @@ from belief.history import TouchHistory
 from belief.naming import Name, index_of
 from belief.observation_model.evidence import ObjectEvidence
 from belief.problem import Floats
+from belief.validation import require_index
 
 UNKNOWN = -1
 """Marks an object of unknown shape in ``_known``."""
@@ -90,18 +91,19 @@ class ReadableScene:
         """Probability that an object still on the table has the target shape, given touches and revealed shapes.
 
         Raises:
-            ValueError: the target is not one of the K shapes.
+            UnknownName: no shape has the target's name.
+            ValueError: a target out of range.
         """
         target = self._shape(target)
         if (self._known[self._on_table] == target).any():
             return 1.0
         unknown = self._known == UNKNOWN
+        if not (unknown & self._on_table).any():
+            return 0.0
         if self._counts is None:
             probs = np.minimum(np.exp(self._log_marginals[unknown & self._on_table, target]), 1.0)
             with np.errstate(divide="ignore"):
-                return 1.0 - float(np.exp(np.log1p(-probs).sum()))
-        if not (unknown & self._on_table).any():
-            return 0.0
+                return 0.0 - float(np.expm1(np.log1p(-probs).sum()))  # never -0.0
         bag = self._bag(self._known)
         return 1.0 - prob_shape_absent(self._log_likelihoods[unknown], bag, target, self._on_table[unknown])
 
@@ -152,8 +154,7 @@ class ReadableScene:
         return tuple(int(count) for count in np.array(self._counts) - used)
 
     def _object(self, object_index: int) -> int:
-        if not 0 <= object_index < len(self._touches):
-            raise ValueError(f"object_index must be in [0, {len(self._touches)}), got {object_index}")
+        require_index("object_index", object_index, len(self._touches))
         return object_index
 
     def _shape(self, shape: Name) -> int:

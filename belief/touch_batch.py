@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from belief.frozen import FrozenArrays
 from belief.problem import Floats, Touch
-from belief.validation import as_real
+from belief.validation import as_real, unmasked
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class TouchBatch(FrozenArrays):
         features: ``(S, n, F)``, finite, or None.
 
     Raises:
-        ValueError: the arrays do not fit each other, or hold NaN, infinities or a negative pose; the message names the
-            touch.
+        ValueError: the arrays do not fit each other, are masked, or hold NaN, infinities or a pose that is negative or
+            beyond 64 bits; the message names the touch.
 
     Example:
         >>> batch = TouchBatch.of([[Touch(0, np.array([2.0, 0.0])), Touch(1, np.array([1.0, 0.5]))]])
@@ -40,14 +40,17 @@ class TouchBatch(FrozenArrays):
     features: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
-        poses, logits = np.asarray(self.poses), np.asarray(as_real(self.logits, "logits"), np.float64)
+        poses, logits = unmasked(self.poses, "poses"), np.asarray(as_real(self.logits, "logits"), np.float64)
         if poses.ndim != 2 or logits.ndim != 3 or logits.shape[:2] != poses.shape or logits.shape[2] == 0:
             raise ValueError(f"need poses (S, n) and logits (S, n, K), got {poses.shape} and {logits.shape}")
         if not np.issubdtype(poses.dtype, np.integer):
             raise ValueError(f"poses must be integers, got {poses.dtype}")
-        if poses.size and poses.min() < 0:
-            sequence, touch = (int(i) for i in np.argwhere(poses < 0)[0])
-            raise ValueError(f"touch {touch} of sequence {sequence} has pose {poses[sequence, touch]}, below 0")
+        indices = poses.astype(np.int64, copy=False)
+        if indices.size and indices.min() < 0:  # or too large for 64 bits with a sign
+            sequence, touch = (int(i) for i in np.argwhere(indices < 0)[0])
+            raise ValueError(
+                f"touch {touch} of sequence {sequence} has pose {poses[sequence, touch]}, not in [0, 2^63)"
+            )
         _require_finite("logits", logits)
         if self.features is not None:
             features = as_real(self.features, "features")
@@ -55,7 +58,7 @@ class TouchBatch(FrozenArrays):
                 raise ValueError(f"features must be (S, n, F) with the poses' {poses.shape}, got {features.shape}")
             _require_finite("features", features)
             object.__setattr__(self, "features", features)
-        object.__setattr__(self, "poses", poses.astype(np.int64, copy=False))
+        object.__setattr__(self, "poses", indices)
         object.__setattr__(self, "logits", logits)
         self.freeze()
 

@@ -20,7 +20,8 @@ class BeliefTracker:
 
     Attributes:
         belief: the current posterior.
-        log_evidence: log probability of all touches under the prior and the model [nats].
+        log_evidence: log p(all touches) under the prior and the model, up to the constant of the model's
+            log-likelihood [nats]. Compare it between priors of one model and the same touches only.
 
     Raises:
         ValueError: the prior and the model have different shapes.

@@ -82,6 +82,18 @@ def require_count(name: str, value: object, least: int = 1) -> None:
         raise InvalidArgument(f"{name} must be an integer, at least {least}, got {value!r}")
 
 
+def require_index(name: str, value: object, size: int) -> None:
+    """Raise InvalidArgument unless an argument is an integer in [0, size).
+
+    >>> require_index("object_index", -1, size=4)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: object_index must be an integer in [0, 4), got -1
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
+        raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
+
+
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:
     """Raise InvalidArgument unless an argument is one of several strings.
 

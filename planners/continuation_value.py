@@ -111,7 +111,7 @@ def prob_missed(info: InformationState) -> float:
 
     >>> from belief import Belief
     >>> problem = SearchProblem(tuple("ab"), ("p",), num_objects=2)
-    >>> prob_missed(InformationState(problem, 0, Belief.uniform("ab")))
+    >>> prob_missed(InformationState(problem, 0, Belief.uniform(tuple("ab"))))
     0.0
     """
     if info.scene is None or info.object_index == 0:

@@ -25,8 +25,10 @@ from belief import (
     TouchHistory,
     Unsure,
 )
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, InvalidArgument
+from belief.naming import index_of
 from belief.observation_model import OutcomeTable
+from belief.validation import require_index
 
 
 class BadState(ActiveTouchError, TypeError):
@@ -39,14 +41,16 @@ class InformationState:
 
     Attributes:
         problem: the search.
-        target: index of the shape sought.
-        belief: about the current object, given all touches of all objects.
+        target: index of the shape sought; a label becomes its index.
+        belief: about the current object, given all touches of all objects; of the problem's shapes.
         history: touches of the current object, oldest first; stored as a :class:`belief.TouchHistory`.
-        object_index: number of objects rejected before this one.
+        object_index: number of objects rejected before this one, in [0, N).
         scene: the joint belief about all objects, for deciders that plan beyond the current one.
 
     Raises:
         BadState: ``scene`` is not a :class:`belief.SceneView`.
+        UnknownName: no shape has the target's name.
+        InvalidArgument: a target or an object index out of range, or a belief about other shapes than the problem's.
     """
 
     problem: SearchProblem
@@ -62,6 +66,11 @@ class InformationState:
                 f"scene must be a SceneView, got {type(self.scene).__name__}; the method view() of a SceneBelief "
                 f"returns one, and InformationState.of takes the SceneBelief itself"
             )
+        labels = self.problem.shape_labels
+        object.__setattr__(self, "target", index_of("target", labels, self.target))
+        if self.belief.labels != labels:
+            raise InvalidArgument(f"the problem is about {labels}, the belief about {self.belief.labels}")
+        require_index("object_index", self.object_index, self.problem.num_objects)
         if not isinstance(self.history, TouchHistory):
             object.__setattr__(self, "history", TouchHistory(self.history))
 

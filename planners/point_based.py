@@ -1,9 +1,9 @@
 """The planner: follows a solved policy of the search at hand on the exact belief.
 
 The policy is solved once for every search problem and target, on the outcome table (:func:`planners.solve.solve`). Its
-hidden state is the smallest exact one where that has at most some hundred values (:mod:`planners.pomdp.stages`), else
-the shape and whether a target was rejected before (:mod:`planners.target_abstraction`). At run time the belief is
-exact: it comes from the observation model, not from discretised outcomes.
+hidden state is the smallest exact one (:mod:`planners.pomdp.stages`), but for bags and for many distinct objects the
+shape and whether a target was rejected before (:mod:`planners.target_abstraction`). At run time the belief is exact: it
+comes from the observation model, not from discretised outcomes.
 
 There are few poses, and repeated touches in one pose give less information than new ones. The policy therefore has a
 set of alpha vectors for each number of touches that an object has had (:mod:`planners.pomdp.repeat_aware`). The next
@@ -38,7 +38,7 @@ from planners.solve.plan_cache import solve_once
 from planners.target_abstraction import belief_by_target, stages_by_target
 
 MAX_STATES = 200
-"""Largest number of hidden states for which the exact hidden state is used; four distinct objects have 32."""
+"""Largest number of exact hidden states of distinct objects; four objects have 32. Independent ones have 2K, always."""
 ROUNDS = (200, 200, 400, 400)
 """Number of simulated searches in each round of planning."""
 _MOST_USES = 3  # of each pose on one object, after which the policy confirms or rejects
@@ -69,7 +69,7 @@ class PointBased:
     def __post_init__(self) -> None:
         if self.given not in ("body", "shape"):
             raise InvalidArgument(f"given must be 'body' or 'shape', got {self.given!r}")
-        require_rounds(self.rounds)
+        object.__setattr__(self, "rounds", require_rounds(self.rounds))
 
     def policy(self, problem: SearchProblem, target: int) -> SearchPolicy:
         """The policy for a search, solved once and then kept in a folder (:mod:`planners.solve.plan_cache`).
@@ -86,7 +86,7 @@ class PointBased:
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         """The settings on which a policy depends besides the search."""
-        return self.table.sha256, tuple(self._weights.tolist()), tuple(self.rounds)
+        return self.table.sha256, tuple(self._weights.tolist()), self.rounds
 
     @cached_property
     def _weights(self) -> Floats:
@@ -130,7 +130,7 @@ class PointBased:
         cost, probs = max(problem.touch_cost, LEAST_COST), self.table.probs
         if isinstance(problem.composition, Composition):
             search = SearchTouchProblem(probs, problem.num_objects, problem.composition, target, cost)
-            if search.num_states <= MAX_STATES:
+            if problem.counts is None or search.num_states <= MAX_STATES:
                 return search
         return stages_by_target(problem, probs, target, cost)
 

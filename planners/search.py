@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch, Unsure
+from belief.errors import InvalidArgument
 from belief.naming import Name, index_of, seed_words
 from belief.observation_model import ObservationModel
 from belief.seeding import deciding_rng, touch_rng
@@ -102,6 +103,8 @@ def search(
 
     Raises:
         UnknownName: no shape has the target's name.
+        ValueError: a target out of range; a seed that is none; a world of another number of objects; a problem, a model
+            and bets that do not fit each other, or a touch that does not fit the model.
         BadDecision: the decider returns an invalid decision.
         ImpossibleObservation: a touch has likelihood zero for every possible shape.
     """
@@ -121,13 +124,18 @@ def search_lockstep(
     """:func:`search` for many episodes at once, in the order of ``worlds``, ``targets``, ``seeds`` and ``log_bets``.
 
     ``touch_many`` makes the touches of all waiting episodes; by default they are made one by one.
+
+    Raises:
+        ValueError: there are not as many targets, seeds or bets as worlds; or as :func:`search`, with its other errors.
     """
     labels = problem.shape_labels
+    log_bets = [0.0] * len(worlds) if log_bets is None else log_bets
+    for given, what in ((targets, "targets"), (seeds, "seeds"), (log_bets, "log_bets")):
+        if len(given) != len(worlds):
+            raise InvalidArgument(f"there must be as many {what} as worlds, {len(worlds)}, got {len(given)}")
     loops = [
         _loop(world, decider, problem, index_of("target", labels, target), model, seed_words(seed), bets)
-        for world, target, seed, bets in zip(
-            worlds, targets, seeds, [0.0] * len(worlds) if log_bets is None else log_bets, strict=True
-        )
+        for world, target, seed, bets in zip(worlds, targets, seeds, log_bets, strict=True)
     ]
     finished: dict[int, Episode] = {}
     answers: dict[int, Touch | None] = dict.fromkeys(range(len(loops)))

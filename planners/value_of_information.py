@@ -64,7 +64,7 @@ class ValueOfInformation:
     >>> from belief import Belief
     >>> bits = OutcomeTable(np.array([np.eye(2)[[0, 0, 1, 1]], np.eye(2)[[0, 1, 0, 1]]]))
     >>> problem = SearchProblem(tuple("abcd"), ("first", "second"), num_objects=1, composition="independent")
-    >>> info = InformationState(problem, 0, Belief.uniform("abcd"))
+    >>> info = InformationState(problem, 0, Belief.uniform(tuple("abcd")))
     >>> [ValueOfInformation(bits, depth).decide(info, np.random.default_rng(0)).action for depth in (1, 2)]
     [Reject(), Probe(pose=0)]
     """

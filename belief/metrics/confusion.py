@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from belief.errors import InvalidArgument
 from belief.metrics.inputs import checked_pair
-from belief.validation import unmasked
+from belief.statistics.inputs import checked_values
 
 
 def confusion_matrix(probs: ArrayLike, labels: ArrayLike) -> NDArray[np.int64]:
@@ -45,18 +44,19 @@ class ShapeScore:
 
 
 def shape_scores(confusion: ArrayLike) -> list[ShapeScore]:
-    """Precision, recall and F1 of every shape, from counts of (true shape, predicted shape).
+    """Precision, recall and F1 of every shape, from counts of (true shape, predicted shape), ``(K, K)``.
+
+    Raises:
+        ValueError: counts that are no numbers, not square, negative, or not finite and at most 1e150.
 
     >>> [round(score.f1, 3) for score in shape_scores([[8, 2], [0, 10]])]
     [0.889, 0.909]
     """
-    counts = unmasked(confusion, "counts")
-    if counts.dtype.kind not in "fiu":
-        raise InvalidArgument(f"counts must be numbers, got an array of {counts.dtype}")
+    counts = checked_values("counts", confusion)  # as float64: sums of narrow types overflow
     if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
         raise ValueError(f"need counts (K, K) with K ≥ 1, got {counts.shape}")
-    if not (np.isfinite(counts).all() and (counts >= 0).all()):
-        raise ValueError(f"counts must be finite and ≥ 0, got {counts.tolist()}")
+    if (counts < 0.0).any():
+        raise ValueError(f"counts must be ≥ 0, got {counts.tolist()}")
     right, predicted, true = np.diag(counts), counts.sum(axis=0), counts.sum(axis=1)
     scores = []
     for k in range(len(counts)):

@@ -60,7 +60,7 @@ class Explains(Protocol):
         """Names of the K shapes."""
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
-        """Log p(all these touches of one object | shape), ``(K,)``."""
+        """Log p(all these touches of one object | shape) up to a constant, ``(K,)``."""
 
 
 @runtime_checkable
@@ -79,7 +79,7 @@ class Summarises(Protocol):
         """
 
     def log_likelihood_of(self, statistics: Any) -> Floats:
-        """Log p(all these touches | shape), ``(K,)``, of the statistics of at least one touch."""
+        """Log p(all these touches | shape) up to a constant, ``(K,)``, of the statistics of at least one touch."""
 
 
 @dataclass(frozen=True, eq=False)

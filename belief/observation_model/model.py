@@ -42,7 +42,10 @@ class ObservationModel(Protocol):
         """Names of the K shapes."""
 
     def log_likelihood(self, touches: Sequence[Touch]) -> Floats:
-        """Log p(all these touches of one object | shape), ``(K,)``; zeros for no touches."""
+        """Log p(all these touches of one object | shape) up to a constant, ``(K,)``; zeros for no touches.
+
+        All shapes share the constant, which may depend on the touches and on the model.
+        """
 
     def sample(self, shape: int, poses: Sequence[int], rng: np.random.Generator) -> list[Touch]:
         """Sampled touches of one object of this shape in these poses."""

@@ -12,7 +12,7 @@ from scipy.special import entr
 from belief.bayes import expected_information_gain
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, renormalised, require_count
+from belief.validation import SUM_TOLERANCE, as_real, renormalised, require_count
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class OutcomeTable(FrozenArrays):
         probs: p(outcome | pose, shape), ``(P, K, M)``; the last axis sums to one.
 
     Raises:
-        ValueError: not three axes, a negative or NaN entry, or a row that does not sum to one.
+        ValueError: not real numbers, not three axes, a negative or NaN entry, or a row that does not sum to one.
 
     Example:
         >>> table = OutcomeTable(np.array([[[0.9, 0.1], [0.1, 0.9]]]))
@@ -36,7 +36,7 @@ class OutcomeTable(FrozenArrays):
     probs: Floats
 
     def __post_init__(self) -> None:
-        probs = np.array(self.probs, np.float64)
+        probs = np.array(as_real(self.probs, "probs"), np.float64)
         if probs.ndim != 3 or probs.size == 0:
             raise ValueError(f"probs must be (P, K, M) with no axis empty, got shape {probs.shape}")
         with np.errstate(over="ignore", invalid="ignore"):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import bdtr
+from scipy.special import betainc
 
 from belief.statistics.inputs import checked_outcomes
 
@@ -62,8 +62,13 @@ def mcnemar_test(first_correct: ArrayLike, second_correct: ArrayLike) -> McNemar
     fewer, discordant = min(first_only, second_only), first_only + second_only
     if discordant == 0:
         return McNemar(len(first), 0, 0, 1.0, 1.0)
-    at_most = float(bdtr(fewer, discordant, 0.5))
-    below = float(bdtr(fewer - 1, discordant, 0.5)) if fewer else 0.0
+    at_most = _at_most(fewer, discordant)
+    below = _at_most(fewer - 1, discordant) if fewer else 0.0
     if first_only == second_only:
         return McNemar(len(first), first_only, second_only, 1.0, 1.0 - (at_most - below) / 2)
-    return McNemar(len(first), first_only, second_only, 2 * at_most, at_most + below)
+    return McNemar(len(first), first_only, second_only, min(2 * at_most, 1.0), at_most + below)
+
+
+def _at_most(heads: int, tosses: int) -> float:
+    """Probability of at most so many heads, fewer than the tosses; more exact than ``scipy.special.bdtr``."""
+    return float(betainc(tosses - heads, heads + 1, 0.5))

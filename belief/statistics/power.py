@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri
 
+from belief.statistics.inputs import checked_values, require_fraction
 from belief.statistics.mcnemar import McNemar
 
 LEVEL, POWER = 0.05, 0.8
@@ -24,31 +25,40 @@ LEVEL, POWER = 0.05, 0.8
 def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = POWER) -> int | None:
     """Total number of paired episodes for which McNemar's test detects the observed difference with a given power.
 
-    The result is None if the observed difference is zero. ``level`` is the two-sided α.
+    The result, at least 1, is None if the observed difference is zero. ``level`` is the two-sided α.
+
+    Raises:
+        InvalidArgument: ``level`` or ``power`` is not in (0, 1).
 
     >>> from belief.statistics import mcnemar_test
     >>> episodes_for_success(mcnemar_test([True] * 97 + [False] * 3, [True] * 95 + [False] * 5))
     391
     """
+    z_level, z_power = _quantiles(level, power)
     delta = abs(pairs.difference)
     if delta == 0.0:
         return None
     discordant = (pairs.first_only + pairs.second_only) / pairs.num_episodes
-    return _whole((_z(level / 2) * math.sqrt(discordant) + _z(1 - power) * math.sqrt(discordant - delta**2)) / delta)
+    return _whole((z_level * math.sqrt(discordant) + z_power * math.sqrt(discordant - delta**2)) / delta)
 
 
 def episodes_for_mean(differences: Sequence[float], level: float = LEVEL, power: float = POWER) -> int | None:
     """Total number of paired episodes for which a test detects the observed mean difference with a given power.
 
-    The result is None if the mean difference is zero, or for fewer than two pairs. ``level`` is the two-sided α.
+    The result, at least 1, is None if the mean difference is zero, or for fewer than two pairs. ``level`` is the
+    two-sided α.
+
+    Raises:
+        ValueError: ``level`` or ``power`` is not in (0, 1), or a difference is no number, not finite or beyond ±1e150.
 
     >>> episodes_for_mean([1.0, 0.0, 1.0, -1.0])
     116
     """
-    mean = float(np.mean(differences))
-    if mean == 0.0 or len(differences) < 2:
+    z_level, z_power = _quantiles(level, power)
+    values = checked_values("differences", differences)
+    if len(values) < 2 or (mean := float(values.mean())) == 0.0:
         return None
-    return _whole((_z(level / 2) + _z(1 - power)) * float(np.std(differences, ddof=1)) / abs(mean))
+    return _whole((z_level + z_power) * float(values.std(ddof=1)) / abs(mean))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -64,9 +74,12 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected.tolist()
 
 
-def _z(tail: float) -> float:
-    return -float(ndtri(tail))
+def _quantiles(level: float, power: float) -> tuple[float, float]:
+    """z_{α/2} and z_β."""
+    require_fraction("level", level)
+    require_fraction("power", power)
+    return -float(ndtri(level / 2)), float(ndtri(power))
 
 
 def _whole(root: float) -> int:
-    return max(math.ceil(root**2), 1)
+    return max(math.ceil(max(root, 0.0) ** 2), 1)

@@ -21,7 +21,8 @@ def one_touch_bound(problem: SearchProblem, target: Name) -> float:
         target: label or index of the shape sought.
 
     Raises:
-        ValueError: an unknown target.
+        UnknownName: no shape has the target's name.
+        ValueError: a target out of range.
 
     Four objects of four shapes: 1, 2, 3 or 3 touches, because the last object needs none.
 

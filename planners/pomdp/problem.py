@@ -19,7 +19,7 @@ from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from belief.validation import as_real, normalise_probs, require_count
+from belief.validation import as_real, normalise_probs, require_count, require_index
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +147,7 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
         ValueError: an argument is out of its range, see :class:`TouchProblem`; the message names it.
     """
     table = OutcomeTable(np.asarray(as_real(outcome_probs, "outcome_probs"), np.float64)).probs
-    if not isinstance(target, Integral) or not 0 <= target < table.shape[1]:
-        raise InvalidArgument(f"target must be an integer in [0, {table.shape[1]}), got {target!r}")
+    require_index("target", target, table.shape[1])
     if not (isinstance(touch_cost, Real) and np.isfinite(float(touch_cost)) and touch_cost >= 0.0):
         raise InvalidArgument(f"touch_cost must be finite and ≥ 0, got {touch_cost!r}")
     if not (isinstance(discount, Real) and 0.0 < discount <= 1.0):
@@ -156,9 +155,11 @@ def checked_table(outcome_probs: ArrayLike, target: int, touch_cost: float, disc
     return table
 
 
-def require_rounds(rounds: object) -> None:
-    """Raise InvalidArgument unless rounds are one or more numbers of simulated searches, each at least 1.
+def require_rounds(rounds: object) -> tuple[int, ...]:
+    """Numbers of simulated searches as a tuple; raises InvalidArgument unless there are some, each at least 1.
 
+    >>> require_rounds(number for number in (200, 400))
+    (200, 400)
     >>> require_rounds(2)
     Traceback (most recent call last):
     ...
@@ -169,6 +170,7 @@ def require_rounds(rounds: object) -> None:
         raise InvalidArgument(
             f"rounds must be one or more integers, each at least 1, such as (200, 400); got {rounds!r}"
         )
+    return tuple(int(n) for n in numbers)
 
 
 def distribution(probs: ArrayLike, size: int, name: str) -> Floats:

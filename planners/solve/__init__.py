@@ -18,6 +18,7 @@ import numpy as np
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
+from belief.validation import as_real
 from planners.pomdp.finite_horizon import finite_horizon_value
 from planners.pomdp.problem import SearchTouchProblem, TouchProblem, require_rounds
 from planners.pomdp.repeat_aware import repeat_aware_vectors
@@ -69,23 +70,26 @@ def solve(
         rng: samples the beliefs at which the solver works; seed 0 by default, so that a problem has one solution.
         rounds: number of simulated searches in each round; more take longer and give a higher value. By default
             :data:`ROUNDS` for one object, :data:`SEARCH_ROUNDS` for a search.
-        repeat_weights: probability that the first, second, … touch of an object gives new information, ``(T,)``; for
-            a repeat-aware policy (:mod:`planners.pomdp.repeat_aware`) of a search. None: every touch does.
+        repeat_weights: probability, in [0, 1], that the first, second, … touch of an object gives new information,
+            ``(T,)``; for a repeat-aware policy (:mod:`planners.pomdp.repeat_aware`) of a search. None: every touch
+            does.
 
     Raises:
-        ValueError: touch cost 0 with discount 1, too many hidden states, repeat weights for a single object, or no
-            rounds.
+        ValueError: touch cost 0 with discount 1, too many hidden states, repeat weights out of range or for a single
+            object, or no rounds.
     """
-    if rounds is not None:
-        require_rounds(rounds)
+    rounds = None if rounds is None else require_rounds(rounds)
     rng = rng if rng is not None else np.random.default_rng(0)
     if isinstance(problem, TouchProblem):
         if repeat_weights is not None:
             raise InvalidArgument("repeat_weights need a SearchTouchProblem, which may have num_objects = 1")
         vectors = point_based_value_iteration(staged(problem), rng, ROUNDS if rounds is None else rounds)
         return TouchPolicy(problem, vectors[0])
+    weights = None if repeat_weights is None else np.asarray(as_real(repeat_weights, "repeat_weights"), np.float64)
+    if weights is not None and not (weights.ndim == 1 and ((weights >= 0.0) & (weights <= 1.0)).all()):  # NaN fails too
+        raise InvalidArgument(f"repeat_weights must be a row of numbers in [0, 1], got {weights.tolist()}")
     search = problem if isinstance(problem, StagedProblem) else staged(problem)
     vectors = point_based_value_iteration(search, rng, SEARCH_ROUNDS if rounds is None else rounds)
-    if repeat_weights is None:
+    if weights is None:
         return SearchPolicy(problem, tuple((some,) for some in vectors))
-    return SearchPolicy(problem, repeat_aware_vectors(search, vectors, repeat_weights, rng))
+    return SearchPolicy(problem, repeat_aware_vectors(search, vectors, weights, rng))

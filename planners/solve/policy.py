@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from belief import Belief
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real
+from belief.validation import SUM_TOLERANCE, as_real, require_index
 from planners.bounds.object import object_bound
 from planners.bounds.search import search_bound
 from planners.pomdp.alpha_vectors import AlphaVectors
@@ -125,8 +124,7 @@ class SearchPolicy:
         Raises:
             InvalidArgument: there is no such object.
         """
-        if not isinstance(object_index, Integral) or not 0 <= object_index < len(self.vectors):
-            raise InvalidArgument(f"object_index must be in [0, {len(self.vectors)}), got {object_index!r}")
+        require_index("object_index", object_index, len(self.vectors))
         by_touches = self.vectors[object_index]
         return by_touches[min(num_touches, len(by_touches) - 1)]
 

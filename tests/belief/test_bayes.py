@@ -257,7 +257,10 @@ def test_the_row_of_a_batch_of_batches_is_named_by_all_its_indices():
         lambda: expected_information_gain([0.5, 0.5], np.full((1, 3, 2), 0.5)),
         lambda: expected_information_gain([0.5, 0.5], np.full((2, 2), 0.5)),
         lambda: expected_information_gain([0.5, 0.5], np.full((1, 2, 2), np.nan)),
-        lambda: target_information_gain([0.5, 0.5], np.full((1, 2, 2), 0.5), target=2),
+        *[
+            lambda target=target: target_information_gain([0.5, 0.5], np.full((1, 2, 2), 0.5), target)
+            for target in (2, -1, True, 1.0, "cube")
+        ],
         lambda: target_information_gain([0.5, 0.5], np.full((1, 2, 2), 0.4), target=0),
     ],
 )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from belief import Belief
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 
 
 def test_a_belief_keeps_its_prior_zeros_for_ever():
@@ -19,7 +19,7 @@ def test_update_leaves_the_old_belief_as_it_was():
 
 
 def test_entropy_of_a_uniform_belief_is_log_k():
-    assert Belief.uniform("abcde").entropy == pytest.approx(np.log(5))
+    assert Belief.uniform(tuple("abcde")).entropy == pytest.approx(np.log(5))
 
 
 def test_one_shape_is_certain():
@@ -35,6 +35,8 @@ def test_one_shape_is_certain():
         (["a", "b"], [1.0], "2 labels need"),
         (["a", "a"], [0.5, 0.5], "differ"),
         ([], [], "at least one"),
+        ("ab", [0.5, 0.5], "labels must be a sequence of names"),
+        ([0, 1], [0.5, 0.5], "labels must be a sequence of names"),
     ],
 )
 def test_what_is_no_distribution_is_refused(labels, probs, message):
@@ -42,6 +44,21 @@ def test_what_is_no_distribution_is_refused(labels, probs, message):
         Belief.from_probs(labels, probs)
 
 
+@pytest.mark.parametrize("labels", ["ab", [0, 1], [], ["a", "a"]])
+def test_labels_that_are_none_are_refused(labels):
+    for make in (lambda: Belief.uniform(labels), lambda: Belief(labels, np.log([0.5, 0.5]))):
+        with pytest.raises(InvalidArgument, match="labels must"):
+            make()
+
+
 def test_an_unknown_label_suggests_the_nearest():
     with pytest.raises(UnknownName, match="Did you mean 'sphere'"):
         Belief.uniform(["sphere", "cube"]).prob("spere")
+
+
+def test_a_shape_may_be_named_by_its_index():
+    belief = Belief.from_probs(["sphere", "cube"], [0.75, 0.25])
+    assert belief.prob(1) == belief.prob("cube") == pytest.approx(0.25)
+    for index in (2, -1, True, 0.5, None):
+        with pytest.raises(InvalidArgument, match="shape must be"):
+            belief.prob(index)

@@ -26,7 +26,7 @@ def test_a_history_is_the_sequence_of_its_touches():
 def test_a_longer_one_leaves_the_shorter_as_it_was_and_so_does_another():
     empty = TouchHistory()
     first = empty.extended(TOUCHES[:2])
-    longer, other = first.extended(TOUCHES[2:3]), first.extended(TOUCHES[3:])
+    longer, other = first.extended(iter(TOUCHES[2:3])), first.extended(touch for touch in TOUCHES[3:])
     assert (empty, first, longer) == ((), TOUCHES[:2], TOUCHES[:3])
     assert other == (*TOUCHES[:2], TOUCHES[3])
     assert (first.uses(3).tolist(), longer.uses(3).tolist(), other.uses(3).tolist()) == (

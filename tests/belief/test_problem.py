@@ -28,6 +28,14 @@ def test_the_answer_unsure_has_its_own_reward_and_touches_cost_as_always(reward)
     assert search.reward(1, 1, 3) == problem(touch_cost=0.1).reward(1, 1, 3)
 
 
+@pytest.mark.parametrize("target", [-1, 4, True, 0.0, None, "e"])
+def test_the_reward_for_a_target_that_is_none_is_refused(target):
+    for is_unsure in (False, True):
+        with pytest.raises(ActiveTouchError, match="target"):
+            problem(unsure_reward=0.0).reward(None, target, 1, is_unsure=is_unsure)
+    assert problem().reward(1, "b", 0) == problem().reward(1, np.int64(1), 0) == 1.0
+
+
 def test_a_search_without_the_answer_unsure_has_no_reward_for_it():
     with pytest.raises(ActiveTouchError, match="unsure_reward"):
         problem().reward(None, 1, 3, is_unsure=True)
@@ -102,8 +110,10 @@ def test_a_touch_of_what_is_no_touch_is_refused(pose, logits, message):
         Touch(pose, logits)
 
 
-def test_a_touch_may_rule_shapes_out():
-    assert Touch(np.int64(2), [-np.inf, 0.0]).logits.tolist() == [-np.inf, 0.0]
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_a_touch_may_rule_shapes_out_and_keeps_its_logits_in_double_precision(dtype):
+    touch = Touch(np.int64(2), np.array([-np.inf, 0.5], dtype), np.zeros(2, dtype))
+    assert (touch.logits.tolist(), touch.logits.dtype, touch.features.dtype) == ([-np.inf, 0.5], np.float64, dtype)
 
 
 def test_no_object_follows_the_last():

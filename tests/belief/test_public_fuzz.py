@@ -140,7 +140,6 @@ CALLS = {
     # arrangement
     "arrangement_marginals": lambda a: arrangement.arrangement_marginals(a[:3]),
     "log_arrangement_marginals": lambda a: arrangement.log_arrangement_marginals(a[:3]),
-    "log_arrangement_evidence": lambda a: arrangement.log_arrangement_evidence(a[:3]),
     "prob_shape_absent": lambda a: arrangement.prob_shape_absent(a[:3], None, 0, np.array([True, True, False])),
     "blank_objects": lambda a: arrangement.blank_objects(a, (2, 1, 1)),
     "num_states": lambda a: arrangement.num_states(as_labels(a[0]).tolist(), 2),
@@ -281,6 +280,7 @@ NO_NUMBERS = {
     "SceneView": "of a scene",
     "at": "an index",
     "require_count": "one integer",
+    "require_index": "one integer",
     "require_choice": "a word",
     "read_origin": "text",
     "sample_arrangement": "of a problem",

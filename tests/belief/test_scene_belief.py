@@ -18,6 +18,7 @@ from belief import (
     Touch,
     ZeroPriorTarget,
 )
+from belief.errors import InvalidArgument, UnknownName
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 
@@ -245,17 +246,26 @@ def test_what_does_not_fit_is_refused():
         lambda: scene_of("distinct").update(3, felt([0, 0, 0])),
         lambda: scene_of("distinct").touches(-1),
         lambda: scene_of("distinct").belief(7),
+        lambda: scene_of("distinct").belief(0.0),
+        lambda: scene_of("distinct").update(True, felt([0, 0, 0])),
         lambda: scene_of("distinct").known(0, 3),
         lambda: scene_of("distinct").remove(4),
         lambda: scene_of("distinct").prob_present(-1),
         lambda: scene_of("distinct", target=3),
     ):
-        with pytest.raises(ValueError, match="must be in"):
+        with pytest.raises(InvalidArgument, match=r"must be (an integer )?in"):
+            call()
+    for call in (
+        lambda: scene_of("distinct").known(0, "d"),
+        lambda: scene_of("distinct").prob_present("d"),
+        lambda: scene_of("distinct", target="d"),
+    ):
+        with pytest.raises(UnknownName, match="unknown shape 'd'"):
             call()
     with pytest.raises(ValueError, match="fixes the prior"):
         scene_of(COMPOSITIONS["a bag"], prior=Belief.uniform(LABELS))
     with pytest.raises(ValueError, match="the prior about"):
-        scene_of("independent", prior=Belief.uniform("xyz"))
+        scene_of("independent", prior=Belief.uniform(tuple("xyz")))
 
 
 @pytest.mark.parametrize("composition", ["independent", "distinct"])
@@ -274,6 +284,35 @@ def test_supposed_log_likelihoods_give_the_belief_of_their_touches(composition):
         (np.zeros((2, 3)), "must be"),
         (np.full((3, 3), np.nan), "NaN"),
         (np.full((3, 3), -np.inf), "zero"),
+        (np.zeros((3, 3), str), "real numbers"),
+        (np.zeros((3, 3), bool), "real numbers"),
+        (np.ma.masked_equal(np.zeros((3, 3)), 0.0), "masked"),
     ):
         with pytest.raises(ValueError, match=reason):
             scene.supposing(wrong)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, iter])
+def test_touches_of_any_iterable_are_evidence_and_are_recorded(kind):
+    scene = scene_of("independent")
+    scene.update(0, kind(felt([0.0, -1.0, -2.0]) * 2))
+    assert scene.log_likelihoods()[0].tolist() == [0.0, -2.0, -4.0]
+    assert (len(scene.touches(0)), scene.touches(0).uses(1).tolist()) == (2, [2])
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_evidence_of_narrow_logits_is_summed_in_double_precision(dtype):
+    scene = scene_of("independent")
+    scene.update(0, [Touch(0, np.array([-300, -301, -np.inf], dtype))] * 200)
+    assert scene.log_likelihoods()[0].tolist() == [-60000.0, -60200.0, -np.inf]
+    assert scene.log_marginals()[0].tolist() == [0.0, -200.0, -np.inf]
+
+
+def test_a_presence_far_below_the_rounding_error_of_one_is_kept():
+    scene = scene_of("independent")
+    for i in range(3):
+        scene.update(i, felt([-50.0, 0.0, 0.0]))
+    assert scene.prob_present(0) == pytest.approx(3 * scene.marginals()[0, 0], rel=1e-12, abs=0.0)
+    for i in range(3):
+        scene.remove(i)
+    assert str(scene.prob_present(0)) == "0.0"

@@ -87,6 +87,9 @@ def test_sequences_without_touches_or_of_unequal_length_are_refused(sequences):
         (np.zeros((1, 2), int), np.zeros((1, 2, 0)), r"need poses \(S, n\)"),
         (np.zeros((1, 2)), np.zeros((1, 2, 2)), "poses must be integers"),
         (np.zeros((1, 2), bool), np.zeros((1, 2, 2)), "poses must be integers"),
+        (np.array([[0, -1]]), np.zeros((1, 2, 2)), "touch 1 of sequence 0 has pose -1"),
+        (np.array([[2**63, 0]], np.uint64), np.zeros((1, 2, 2)), f"touch 0 of sequence 0 has pose {2**63}"),
+        (np.ma.masked_equal([[0, 1]], 1), np.zeros((1, 2, 2)), "poses must not be masked"),
         (np.zeros((1, 2), int), np.array([[["a", "b"]] * 2]), "real numbers"),
     ],
 )

@@ -96,4 +96,4 @@ def test_a_model_of_other_shapes_is_refused(model):
     with pytest.raises(ValueError, match="the model about"):
         SceneBelief(SearchProblem(("a", "b"), ("p",), 2), model)
     with pytest.raises(ValueError, match="the model about"):
-        BeliefTracker(Belief.uniform("ab"), model)
+        BeliefTracker(Belief.uniform(tuple("ab")), model)

@@ -86,6 +86,18 @@ def test_any_composition_is_planned_for_and_searched(num_objects, num_shapes, co
     assert np.mean(successes) > 0.6  # the floor is at most one half
 
 
+def test_independent_objects_of_very_many_shapes_are_planned_for_exactly():
+    rng, labels = np.random.default_rng(0), tuple(f"shape_{number}" for number in range(101))
+    problem = SearchProblem(labels, ("p",), 2, "independent")
+    decider = PointBased(OutcomeTable(rng.dirichlet(np.ones(3), size=(1, 101))), rounds=(5,))
+    policy = decider.policy(problem, 100)
+    assert isinstance(policy.problem, SearchTouchProblem)
+    assert policy.search.initial.size == 2 * 101
+    for prob, action in ((0.999, Confirm()), (1e-6, Reject())):
+        probs = np.append(np.full(100, (1.0 - prob) / 100), prob)
+        assert decider.decide(InformationState(problem, 100, Belief.from_probs(labels, probs)), rng).action == action
+
+
 def test_a_belief_by_target_has_the_exact_marginals():
     model = random_model(np.random.default_rng(2), 4)
     problem = problem_of(model, 4)

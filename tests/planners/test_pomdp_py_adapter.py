@@ -93,7 +93,7 @@ def test_the_belief_knows_what_may_have_been_given_away():
 def test_pythons_own_generator_is_left_as_it_was_and_plays_no_part(kind):
     decider = getattr(adapter, kind)(TABLE, 60)
     problem = problem_of()
-    info = InformationState(problem, 0, Belief.uniform("abc"))
+    info = InformationState(problem, 0, Belief.uniform(tuple("abc")))
     decisions = []
     for seed in (1, 2):
         random.seed(seed)
@@ -109,7 +109,7 @@ def test_enough_simulations_touch_when_unsure_and_stop_when_sure(kind):
     decider = getattr(adapter, kind)(TABLE, 400)
     problem = problem_of(Composition.INDEPENDENT, 1)
     for probs, expected in (([0.5, 0.3, 0.2], Probe), ([0.995, 0.005, 0], Confirm), ([0.005, 0.99, 0.005], Reject)):
-        info = InformationState(problem, 0, Belief.from_probs("abc", probs))
+        info = InformationState(problem, 0, Belief.from_probs(tuple("abc"), probs))
         assert isinstance(decider.decide(info, np.random.default_rng(0)).action, expected)
 
 
@@ -132,7 +132,7 @@ def test_too_few_simulations_to_try_every_action_are_refused():
 
 def test_a_target_ruled_out_is_not_confirmed_by_few_simulations():
     problem = problem_of(Composition.INDEPENDENT, 2)
-    info = InformationState(problem, 0, Belief.from_probs("abc", [0, 0.5, 0.5]))
+    info = InformationState(problem, 0, Belief.from_probs(tuple("abc"), [0, 0.5, 0.5]))
     for seed in range(20):
         action = make_decider("pouct", TABLE, simulations=5).decide(info, np.random.default_rng(seed)).action
         assert not isinstance(action, Confirm)
@@ -142,14 +142,18 @@ def test_a_pose_used_before_gives_way_to_one_that_is_not():
     same = OutcomeTable(np.repeat(TABLE.probs[:1], 2, axis=0))
     problem = problem_of(Composition.INDEPENDENT, 1)
     for used in (0, 1):
-        info = InformationState(problem, 0, Belief.from_probs("abc", [0.5, 0.3, 0.2]), (Touch(used, np.zeros(3)),))
+        info = InformationState(
+            problem, 0, Belief.from_probs(tuple("abc"), [0.5, 0.3, 0.2]), (Touch(used, np.zeros(3)),)
+        )
         assert adapter.Pouct(same, 200).decide(info, np.random.default_rng(0)).action == Probe(1 - used)
 
 
 @pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
 def test_several_threads_decide_as_each_would_alone(kind):
     decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()
-    infos = [InformationState(problem, 0, Belief.from_probs("abc", [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)]
+    infos = [
+        InformationState(problem, 0, Belief.from_probs(tuple("abc"), [p, 0.9 - p, 0.1])) for p in (0.2, 0.4, 0.6, 0.7)
+    ]
 
     def decide(number):
         return decider.decide(infos[number % 4], np.random.default_rng(number))

@@ -16,7 +16,7 @@ TABLE = OutcomeTable([[[0.5, 0.5]] * 2, [[0.7, 0.3], [0.3, 0.7]], [[0.9, 0.1], [
 
 
 def info(*poses):
-    return InformationState(PROBLEM, 0, Belief.uniform("ab"), tuple(Touch(p, np.zeros(2)) for p in poses))
+    return InformationState(PROBLEM, 0, Belief.uniform(tuple("ab")), tuple(Touch(p, np.zeros(2)) for p in poses))
 
 
 def test_fixed_order_goes_round(rng):
@@ -48,7 +48,7 @@ def test_a_distinction_between_other_shapes_is_worth_nothing(rng):
     # Pose 0 tells b from c perfectly, pose 1 tells a little about the target a.
     table = OutcomeTable([[[0.5, 0.5], [1, 0], [0, 1]], [[0.6, 0.4], [0.5, 0.5], [0.5, 0.5]]])
     problem = SearchProblem(("a", "b", "c"), ("p", "q"), num_objects=3)
-    state = InformationState(problem, 0, Belief.uniform("abc"))
+    state = InformationState(problem, 0, Belief.uniform(tuple("abc")))
     assert TargetInformationGain(table).choose(state, rng).action == Probe(1)
 
 
@@ -67,7 +67,7 @@ def test_random_order_uses_every_pose_before_it_repeats_one_and_follows_its_rng(
 def test_shape_information_gain_cares_for_any_distinction(rng):
     table = OutcomeTable([[[0.5, 0.5], [1, 0], [0, 1]], [[0.6, 0.4], [0.5, 0.5], [0.5, 0.5]]])
     problem = SearchProblem(("a", "b", "c"), ("p", "q"), num_objects=3)
-    state = InformationState(problem, 0, Belief.uniform("abc"))
+    state = InformationState(problem, 0, Belief.uniform(tuple("abc")))
     assert ShapeInformationGain(table).choose(state, rng).action == Probe(0)
 
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Unsure
 from belief.calibration import TemperatureScaling
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import DECIDERS, Decision, Episode, Outcome, make_decider, search, search_lockstep
@@ -193,6 +193,15 @@ def test_a_world_or_target_that_does_not_fit_the_problem_is_refused(model, arran
     decider = make_decider("threshold", model.outcome_table())
     with pytest.raises(ValueError, match=message):
         search(SyntheticWorld(model, arrangement), decider, problem_for(model), target, model, (0,))
+
+
+@pytest.mark.parametrize("what", ["targets", "seeds", "log_bets"])
+def test_lists_of_other_lengths_than_the_worlds_are_refused_by_name(model, what):
+    lists = {"targets": [0, 1], "seeds": [1, 2], "log_bets": [0.0, 0.0]}
+    worlds, decider = [SyntheticWorld(model, (0, 1, 2, 3))] * 2, make_decider("threshold", model.outcome_table())
+    for wrong in ([], lists[what] * 2):
+        with pytest.raises(InvalidArgument, match=f"as many {what} as worlds, 2, got {len(wrong)}"):
+            search_lockstep(worlds, decider, problem_for(model), model=model, **lists | {what: wrong})
 
 
 def test_an_unknown_decider_suggests_the_nearest(model):

@@ -21,7 +21,7 @@ class Always:
 
 
 def info(prob):
-    return InformationState(PROBLEM, 0, Belief.from_probs("ab", [prob, 1 - prob]))
+    return InformationState(PROBLEM, 0, Belief.from_probs(tuple("ab"), [prob, 1 - prob]))
 
 
 def confident(action):

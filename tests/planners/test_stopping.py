@@ -14,7 +14,7 @@ PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 def info(*frame_probs, posterior=0.25, object_index=0, problem=PROBLEM):
     """Target "a"; one touch for every frame probability, and this posterior."""
     touches = tuple(Touch(0, np.log([p, *[(1 - p) / 3] * 3])) for p in frame_probs)
-    belief = Belief.from_probs("abcd", [posterior, *[(1 - posterior) / 3] * 3])
+    belief = Belief.from_probs(tuple("abcd"), [posterior, *[(1 - posterior) / 3] * 3])
     return InformationState(problem, 0, belief, touches, object_index)
 
 
@@ -77,7 +77,7 @@ def test_a_sequential_test_of_what_is_certain_needs_no_touch():
     never = SearchProblem(tuple("ab"), ("p",), 1, Counts({"b": 1}))
     always = SearchProblem(tuple("ab"), ("p",), 1, Counts({"a": 1}))
     for problem, prob, expected in ((never, 0.0, Reject()), (always, 1.0, Confirm())):
-        state = InformationState(problem, 0, Belief.from_probs("ab", [prob, 1.0 - prob]))
+        state = InformationState(problem, 0, Belief.from_probs(tuple("ab"), [prob, 1.0 - prob]))
         assert action(SequentialTest().stop(state)) == expected
     assert SequentialTest(1e-320, 1e-320).thresholds(0.5) == (1e-320, 1.0)  # nothing overflows
 

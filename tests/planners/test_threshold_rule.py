@@ -13,7 +13,7 @@ PROBLEM = SearchProblem(("a", "b", "c", "d"), ("p", "q"), num_objects=4)
 def info(*frame_probs, posterior=0.25):
     """Target "a"; one touch for every frame probability, and this posterior."""
     touches = tuple(Touch(0, np.log([p, *[(1 - p) / 3] * 3])) for p in frame_probs)
-    belief = Belief.from_probs("abcd", [posterior, *[(1 - posterior) / 3] * 3])
+    belief = Belief.from_probs(tuple("abcd"), [posterior, *[(1 - posterior) / 3] * 3])
     return InformationState(PROBLEM, 0, belief, touches)
 
 

@@ -9,6 +9,7 @@ from belief.observation_model import OutcomeTable
 from belief.synthetic import SyntheticWorld
 from planners import DECIDERS, InformationState, make_decider, search
 from planners.decider import TableMismatch
+from planners.point_based import PointBased
 from planners.registry import NEED_FILES, TRAINED, WrongType, summary_of
 from planners.solve import SearchTouchProblem, TouchProblem, finite_horizon_value, solve
 from planners.stopping import PosteriorThresholds, SequentialTest
@@ -61,10 +62,43 @@ def test_nor_of_a_policy_for_a_search(whole, what, asked):
         getattr(whole, asked)(0, BAD_BELIEFS[what])
 
 
-@pytest.mark.parametrize("index", [-1, 2, 0.0, None, "first"])
+@pytest.mark.parametrize("index", [-1, 2, 0.0, None, "first", True])
 def test_an_object_that_is_none_gets_no_answer(whole, index):
-    with pytest.raises(InvalidArgument, match=r"object_index must be in \[0, 2\)"):
-        whole.action(index, [0.5, 0.5, 0.0, 0.0])
+    problem = SearchProblem(("a", "b"), ("p",), 2)
+    for ask in (
+        lambda: whole.action(index, [0.5, 0.5, 0.0, 0.0]),
+        lambda: InformationState(problem, 0, Belief.uniform(("a", "b")), object_index=index),
+    ):
+        with pytest.raises(InvalidArgument, match=r"object_index must be an integer in \[0, 2\)"):
+            ask()
+
+
+@pytest.mark.parametrize("target", [-1, 2, 0.0, None, True, "c"])
+def test_an_information_state_of_what_is_no_target_is_refused(target):
+    with pytest.raises(ActiveTouchError, match="target"):
+        InformationState(SearchProblem(("a", "b"), ("p",), 2), target, Belief.uniform(("a", "b")))
+
+
+def test_an_information_state_knows_its_target_by_label_or_index_and_its_belief_by_the_same_labels():
+    problem = SearchProblem(("a", "b"), ("p",), 2)
+    for target in (1, np.int64(1), "b"):
+        info = InformationState(problem, target, Belief.from_probs(["a", "b"], [0.25, 0.75]))
+        assert (info.target, type(info.target), info.target_prob) == (1, int, pytest.approx(0.75))
+    for labels in (("b", "a"), ("a", "b", "c")):
+        with pytest.raises(InvalidArgument, match=r"the problem is about \('a', 'b'\), the belief about"):
+            InformationState(problem, 0, Belief.uniform(labels))
+
+
+@pytest.mark.parametrize("weights", [[NAN], [1.0, 7.0], [-0.1], ["1.0"], 1.0, [[1.0]]])
+def test_repeat_weights_that_are_no_probabilities_are_refused(weights):
+    with pytest.raises(InvalidArgument, match="repeat_weights must"):
+        solve(SearchTouchProblem(TABLE, 2, "independent", 0, 0.05), rounds=(20,), repeat_weights=weights)
+
+
+def test_rounds_may_come_from_a_generator(single):
+    policy = solve(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), rounds=(number for number in (20,)))
+    assert policy.vectors.alphas.tolist() == single.vectors.alphas.tolist()
+    assert PointBased(OutcomeTable(TABLE), rounds=iter([np.int64(20), 30])).rounds == (20, 30)
 
 
 def test_beliefs_of_any_real_type_are_answered_alike(single):
@@ -79,9 +113,10 @@ def test_a_horizon_that_is_no_number_of_touches_is_refused(touches):
         finite_horizon_value(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), touches)
 
 
-def test_a_horizon_of_a_billion_touches_is_refused_at_once():
-    with pytest.raises(InvalidArgument, match="more than 3000000 histories"):
-        finite_horizon_value(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), 10**9)
+@pytest.mark.parametrize("touches", [531, 2400, 10**9])
+def test_a_horizon_whose_histories_do_not_fit_in_memory_is_refused_at_once(touches):
+    with pytest.raises(InvalidArgument, match=r"more than 50000000 numbers; .* at most 530 touches"):
+        finite_horizon_value(TouchProblem(TABLE, [0.5, 0.5], 0, 0.05), touches)
 
 
 @pytest.mark.parametrize("rules", [{"max_touches": n} for n in (0, -1, NAN, INF, 1.5, "12", True)])
@@ -188,13 +223,15 @@ def test_a_table_of_other_poses_or_shapes_than_the_search_is_refused(name, shape
         search(SyntheticWorld(model, (0, 1, 2, 3)), make_decider(name, table, simulations=20), problem, 0, model, (0,))
 
 
-def test_the_papers_rule_reads_the_logits_of_a_perfect_table():
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_the_papers_rule_reads_the_logits_of_a_perfect_table(dtype):
+    rows = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0]], dtype)
     with np.errstate(divide="ignore"):
-        frames = [Touch(0, np.log(np.array(probs))) for probs in ([1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [0.0, 1.0, 0.0])]
+        frames = [Touch(0, np.log(row)) for row in rows]
     problem, rule = SearchProblem(tuple("abc"), ("p",), 3), ThresholdRule()
 
     def stop(*touches):
-        decision = rule.stop(InformationState(problem, 0, Belief.uniform("abc"), touches))
+        decision = rule.stop(InformationState(problem, 0, Belief.uniform(tuple("abc")), touches))
         return None if decision is None else (type(decision.action).__name__, decision.scores["frame_prob"])
 
     certain, even, other = frames

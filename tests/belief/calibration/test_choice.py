@@ -54,7 +54,9 @@ def test_folds_keep_objects_whole_and_shapes_even(num_folds, ids, random):
     ("shapes", "ids", "num_folds", "message"),
     [
         ([0, 1], [1, 2], 3, "between 1 and 2 folds"),
-        ([0, 1], [1, 2], 0, "between 1 and 2 folds"),
+        ([0, 1], [1, 2], 0, "at least 1, got 0"),
+        ([0, 1], [1, 2], 1.5, "must be an integer"),
+        ([0, 1], [1, 2], True, "must be an integer"),
         ([0, 1, 0], [5, 5, 6], 2, "object 5 has shape 0, and in row 1 shape 1"),
         ([0, 1], [1], 2, "for every touch"),
         ([[0, 1]], [[1, 2]], 2, "for every touch"),

@@ -299,3 +299,12 @@ def test_shape_scores_are_those_of_counting(confusion):
 def test_shape_scores_refuse_what_is_no_confusion_matrix(counts):
     with pytest.raises(ValueError, match="counts"):
         shape_scores(counts)
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int16, np.int32, np.int64, np.float16])
+def test_shape_scores_of_the_largest_counts_of_a_type_do_not_overflow(dtype):
+    most = int((np.finfo if dtype is np.float16 else np.iinfo)(dtype).max)
+    for score in shape_scores(np.full((2, 2), most, dtype)):
+        assert (score.precision, score.recall, score.f1) == (0.5, 0.5, 0.5)
+        assert isinstance(score.support, int)
+        assert score.support == pytest.approx(2 * most, rel=1e-15)

@@ -33,6 +33,9 @@ def tables(draw):
         ([[[1e308, 1e308]]], "no distribution"),
         ([[0.5, 0.5]], r"must be \(P, K, M\)"),
         (np.empty((1, 2, 0)), "no axis empty"),
+        ([[["0.5", "0.5"]]], "real numbers"),
+        ([[[True, False]]], "real numbers"),
+        (np.ma.masked_equal([[[1.0, 0.0]]], 0.0), "masked"),
     ],
 )
 def test_what_is_no_table_is_refused(probs, message):

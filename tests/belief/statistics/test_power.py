@@ -55,6 +55,7 @@ def test_no_difference_seen_gives_no_number():
     assert episodes_for_success(pairs(0, 0, 100)) is None
     assert episodes_for_mean([0.5, -0.5]) is None
     assert episodes_for_mean([0.5]) is None
+    assert episodes_for_mean([]) is None
 
 
 def test_differences_that_are_all_alike_need_one_episode():
@@ -86,3 +87,29 @@ def test_correction_never_lowers_a_p_value_and_keeps_their_order(values):
     assert (corrected >= np.array(values) - 1e-15).all()
     assert (corrected <= 1).all()
     assert (np.diff(corrected[np.argsort(values, kind="stable")]) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"level": 0.0}, {"level": 5}, {"power": 1.0}, {"power": float("nan")}, {"power": "0.8"}]
+)
+def test_a_level_or_a_power_that_is_none_is_refused(wrong):
+    [name] = wrong
+    for number in (lambda: episodes_for_success(pairs(3, 3, 100), **wrong), lambda: episodes_for_mean([], **wrong)):
+        with pytest.raises(ValueError, match=rf"{name} must lie in \(0, 1\)"):
+            number()
+
+
+def test_less_power_never_needs_more_episodes():
+    powers = (0.9, 0.5, 0.1, 0.025, 0.02, 1e-3, 1e-9)
+    for numbers in (
+        [episodes_for_success(pairs(30, 10, 1000), power=power) for power in powers],
+        [episodes_for_mean([1.0, 0.0, 1.0, -1.0], power=power) for power in powers],
+    ):
+        assert numbers == sorted(numbers, reverse=True)
+        assert numbers[-1] == 1
+
+
+@pytest.mark.parametrize("differences", [[1.0, np.nan], [1.0, np.inf], ["1", "2"]])
+def test_differences_that_are_no_numbers_are_refused(differences):
+    with pytest.raises(ValueError, match="differences must be"):
+        episodes_for_mean(differences)

@@ -1,6 +1,6 @@
 """Intervals against their textbook formulas, their coverage, and McNemar's test against published values."""
 
-from math import comb
+from math import comb, exp, lgamma, log
 
 import numpy as np
 import pytest
@@ -199,6 +199,18 @@ def test_mcnemar_counts_what_is_at_least_as_lopsided():
             assert result.p_value == pytest.approx(weights[more | equal].sum())
             mid_p_value = weights[more].sum() + weights[equal].sum() / 2 if discordant else 1.0
             assert result.mid_p_value == pytest.approx(mid_p_value)
+
+
+@pytest.mark.parametrize("fewer", [1, 4, 17, 999_998])
+def test_mcnemar_of_an_odd_number_that_is_nearly_even_is_exact_and_at_most_one(fewer):
+    # P(at most k of 2k + 3) is one half less P(k + 1 of 2k + 3), of 2k + 1 it is one half.
+    tosses = 2 * fewer + 3
+    middle = exp(lgamma(tosses + 1) - lgamma(fewer + 2) - lgamma(fewer + 3) - tosses * log(2.0))
+    for discordant, p_value in ((tosses - 2, 1.0), (tosses, 1.0 - 2.0 * middle)):
+        first = np.arange(discordant) < fewer
+        result = mcnemar_test(first, ~first)
+        assert result.p_value == pytest.approx(p_value, rel=1e-9)
+        assert max(result.p_value, result.mid_p_value) <= 1.0
 
 
 def test_mcnemar_does_not_care_who_is_first(rng):

@@ -20,7 +20,7 @@ PROBLEM = SearchProblem(("a", "b"), ("p",), num_objects=2, touch_cost=0.1, unsur
 
 def search(end, number=0, arrangement=(0, 1), **scores):
     """One touch, then an end: "c" confirms the first object, "r" rejects both, "u" is unsure; the target is "a"."""
-    belief = Belief.from_probs("ab", (0.5, 0.5))
+    belief = Belief.from_probs(tuple("ab"), (0.5, 0.5))
     ends = {"c": [Confirm()], "r": [Reject(), Reject()], "u": [Unsure()], "t": [Probe(0)]}[end]
     steps = [Step(0, belief, Decision(Probe(0)), Touch(0, np.zeros(2)))]
     for index, action in enumerate(ends):

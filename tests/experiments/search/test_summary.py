@@ -28,7 +28,7 @@ def search(actions, target=0, arrangement=(0, 1), outcome=Outcome.CONFIRMED, cla
     for name in actions:
         action = {"t": Probe(0), "r": Reject(), "c": Confirm(), "u": Unsure()}[name]
         touch = Touch(0, np.zeros(2)) if name == "t" else None
-        steps.append(Step(position, Belief.from_probs("ab", probs), Decision(action), touch))
+        steps.append(Step(position, Belief.from_probs(tuple("ab"), probs), Decision(action), touch))
         position += name == "r"
     return Episode((0, target, number), target, arrangement, tuple(steps), outcome)
 
