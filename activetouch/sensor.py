@@ -27,7 +27,7 @@ from activetouch.sensor_files import (
     shift_from,
 )
 from belief import Touch
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.observation_model import ArrayModel
 
@@ -57,7 +57,7 @@ class TactileSensor:
         require_model(self.model, self.scene)
 
     @classmethod
-    def load(cls, folder: Path, scene: Scene, anyway: bool = False, independent: bool = False) -> TactileSensor:
+    def load(cls, folder: str | Path, scene: Scene, anyway: bool = False, independent: bool = False) -> TactileSensor:
         """The sensor whose reader and observation model lie in a folder.
 
         A scene that differs from theirs by another press, other faults, sizes, forces or orientations is a known shift:
@@ -74,7 +74,11 @@ class TactileSensor:
             NoIndependentModel: the sensor has only a joint model.
             LabelMismatch: they were made for other shapes or poses than the scene's.
             WrongScene: they were made for a scene that differs by more than a known shift.
+            InvalidArgument: ``scene`` is no scene.
         """
+        folder = Path(folder)
+        if not isinstance(scene, Scene):
+            raise InvalidArgument(f"the scene must be a Scene, such as SCENES['coarse'].scene; got {scene!r:.80}")
         fitted = fitted_model(folder, independent)
         reader, model = TactileReader.load(folder / READER_FILE), fitted.model
         shift = shift_from(folder, reader.card, fitted, scene, anyway)

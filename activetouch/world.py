@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from activetouch.scene import WorldObject
 from activetouch.sensor import TactileSensor
 from belief import Touch
+from belief.errors import InvalidArgument
 from belief.naming import Name, few, one_line
 
 
@@ -69,7 +70,14 @@ class TouchWorld:
 
     @classmethod
     def sample(cls, sensor: TactileSensor, arrangement: Sequence[Name], rng: np.random.Generator) -> TouchWorld:
-        """Objects of the given shapes, by label or index, with random sizes and orientations."""
+        """Objects of the given shapes, by label or index, with random sizes and orientations.
+
+        Raises:
+            UnknownName: the scene has no such shape.
+            InvalidArgument: the arrangement is one name, or an index is out of range.
+        """
+        if isinstance(arrangement, str):
+            raise InvalidArgument(f"the arrangement must be a list of shapes, such as [{arrangement!r}]; got a name")
         return cls(sensor, [sensor.scene.sample_object(shape, rng) for shape in arrangement])
 
     def __repr__(self) -> str:

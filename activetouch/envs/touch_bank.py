@@ -115,13 +115,14 @@ class TouchBank(TouchRounds):
         write_text(folder / MANIFEST, sealed_json(manifest) + "\n")
 
     @classmethod
-    def open(cls, folder: Path) -> TouchBank:
+    def open(cls, folder: str | Path) -> TouchBank:
         """The bank in a folder; its arrays are memory-mapped and read-only.
 
         Raises:
             CorruptFile: there is no bank, or its files were changed.
         """
         try:
+            folder = Path(folder)
             manifest = unsealed_json((folder / MANIFEST).read_text(encoding="utf-8"))
             if manifest["format"] != _FORMAT:
                 raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}")

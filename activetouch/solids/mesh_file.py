@@ -48,8 +48,10 @@ def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
 
 def _read(path: Path) -> tuple[Floats, Ints]:
     kind = path.suffix.lower()
+    if not path.exists():
+        raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
     if kind not in _FORMATS:
-        raise BadMesh(f"{path.name}: meshes are read from {', '.join(_FORMATS)} files")
+        raise BadMesh(f"{path}: meshes are read from {', '.join(_FORMATS)} files")
     content = io.BytesIO(path.read_bytes())  # without a name, so that no other file is opened
     try:
         mesh = trimesh.load_mesh(content, file_type=kind[1:], process=False, skip_materials=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
+from activetouch.errors import NoIndependentModel
 from activetouch.orientations import Resampled, Upright
 from activetouch.scene import Scene
 from activetouch.sensor import TactileSensor
@@ -41,11 +43,12 @@ def belief_table(name: str, scene: Scene, folders: Sequence[Path]) -> Table:
         sensor = TactileSensor.load(folder, scene, anyway=True)
         if not isinstance(sensor.model, RigidBodyModel):
             continue
-        other = TactileSensor.load(folder, scene, anyway=True, independent=True).model
-        number, width = sensor.model.num_hypotheses, sensor.reader.card.embedding
-        for row, hypotheses, model in ((joint, number, sensor.model), (independent, None, other)):
-            cost = belief_cost(model, width)
-            rows.append((row, words if model is sensor.model else "shape", hypotheses, cost.memory, cost.update))
+        width = sensor.reader.card.embedding
+        cost = belief_cost(sensor.model, width)
+        rows.append((joint, words, sensor.model.num_hypotheses, cost.memory, cost.update))
+        with suppress(NoIndependentModel):
+            cost = belief_cost(TactileSensor.load(folder, scene, anyway=True, independent=True).model, width)
+            rows.append((independent, "shape", None, cost.memory, cost.update))
         break
     else:
         rows = [(joint, words, None, None, None), (independent, "shape", None, None, None)]

@@ -47,10 +47,10 @@ class TouchCommand:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
-    shape: str = "cylinder"
-    """Label of the shape to press."""
-    pose: str = "front"
-    """Label of the pose."""
+    shape: str | None = None
+    """Label of the shape to press; the scene's first by default."""
+    pose: str | None = None
+    """Label of the pose; the scene's first by default."""
     seed: Seed = 0
     """Seed of the object's size and orientation and of the press."""
     out: Picture = Path("runs/touch.png")
@@ -64,11 +64,12 @@ class TouchCommand:
 
         require_writable_file(self.out)
         scene = traced(self.choice.named.scene)
-        placement, contact = press_new_object(scene, self.shape, self.pose, self.seed)
+        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
+        placement, contact = press_new_object(scene, shape, pose, self.seed)
         view, by_opengl = press_picture(scene.setup, placement, contact.depth)
         if not by_opengl:
             print(GL_HINT)
-        title = f"a {self.shape} in pose {self.pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
+        title = f"a {shape} in pose {pose}: {contact.force:.2f} N, {1e3 * contact.depth:.2f} mm deep" + (
             " (bottomed out)" if contact.is_bottomed_out else ""
         )
         draw_touch(title, view, contact, self.out)
@@ -186,10 +187,10 @@ class View:
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
-    shape: str = "cone"
-    """Label of the shape to press."""
-    pose: str = "front"
-    """Label of the pose."""
+    shape: str | None = None
+    """Label of the shape to press; the scene's first by default."""
+    pose: str | None = None
+    """Label of the pose; the scene's first by default."""
     seed: Seed = 0
     """Seed of the object's size and orientation and of the press."""
 
@@ -201,7 +202,8 @@ class View:
         from activetouch.pressing.rig import Rig
 
         scene = traced(self.choice.named.scene)
-        placement, contact = press_new_object(scene, self.shape, self.pose, self.seed)
+        shape, pose = self.shape or scene.shape_labels[0], self.pose or scene.pose_labels[0]
+        placement, contact = press_new_object(scene, shape, pose, self.seed)
         if contact.trace is None:
             raise WrongPress("nothing moves in a quasistatic press; choose --fidelity dynamic or guarded_move")
         viewer = _require_viewer()

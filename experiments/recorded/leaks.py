@@ -76,8 +76,8 @@ def control_table(found: Sequence[Control], num_labels: int) -> Table:
         "Leak controls: accuracy by split and features",
         ("split", "features", "one touch [95 %]", ("one of each action", ".3f")),
         rows,
-        "Intervals resample objects. What is read without the pattern of a touch, or where nothing was touched, the "
-        "accuracy above owes to force, size or the session.",
+        "Intervals resample objects. Accuracy that remains without the pattern of a touch, or where nothing was "
+        "touched, comes from force, size or session.",
         "controls",
     )
 

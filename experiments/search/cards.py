@@ -73,7 +73,7 @@ def _stated(comparison: Comparison, name: str) -> str:
         return "never confirmed"
     score = found.overall
     word = (
-        "calibrated"
+        "as stated"
         if score.is_consistent
         else ("overconfident" if score.mean_stated > score.high else "underconfident")
     )

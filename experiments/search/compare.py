@@ -53,7 +53,7 @@ class Compare:
         activetouch compare --deciders threshold information_gain --targets cone --episodes 1000 --out runs/cone
         activetouch compare --scene coarse
         activetouch compare --scenes coarse gel
-        activetouch compare --scene coarse --abstain 0.02
+        activetouch compare --scene coarse --abstain 0.02 --out runs/careful
         activetouch compare --renderers pressure gelsight --sensors 'runs/sensor-{scene}-{renderer}'
         activetouch compare --backend dask --scheduler tcp://10.0.0.1:8786
         activetouch compare --config runs/compare/run.json --seed 1 --out runs/again
@@ -113,6 +113,8 @@ class Compare:
             BadArgument: The file is not the ``run.json`` of a comparison.
         """
         file = path / "run.json" if path.is_dir() else path
+        if not file.is_file():
+            raise BadArgument(f"--config {path}: there is no file {file}; name the run.json of a run, or its folder")
         try:
             recorded = unsealed_json(file.read_text(encoding="utf-8"))["arguments"]
             given: dict[str, Any] = {

@@ -11,7 +11,7 @@ import tyro
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import BadArgument
-from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, united
+from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, differing, united
 
 
 class Conflict(ActiveTouchError, ValueError):
@@ -77,9 +77,8 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     for folder, run in zip(merged, runs, strict=True):
         first, own = runs[0]["identity"], run["identity"]
         if own != first:
-            differing = sorted(key for key in {*first, *own} if own.get(key) != first.get(key))
             raise RunMismatch(
-                f"{folder.path} holds another run than {sources[0]}: other {', '.join(differing)}. Only runs of the "
+                f"{folder.path} holds another run than {sources[0]}: other {differing(first, own)}. Only runs of the "
                 "same seed, scene, sensor and versions can be merged"
             )
         _require_same_players(folder.path, run["made_by"], players)

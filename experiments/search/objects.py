@@ -78,11 +78,11 @@ class ObjectSetting(Setting):
 
 def compare(
     scene: str | Scene | NamedScene = "gel",
-    deciders: Mapping[str, Decider | str] | Sequence[str] = Compare.deciders,
+    deciders: Mapping[str, Decider | str] | Sequence[str] | str = Compare.deciders,
     *,
     episodes: int = 250,
     seed: int = 0,
-    targets: Sequence[str] = (),
+    targets: Sequence[str] | str = (),
     sensor: str | Path | TactileSensor | None = None,
     out: str | Path | None = None,
     reference: str | None = None,
@@ -101,11 +101,11 @@ def compare(
 
     Args:
         scene: name of a scene, or a scene object.
-        deciders: names as on the command line, or a mapping from names in the report to deciders or such names.
+        deciders: a name as on the command line or several, or a mapping from names in the report to deciders or names.
             Decider objects are pickled and sent to worker processes.
         episodes: searches per decider and target.
         seed: seed of the whole comparison.
-        targets: shapes to search for; all by default.
+        targets: shapes to search for, or one; all by default.
         sensor: sensor object, folder of a sensor, or name of a scene with a shipped sensor; by default the shipped
             sensor of ``scene``.
         out: folder of the run; the same default as the command.
@@ -128,6 +128,8 @@ def compare(
         WrongScene: The sensor was made for another scene.
         RunMismatch: The folder holds another run.
     """
+    deciders = (deciders,) if isinstance(deciders, str) else deciders
+    targets = (targets,) if isinstance(targets, str) else targets
     players = dict(deciders) if isinstance(deciders, Mapping) else {name: name for name in deciders}
     for name, player in players.items():
         if name in (ORACLE, BOUND) or not name:

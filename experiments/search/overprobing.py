@@ -98,7 +98,7 @@ class OverprobingCommand:
 
     For example:
 
-        activetouch compare --scene coarse --deciders threshold ppo ppo_posterior ppo_confident
+        activetouch compare --scene coarse --sensor coarse-independent --deciders threshold ppo ppo_posterior
         activetouch overprobing --folder runs/compare-coarse
     """
 

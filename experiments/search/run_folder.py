@@ -151,9 +151,9 @@ class RunFolder:
         earlier, wanted = self.read_run(), _with_versions(identity)
         found = earlier["identity"]
         if found != wanted:
-            differing = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
             raise RunMismatch(
-                f"{self.path} holds a run with other {', '.join(differing)}. Choose another --out, or delete it"
+                f"{self.path} holds a run with other {differing(found, wanted)}. Give this run a folder of its own: "
+                f"--out {self.path}-2"
             )
         return earlier
 
@@ -327,6 +327,20 @@ def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:
         }
         for name in order(first, second)
     }
+
+
+_IN_WORDS = {
+    "problem": "objects or costs of a search (--num-objects, --composition, --touch-cost, --abstain)",
+    "scene_code_sha256": "code of the scene",
+    "sensor_sha256": "sensor",
+    "observation_model_code_sha256": "code of the observation model",
+}
+
+
+def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """What differs between two identities, in words."""
+    keys = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
+    return ", ".join(_IN_WORDS.get(key, key) for key in keys)
 
 
 def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from statistics import fmean
 
-from belief.statistics.power import LEVEL
+from belief.statistics.power import LEVEL, POWER
 from experiments.search.cards import by_return, tie_sentence, tied
 from experiments.search.paired import Difference
 from experiments.search.selective import Selective
@@ -97,7 +97,7 @@ def _against(name: str, difference: Difference, comparison: Comparison) -> str:
             f"and {reference} do not differ significantly in success: {either} (p {_p(difference.p_value)}); "
             f"{_needed(difference, comparison)}"
         )
-    return f"{name} {success}. {_touches(difference)}"
+    return f"{name} {success}. {_touches(name, difference, reference)}"
 
 
 def _needed(difference: Difference, comparison: Comparison) -> str:
@@ -114,15 +114,16 @@ def _needed(difference: Difference, comparison: Comparison) -> str:
     each = math.ceil(needed / len(comparison.targets))
     return (
         f"if the true difference is the observed {abs(pairs.difference):.2g}, about {_round(more)} more searches would "
-        f"make it significant (--episodes {_round(each)})"
+        f"show it with a probability of {POWER:g} (--episodes {_round(each)})"
     )
 
 
-def _touches(difference: Difference) -> str:
+def _touches(name: str, difference: Difference, reference: str) -> str:
     mean, low, high = difference.touches
     if low <= 0.0 <= high:
         return f"They do not differ significantly in touches ({mean:+.2f} [{low:+.2f}, {high:+.2f}])."
-    return f"It takes {abs(mean):.2f} touches {'more' if mean > 0 else 'fewer'} [{low:+.2f}, {high:+.2f}]."
+    more = "more" if mean > 0 else "fewer"
+    return f"{name} takes {abs(mean):.2f} touches {more} than {reference} [{low:+.2f}, {high:+.2f}]."
 
 
 def _calibration(comparison: Comparison) -> list[str]:
@@ -131,9 +132,10 @@ def _calibration(comparison: Comparison) -> list[str]:
     kept = [name for name, score in scores.items() if score.is_consistent]
     sentences = []
     if kept:
-        verb = "is" if len(kept) == 1 else "are"
+        counts = _and([str(scores[name].count) for name in kept])
         sentences.append(
-            f"{_and(kept)} {verb} calibrated when confirming: the stated error is within the interval of the observed."
+            f"The stated confidence of {_and(kept)} when confirming agrees with what is right: it is within the 95 % "
+            f"interval of {counts} confirmations{', in this order' if len(kept) > 1 else ''}."
         )
     for name, score in scores.items():
         if not score.is_consistent:

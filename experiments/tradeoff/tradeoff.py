@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
+from belief.errors import UnknownName
 from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,
@@ -22,7 +23,7 @@ from experiments.command_line.arguments import (
 )
 from experiments.command_line.console import plain_console
 from experiments.parallel import run_tasks
-from experiments.scene_choice import named_scene, repeats_folder
+from experiments.scene_choice import repeats_folder
 from experiments.tradeoff.configuration import SHARES, VARIED
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Tradeoff:
     """
 
     scenes: Annotated[tuple[str, ...], NotEmpty()] = tuple(SHARES)
-    """Scenes to measure."""
+    """Scenes to measure: gel, coarse, paper, hard or many."""
     readers: tuple[str, ...] = ()
     """Readers with other backbones or resolutions to measure as well, each as SCENE=FILE."""
     vary: tuple[Literal[VARIED], ...] = ()  # type: ignore[valid-type]
@@ -82,7 +83,8 @@ class Tradeoff:
 
         check_arguments(self)
         for scene in self.scenes:
-            named_scene(scene)
+            if scene not in SHARES:
+                raise UnknownName("scene of the trade-off", scene, list(SHARES))
         require_writable(self.out)
         results = finished(self.out, self.seed) if self.finished else self.measure()
         if not results:
