@@ -46,6 +46,7 @@ PRINTS = {
     "docs/start.md 2": "found the cube: True",
     "docs/world.md 1": "an image of (128, 128, 3)",
     "docs/toy.md 1": "0.571",
+    "docs/toy.md 4": "cube 1.000",
 }
 
 NOT_OURS = {"dask_jobqueue"}

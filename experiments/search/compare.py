@@ -114,7 +114,7 @@ class Compare:
         """
         file = path / "run.json" if path.is_dir() else path
         if not file.is_file():
-            raise BadArgument(f"--config {path}: there is no file {file}; name the run.json of a run, or its folder")
+            raise BadArgument(f"--config {path} is not the run.json of a comparison: there is no file {file}")
         try:
             recorded = unsealed_json(file.read_text(encoding="utf-8"))["arguments"]
             given: dict[str, Any] = {

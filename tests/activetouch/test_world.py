@@ -11,6 +11,8 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
+from activetouch.sensor_files import MODELS
+from belief.errors import InvalidArgument
 
 pytestmark = pytest.mark.torch
 
@@ -49,3 +51,15 @@ def test_an_object_that_never_settles_is_an_error_that_says_so():
     hopeless = world(limit=1.0)
     with pytest.raises(UnstablePress, match=r"none of 10 presses for one touch settled; the last one: bounces at"):
         hopeless.touch(0, np.random.default_rng(0))
+
+
+def test_a_sensor_comes_from_a_folder_named_by_a_string_and_needs_a_scene():
+    coarse = SCENES["coarse"]
+    assert TactileSensor.load(str(MODELS / "coarse"), coarse.scene).shift == ()
+    with pytest.raises(InvalidArgument, match=r"must be a Scene, such as SCENES\['coarse'\]\.scene"):
+        TactileSensor.load(MODELS / "coarse", coarse)
+
+
+def test_the_name_of_one_shape_is_no_arrangement(rng):
+    with pytest.raises(InvalidArgument, match=r"such as \['cube'\]"):
+        TouchWorld.sample(TactileSensor.shipped("coarse"), "cube", rng)

@@ -304,7 +304,7 @@ def test_the_sb3_vector_env_plays_the_same_and_reports_ends(bank, model):
 
 def test_a_bank_survives_its_folder(bank, tmp_path):
     bank.save(tmp_path / "bank")
-    copy = TouchBank.open(tmp_path / "bank")
+    copy = TouchBank.open(str(tmp_path / "bank"))
     np.testing.assert_array_equal(copy.logits, bank.logits)
     np.testing.assert_array_equal(copy.shapes, bank.shapes)
     np.testing.assert_allclose(copy.features, bank.features, atol=1e-2)

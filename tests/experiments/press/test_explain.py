@@ -77,3 +77,8 @@ def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path
     assert ("lower bounds on the touches" in text) == fits
     assert ("No sensor with a joint model" in text) != fits
     assert "what a press costs" in text
+
+
+def test_a_sensor_without_an_independent_model_is_measured_alone():
+    table = belief_table("keyed", SCENES["keyed"].scene, [MODELS / "keyed"])
+    assert [row[0] for row in table.rows] == ["joint: one rigid body"]

@@ -16,12 +16,12 @@ pytestmark = pytest.mark.mujoco
 
 @pytest.mark.parametrize(
     "choice",
-    [SceneChoice(), SceneChoice(scene="paper"), SceneChoice(fidelity="quasistatic"), SceneChoice(scene="coarse")],
-    ids=["gel", "paper", "quasistatic", "coarse"],
+    [SceneChoice(fidelity="quasistatic"), *map(SceneChoice, ("gel", "paper", "coarse", "keyed"))],
+    ids=["quasistatic", "gel", "paper", "coarse", "keyed"],
 )
 def test_a_touch_is_drawn_in_every_scene(choice, tmp_path, capsys):
     path = tmp_path / "touch.png"
-    TouchCommand(choice, shape="cone", pose="corner", out=path).run()
+    TouchCommand(choice, out=path).run()
     with Image.open(path) as picture:
         assert min(picture.size) > 500
         assert len(picture.convert("RGB").getcolors(maxcolors=10**7)) > 500

@@ -84,6 +84,9 @@ def test_more_episodes_extend_a_finished_run(finished, tmp_path):
 def test_another_seed_does_not_mix_into_the_folder(finished):
     with pytest.raises(RunMismatch, match="other seed"):
         Compare(**{**SMALL, "seed": 4}, episodes=26, out=finished[0], jobs=1).play()
+    setting = replace(SMALL["setting"], touch_cost=0.5)
+    with pytest.raises(RunMismatch, match=r"objects or costs of a search .* folder of its own: --out"):
+        Compare(**{**SMALL, "setting": setting}, episodes=26, out=finished[0], jobs=1).play()
 
 
 def test_all_deciders_play_the_same_episodes(finished):

@@ -277,3 +277,9 @@ def test_a_second_sensor_object_leaves_that_of_the_run_as_it_was(tmp_path):
     folders = [_sensor_folder(TactileSensor.shipped(name), tmp_path) for name in ("coarse", "gel", "coarse")]
     assert folders[0] == folders[2] != folders[1]
     assert sorted(tmp_path.iterdir()) == sorted({*folders})
+
+
+@pytest.mark.mujoco
+def test_one_decider_and_one_target_need_no_list(tmp_path):
+    found = activetouch.compare("coarse", "random_confirm", targets="cone", episodes=1, out=tmp_path, jobs=1)
+    assert (found.deciders, found.targets) == (["random_confirm"], ["cone"])

@@ -190,8 +190,9 @@ def test_slow_touches_are_not_fast_enough():
 
 
 def test_what_makes_no_sense_is_refused(tmp_path):
-    with pytest.raises(UnknownName, match="coarse"):
-        Tradeoff(scenes=("coarze",), out=tmp_path).run()
+    for scene in ("coarze", "keyed"):
+        with pytest.raises(UnknownName, match="coarse"):
+            Tradeoff(scenes=(scene,), out=tmp_path).run()
     with pytest.raises(BadArgument, match="leave out --finished"):
         Tradeoff(finished=True, out=tmp_path).run()
     for reader in ("runs/mine.safetensors", "hard=runs/mine.safetensors", "coarse="):
