@@ -40,6 +40,7 @@ from experiments.robustness.conflict import (
     stream_scores,
     tested,
 )
+from experiments.robustness.kept import results_folder
 from experiments.robustness.searches import CONFIDENCE, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
@@ -62,7 +63,8 @@ class Robustness:
     """Measure a sensor under faults, other objects, other presses and unseen shapes.
 
     A sensor whose observation model is about one rigid body is measured beside its model that takes touches as
-    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png).
+    independent. Writes robustness.json, tables (robustness.md) and a figure (robustness.svg and .png). Finished
+    searches are kept: after an interruption, the same command plays those that are missing.
 
     For example:
 
@@ -128,8 +130,10 @@ class Robustness:
         scores = {c: condition_scores(outputs[c], trained, models, self.seed) for c in conditions}
         if self.searches:
             scenes = {name: some.scene for name, some in shifted.items() if name in scores}
+            folder = sensor_folder(self.sensor, name)
+            done = results_folder(out, sorted(path for path in folder.iterdir() if path.is_file()))
             searched = search_scores(
-                sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs, self.abstain
+                sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs, self.abstain, done
             )
             for (condition, model), found in searched.items():
                 scores[condition]["models"][model]["searches"] = found

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
+from activetouch.scene_description import scene_fields
 from activetouch.world import touch_many
 from belief import SearchProblem, Touch
 from belief.observation_model import ArrayModel, ObservationModel
@@ -19,6 +21,7 @@ from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
+from experiments.robustness.kept import kept
 from experiments.search.episode_statistics import calibration_of_confirmations
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import ANSWER, Abstaining
@@ -62,6 +65,7 @@ def search_scores(
     seed: int,
     jobs: int,
     abstain: float | None = None,
+    folder: Path | None = None,
 ) -> dict[tuple[str, str], dict[str, Any]]:
     """Success and calibration at confirmation of live searches, by condition and model.
 
@@ -75,6 +79,7 @@ def search_scores(
         jobs: number of processes.
         abstain: false-alarm rate of the conflict test, with which the first model's decider makes the same searches
             again and may answer "I do not know", also below a stated confidence of :data:`CONFIDENCE`; not by default.
+        folder: of finished results, which are read and not played again; none are kept by default.
 
     Returns:
         By condition and model: ``success`` with its ``interval``, ``touches`` a search, ``stated`` confidence and
@@ -95,7 +100,7 @@ def search_scores(
     kinds = [(name, None) for name in models] + [(name, abstain) for name in list(models)[:1] if abstain is not None]
     tasks = [
         partial(_search_all, (condition, name), replace(sensor, scene=scene, model=models[name]), problem, episodes,
-                seed, rate)
+                seed, rate, folder)
         for condition, scene in scenes.items()
         if not scene.press_model.is_slow
         for name, rate in kinds
@@ -113,7 +118,15 @@ def _search_all(
     number: int,
     seed: int,
     abstain: float | None,
+    folder: Path | None,
 ) -> tuple[tuple[str, str], dict[str, Any]]:
+    words = [*key, scene_fields(sensor.scene), repr(problem), number, seed, abstain]
+    return key, kept(folder, words, partial(_scores, sensor, problem, number, seed, abstain))
+
+
+def _scores(
+    sensor: TactileSensor, problem: SearchProblem, number: int, seed: int, abstain: float | None
+) -> dict[str, Any]:
     decider: Decider = make_decider(_DECIDER, sensor.model.outcome_table(), sensor.model)
     seeds = [(seed, target, n) for target in range(problem.num_shapes) for n in range(number)]
     worlds, targets = [], [target for _, target, _ in seeds]
@@ -132,11 +145,11 @@ def _search_all(
             [seeds[part] for part in parts],
             partial(_read_together, sensor),
         )
-        return key, {"abstaining": _abstention(by_robot)}
+        return {"abstaining": _abstention(by_robot)}
     played = played_together(sensor, worlds, decider, problem, targets, sensor.model, seeds)
     confirmed = calibration_of_confirmations(played)
     overall = None if confirmed is None else confirmed.overall
-    return key, {
+    return {
         **success_scores(played),
         "stated": None if overall is None else overall.mean_stated,
         "achieved": None if overall is None else overall.share_right,

@@ -324,3 +324,16 @@ def test_the_report_does_not_depend_on_the_number_of_workers(tmp_path):
     assert (tmp_path / "1" / "robustness.png").stat().st_size > 10_000
     assert (tmp_path / "1" / "robustness.svg").stat().st_size > 10_000
     assert (tmp_path / "1" / "robustness.md").read_text().count("\n| noise × 2 |") >= 2
+
+
+def test_finished_searches_are_kept_and_a_torn_file_is_played_again(tmp_path, monkeypatch):
+    sensor = TactileSensor.shipped("coarse")
+    arguments = (sensor, {"own": sensor.model}, {"": COARSE}, SCENES["coarse"], 1, 0, 1, None, tmp_path)
+    found = search_scores(*arguments)
+    monkeypatch.setattr("experiments.robustness.searches._scores", lambda *given: {"played": "again"})
+    assert search_scores(*arguments) == found
+    [file] = tmp_path.iterdir()
+    file.write_text(file.read_text()[:-9])
+    assert search_scores(*arguments) == {("", "own"): {"played": "again"}}
+    other = search_scores(*arguments[:4], 2, *arguments[5:])  # twice as many searches
+    assert other == {("", "own"): {"played": "again"}}
