@@ -14,7 +14,7 @@ export HF_HUB_OFFLINE := 1
 .PHONY: search test check types others docs environment development sensor places robust-sensor independent-sensor policies joint-policies figures reproduce clean
 
 search: environment
-	$(BIN)/activetouch compare --scene coarse $(ARGS)
+	$(BIN)/activetouch compare --scene coarse --out runs/search $(ARGS)
 
 # Two processes of tests share the processors, so each computes on one thread.
 test: check
