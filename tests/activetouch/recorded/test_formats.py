@@ -154,6 +154,9 @@ def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
         ("", "must name the columns"),
         ("thing,x\nmug,1\n", "with 'object' among them"),
         ("object,x,x\nmug,1,2\n", "each once"),
+        ("object;x\nmug;0,5\n", "separated by commas, .*'object;x'"),
+        (",object,x\n0,mug,1\n1,mug,2\n", r"column 1 of .*touches.csv has no name.*to_csv\(index=False\)"),
+        ('object,x\nmug,"0,5"\n', "'0,5', no number .decimals have a point"),
         ("object,x\n", "no rows"),
         ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
         ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
@@ -287,3 +290,10 @@ def test_a_fraction_of_zeros_in_a_dsa_is_refused(tmp_path):
     (tmp_path / "a.dsa").write_bytes(bz2.compress(text.encode()))
     with pytest.raises(BadRecording, match="zeros that is not whole"):
         read_dsa(tmp_path / "a.dsa")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_text_in_another_encoding_is_said(tmp_path, encoding):
+    (tmp_path / "a.csv").write_text("object,x\ncafé,1\n", encoding=encoding)
+    with pytest.raises(BadRecording, match=r"a\.csv is not text in UTF-8, save it as such"):
+        read_recorded(tmp_path, "csv")
