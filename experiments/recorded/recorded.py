@@ -100,6 +100,14 @@ class Recorded:
         for note in (*notes, *remarks):
             console.print(f"- {note}")
         measured = measure(chosen, self)
+        if self.scenes and not measured.main.found:
+            most = max(len(np.unique(fold.bank.labels)) for fold in measured.main.folds)
+            remark = (
+                f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
+                f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
+            )
+            console.print(f"- {remark}")
+            remarks = (*remarks, remark)
         from experiments.recorded.report import write_report  # loads matplotlib
 
         tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))

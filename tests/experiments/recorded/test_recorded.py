@@ -68,6 +68,15 @@ def test_bts3_is_searched_in_both_splits(tmp_path):
     assert {row[0] for row in result["tables"]["identification"]} == {"in order of recording", "random sessions"}
 
 
+def test_searches_that_no_split_has_objects_for_are_said_to_be_missing(own, tmp_path, capsys):
+    small = {"objects": 7, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",)}
+    Recorded(own.parent, "csv", out=tmp_path, **small).run()
+    result = json.loads((tmp_path / "results.json").read_text())
+    assert "searches" not in result["tables"]
+    assert result["notes"][-1].endswith("have at most 6 different objects; give --objects 6")
+    assert "there are no searches among 7 objects" in capsys.readouterr().out
+
+
 def test_leak_measures_the_controls_of_a_recorded_set(tmp_path):
     rng = np.random.default_rng(0)
     lines = ["object,session,x,y,untouched:x"]
