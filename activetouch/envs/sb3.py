@@ -30,7 +30,8 @@ class BankVecEnv(VecEnv):
         self._actions = np.zeros(episodes.num_envs, np.int64)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None
-        observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
+        low = 0.0 if episodes.state == "paper" else -1.0  # as in Gymnasium, so that a saved policy tells what it saw
+        observation_space = spaces.Box(low, 1.0, episodes.observe().shape[1:], np.float32)
         super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
 
     @property
