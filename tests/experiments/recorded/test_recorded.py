@@ -94,7 +94,7 @@ def test_the_bound_on_touches_is_below_those_of_every_decider(tmp_path, rng):
 
 
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
-    with pytest.raises(BadArgument, match="above 0.167, the probability of each of the 6 objects .*got 0.1"):
+    with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
 
 
