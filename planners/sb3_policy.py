@@ -1,7 +1,7 @@
 """A policy that Stable-Baselines3 saved, as a decider: ``sb3:PATH``.
 
-The size of the policy's observation tells what it sees: the paper's state or the posterior, alone or followed by the
-target, one-hot. Loading such a file runs code from it, so load only files that you trust.
+The size and the range of the policy's observation tell what it sees: the paper's state or the posterior, alone or
+followed by the target, one-hot. Loading such a file runs code from it, so load only files that you trust.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from planners.ppo import BadPolicy, MissingPolicy, situation_of
 
 PREFIX = "sb3:"
 """What the name of such a decider starts with."""
+_LEAST = {"paper": 0.0, "posterior": -1.0}  # of an observation; the posterior of a whole search is as long as "paper"
 
 
 class Loaded(NamedTuple):
@@ -79,16 +80,19 @@ class SB3Policy:
         num_shapes, num_poses = info.problem.num_shapes, info.problem.num_poses
         sizes = {"paper": num_shapes + num_poses + 3, "posterior": num_shapes + num_poses + 2}
         shape, actions = model.observation_space.shape, getattr(model.action_space, "n", None)
+        least = np.min(getattr(model.observation_space, "low", np.nan))
         for state, size in sizes.items():
             for sees_target in (False, True):
-                if shape == (size + sees_target * num_shapes,) and actions == num_poses + 2:
+                if (shape, least, actions) == ((size + sees_target * num_shapes,), _LEAST[state], num_poses + 2):
                     return Loaded(model, state, sees_target)
         raise BadPolicy(
-            f"{path} reads an observation of shape {shape} and chooses among {actions} actions; a search with "
-            f"{num_shapes} shapes and {num_poses} poses needs {num_poses + 2} actions and "
+            f"{path} reads an observation of shape {shape} from {least:g} on and chooses among {actions} actions; a "
+            f"search with {num_shapes} shapes and {num_poses} poses needs {num_poses + 2} actions and "
             + " or ".join(
-                f"{size} numbers ({state}), {size + num_shapes} with the target" for state, size in sizes.items()
+                f"{size} numbers ({state}), {size + num_shapes} with the target, from {_LEAST[state]:g} on"
+                for state, size in sizes.items()
             )
+            + ", as activetouch/ObjectTest-v0 and ObjectTestGoal-v0 have them; train it there"
         )
 
 
@@ -99,14 +103,19 @@ def _model(path: Path, written: tuple[int, int]) -> Any:
         with zipfile.ZipFile(path) as file:
             data = json.loads(file.read("data"))
         module, name = _algorithm(data)
-    except (zipfile.BadZipFile, KeyError, ValueError, TypeError) as error:
+    except (zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:
         raise BadPolicy(f"{path} is no file that Stable-Baselines3 saved: {error}") from error
     try:
         algorithm = getattr(import_module(module), name)
     except ModuleNotFoundError as error:
         extra = "contrib" if module == "sb3_contrib" else "rl"
         raise MissingPackage(f"{path} needs {module}: pip install 'activetouch[{extra}]'") from error
-    return algorithm.load(path, device="cpu")
+    try:
+        return algorithm.load(path, device="cpu")
+    except Exception as error:  # unpickling and torch raise a dozen kinds on other policies and damaged bytes
+        raise BadPolicy(
+            f"{path} cannot be loaded as {name}: {error}. It must be an undamaged PPO, A2C, DQN or MaskablePPO"
+        ) from error
 
 
 def _algorithm(data: dict[str, Any]) -> tuple[str, str]:

@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes, as_actions
 from belief.seeding import keyed_rng
 
@@ -30,7 +31,8 @@ class BankVecEnv(VecEnv):
         self._actions = np.zeros(episodes.num_envs, np.int64)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None
-        observation_space = spaces.Box(-1.0, 1.0, episodes.observe().shape[1:], np.float32)
+        low = 0.0 if episodes.state == "paper" else -1.0  # as in Gymnasium, so that a saved policy tells what it saw
+        observation_space = spaces.Box(low, 1.0, episodes.observe().shape[1:], np.float32)
         super().__init__(episodes.num_envs, observation_space, spaces.Discrete(episodes.num_actions))
 
     @property
@@ -48,7 +50,15 @@ class BankVecEnv(VecEnv):
         self._rng.bit_generator.state = state
 
     def reset(self) -> NDArray[np.float32]:
-        """Start new episodes in all rows."""
+        """Start new episodes in all rows.
+
+        Raises:
+            BadOption: there are options.
+        """
+        options = [given for given in self._options if given]
+        self._reset_options()
+        if options:
+            raise BadOption(f"reset() of episodes from a bank has no options, got {options[0]!r}")
         if self._seeds[0] is not None:
             self._rng = keyed_rng([*self._seed, self._seeds[0]], is_fixed_length=True)
         self._reset_seeds()

@@ -19,8 +19,8 @@ class BankVectorEnv(VectorEnv):
     """:class:`activetouch.envs.batched_episodes.BankEpisodes` for learners that use Gymnasium.
 
     An episode that ends is replaced in the same step; ``infos["final_obs"]`` has its last observation, and
-    ``infos["final_info"]`` what Gymnasium's own environments say of it. ``infos`` also has ``is_success`` and
-    ``num_touches`` of every episode before the replacement.
+    ``infos["final_info"]`` what Gymnasium's own environments say of it. ``infos`` also has ``is_success``,
+    ``num_touches`` and ``target_prob`` of every episode before the replacement.
 
         bank = TouchBank.open(Path("data/coarse-bank/calibration"))
         envs = BankVectorEnv(BankEpisodes(bank, model, target="cone", num_envs=64, state="posterior"))
@@ -54,7 +54,7 @@ class BankVectorEnv(VectorEnv):
         super().reset(seed=seed)
         self._is_started = True
         self._episodes.reset(np.arange(self.num_envs), self.np_random)
-        return self._episodes.observe(), {}
+        return self._episodes.observe(), self._infos(np.zeros(self.num_envs, np.bool_))
 
     def step(
         self, actions: NDArray[np.integer]
@@ -68,8 +68,7 @@ class BankVectorEnv(VectorEnv):
         if not self._is_started:
             raise ResetNeeded("no episode was started: call reset()")
         result = self._episodes.step(as_actions(actions))
-        observations, touches = self._episodes.observe(), self._episodes.num_touches
-        infos: dict[str, Any] = {"is_success": result.success, "num_touches": touches}
+        observations, infos = self._episodes.observe(), self._infos(result.success)
         ended = result.terminated | result.truncated
         rows = np.flatnonzero(ended)
         if rows.size:
@@ -81,3 +80,8 @@ class BankVectorEnv(VectorEnv):
             self._episodes.reset(rows, self.np_random)
             observations = self._episodes.observe()
         return observations, result.reward, result.terminated, result.truncated, infos
+
+    def _infos(self, success: NDArray[np.bool_]) -> dict[str, Any]:
+        now = self._episodes
+        probs = np.exp(now.log_probs[np.arange(self.num_envs), now.targets])
+        return {"is_success": success, "num_touches": now.num_touches, "target_prob": probs}

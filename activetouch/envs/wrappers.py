@@ -152,6 +152,7 @@ class BeliefShaping(gymnasium.Wrapper, RecordConstructorArgs):
     def __init__(self, env: gymnasium.Env, beta: float, discount: float) -> None:
         RecordConstructorArgs.__init__(self, beta=beta, discount=discount)
         gymnasium.Wrapper.__init__(self, env)
+        _touch_env(env)  # raises
         if not (0.0 <= beta < np.inf and 0.0 <= discount <= 1.0):
             raise ValueError(f"need a finite beta ≥ 0 and a discount in [0, 1], got {beta} and {discount}")
         self._beta, self._discount = beta, discount

@@ -41,7 +41,7 @@ def lines_of(path: Path, most: int = MOST_BYTES) -> Iterator[tuple[int, str]]:
     try:
         text = read_bounded(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise BadRecording(f"{path} is not text in UTF-8: {error}") from error
+        raise BadRecording(f"{path} is not text in UTF-8, save it as such: {error}") from error
     for number, line in enumerate(text.splitlines(), start=1):
         if len(line) > _LONGEST_LINE:
             raise BadRecording(f"line {number} of {path} has {len(line)} characters; {_LONGEST_LINE} are the most")

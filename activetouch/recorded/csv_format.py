@@ -24,8 +24,8 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     """The touches of all CSV files of a folder.
 
     Raises:
-        BadRecording: no file, different columns, a row of another length, or a feature that is not a number; the
-            message names the file and the line.
+        BadRecording: no file, a column without a name, different columns, a row of another length, or a feature that
+            is not a number; the message names the file and the line.
     """
     require_folder(folder, "one or more .csv files, with the columns object, action, session and features")
     paths = sorted(path for end in ("*.csv", "*.csv.gz") for path in folder.glob(end))
@@ -40,7 +40,13 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         names = [name.strip() for name in _cells(path, *next(lines, (1, "")))]
         if "object" not in names or len(set(names)) < len(names):
             raise BadRecording(
-                f"the first line of {path} must name the columns, each once, with 'object' among them; got {names[:12]}"
+                f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
+                f"them; got {names[:12]}"
+            )
+        if "" in names:
+            raise BadRecording(
+                f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
+                "feature (pandas writes none with to_csv(index=False))"
             )
         if header and names != header:
             raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
@@ -59,6 +65,7 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                 except ValueError:
                     raise BadRecording(
                         f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number"
+                        + (" (decimals have a point)" if "," in cell else "")
                     ) from None
                 if not np.isfinite(values[-1]):
                     raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, not finite")

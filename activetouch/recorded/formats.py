@@ -24,7 +24,7 @@ FORMATS: Mapping[str, Callable[[Path], tuple[RecordedTouches, tuple[str, ...]]]]
 assert tuple(FORMATS) == get_args(Format)
 
 
-def read_recorded(data: Path, format: str) -> tuple[RecordedTouches, tuple[str, ...]]:
+def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple[str, ...]]:
     """Recorded touches from a folder, and what was left out.
 
     Args:
@@ -36,4 +36,4 @@ def read_recorded(data: Path, format: str) -> tuple[RecordedTouches, tuple[str, 
     """
     if format not in FORMATS:
         raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
-    return FORMATS[format](data)
+    return FORMATS[format](Path(data))

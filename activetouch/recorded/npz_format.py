@@ -89,5 +89,7 @@ def _is_known(name: str) -> bool:
 
 
 def _text(column: NDArray[Any]) -> NDArray[Any]:
-    """A column, whose bytes are text in UTF-8."""
+    """A column, whose bytes are text in UTF-8, and in which NaN is an empty cell."""
+    if column.dtype.kind == "f" and np.isnan(column).any():
+        return np.where(np.isnan(column), "", column.astype(str))
     return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column

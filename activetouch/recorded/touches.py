@@ -18,6 +18,7 @@ TASKS = ("objects", "categories", "shapes")
 
 _FEWEST_LABELS = 2
 _SHARED = 0.9  # of the sessions have all actions, if actions are recorded in sessions
+_MOST = 1e100  # size of a feature, so that squares and their sums are finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +26,7 @@ class RecordedTouches(FrozenArrays):
     """n touches of recorded objects, each with one known action.
 
     Attributes:
-        features: of each touch, ``(n, F)``, finite.
+        features: of each touch, ``(n, F)``, finite and of a size up to 1e100.
         actions: index of each touch's action, ``(n,)``.
         objects: index of each touch's object, ``(n,)``.
         sessions: order of recording of each touch among those of its object and action, ``(n,)``; touches of one object
@@ -39,7 +40,8 @@ class RecordedTouches(FrozenArrays):
         licence: its licence.
 
     Raises:
-        BadRecording: the arrays do not fit each other, or hold values that are not finite; the message names the touch.
+        BadRecording: the arrays do not fit each other, hold values that are not finite or too large, or indices and
+            sessions that are not whole numbers; the message names the touch.
 
     >>> touches = RecordedTouches(np.zeros((2, 3)), [0, 0], [0, 1], [0, 0], ("press",), ("mug", "ball"))
     >>> touches.num_touches, touches.tasks
@@ -59,7 +61,12 @@ class RecordedTouches(FrozenArrays):
 
     def __post_init__(self) -> None:
         for name in ("actions", "objects", "sessions"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), np.int64))
+            given = np.asarray(getattr(self, name))
+            with np.errstate(invalid="ignore"):  # NaN equals no number
+                numbers = given.astype(np.int64)
+            if np.any(numbers != given):
+                raise BadRecording(f"{name} must be whole numbers, got {given[numbers != given].tolist()[0]!r}")
+            object.__setattr__(self, name, numbers)
         object.__setattr__(self, "features", np.asarray(self.features, np.float64))
         n = len(self.features)
         if self.features.ndim != 2 or self.features.size == 0:
@@ -81,9 +88,13 @@ class RecordedTouches(FrozenArrays):
                 raise BadRecording(
                     f"the control {name!r} must be ({n}, C), as there are {n} touches; got {np.shape(rows)}"
                 )
-            if not np.isfinite(rows).all():
-                row = int(np.argmax(~np.isfinite(rows).all(axis=1)))
-                raise BadRecording(f"{name} of {self.describe(row)} hold {rows[row][~np.isfinite(rows[row])][0]}")
+            fits = np.abs(rows) <= _MOST  # not where it is NaN
+            if not fits.all():
+                row = int(np.argmin(fits.all(axis=1)))
+                raise BadRecording(
+                    f"{name} of {self.describe(row)} hold {rows[row][~fits[row]][0]}; they must be finite and of a "
+                    f"size up to {_MOST:g}: use another unit, or leave the touch out"
+                )
         for task, names in self.labels.items():
             if task not in TASKS[1:] or len(names) != len(self.object_names):
                 raise BadRecording(f"labels must give {len(self.object_names)} names for {TASKS[1:]}, got {task!r}")
@@ -181,4 +192,5 @@ def scalar_features(features: Floats) -> Floats:
     [[4.0, 2.0, 3.0, 1.0]]
     """
     rows = np.asarray(features, np.float64)
-    return np.stack([rows.sum(axis=1), np.abs(rows).mean(axis=1), rows.max(axis=1), rows.std(axis=1)], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):  # of features that RecordedTouches refuses
+        return np.stack([rows.sum(axis=1), np.abs(rows).mean(axis=1), rows.max(axis=1), rows.std(axis=1)], axis=1)

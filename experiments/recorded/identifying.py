@@ -135,11 +135,12 @@ def after_touches(fold: Fold, seed: int) -> tuple[list[AfterTouches], dict[Law, 
     return found, losses
 
 
-def fewest_touches(fold: Fold, threshold: float) -> Floats:
+def fewest_touches(fold: Fold, threshold: float, max_touches: int) -> Floats:
     """For every session of a test object: the fewest touches after which any choice of actions could stop, ``(G,)``.
 
     It is a lower bound on the touches of every decider with this belief, as it knows all outcomes in advance. Objects
-    that no set of actions makes certain count with all actions. Empty where actions can be repeated or are too many.
+    that no set of actions makes certain count with all actions, and no more than ``max_touches``, after which deciders
+    give up. Empty where actions can be repeated or are too many.
     """
     size = len(fold.bank.action_names)
     if (fold.bank.repeats > 1 and size > 1) or size > _MOST_ACTIONS:
@@ -150,7 +151,7 @@ def fewest_touches(fold: Fold, threshold: float) -> Floats:
         for actions in combinations(range(size), number):
             certain = fused(ratios, kernel, actions).max(axis=1) >= np.log(threshold)
             fewest[certain] = number
-    return fewest
+    return np.minimum(fewest, max_touches)
 
 
 def _weights(poses: np.ndarray, kernel: Floats) -> Floats:

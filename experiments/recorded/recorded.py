@@ -16,7 +16,16 @@ from activetouch.recorded.formats import Format
 from activetouch.recorded.npz_format import read_npz, write_npz
 from activetouch.recorded.splits import by_session
 from belief.files import require_writable
-from experiments.command_line.arguments import Count, CountOrNone, NotEmpty, Seed, Share, Within, check_arguments
+from experiments.command_line.arguments import (
+    BadArgument,
+    Count,
+    CountOrNone,
+    NotEmpty,
+    Seed,
+    Share,
+    Within,
+    check_arguments,
+)
 from experiments.command_line.console import plain_console
 from experiments.recorded.finding import FIXED, find_all
 from experiments.recorded.fold import Fold, main_splits, prepare
@@ -92,6 +101,11 @@ class Recorded:
         touches, notes = self._touches(out)
         remarks = check_recorded(touches, self.task)
         chosen = touches.for_task(self.task)
+        if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
+            raise BadArgument(
+                f"--threshold must be above {guess:.3g}, the probability of each of the {len(chosen.label_names)} "
+                f"{self.task} before the first touch, got {self.threshold:g}"
+            )
         console = plain_console()
         console.print(
             f"{len(chosen.rows)} touches, {len(chosen.label_names)} {self.task}, actions: "
@@ -100,6 +114,14 @@ class Recorded:
         for note in (*notes, *remarks):
             console.print(f"- {note}")
         measured = measure(chosen, self)
+        if self.scenes and not measured.main.found:
+            most = max(len(np.unique(fold.bank.labels)) for fold in measured.main.folds)
+            remark = (
+                f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
+                f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
+            )
+            console.print(f"- {remark}")
+            remarks = (*remarks, remark)
         from experiments.recorded.report import write_report  # loads matplotlib
 
         tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
@@ -172,7 +194,7 @@ def _part(name: str, folds: list[Fold], command: Recorded, is_main: bool = True)
         beliefs, by_law = after_touches(fold, command.seed)
         after += beliefs
         losses.append(by_law)
-        fewest.append(fewest_touches(fold, command.threshold))
+        fewest.append(fewest_touches(fold, command.threshold, command.max_touches))
         if is_main and command.scenes:
             searches, known = find_all(
                 fold, command.deciders, seed, command.objects, command.scenes, command.max_touches

@@ -133,8 +133,20 @@ def test_the_last_information_of_an_episode_is_where_gymnasium_has_it():
     envs.reset(seed=0)
     _, _, terminated, _, infos = envs.step(np.array([0, 6, 7, 1]))
     np.testing.assert_array_equal(infos["_final_info"], terminated)
-    for name in ("is_success", "num_touches"):
+    for name in ("is_success", "num_touches", "target_prob"):
         np.testing.assert_array_equal(infos["final_info"][name], infos[name])
         np.testing.assert_array_equal(infos["final_info"][f"_{name}"], terminated)
     *_, infos = envs.step(np.zeros(4, np.int64))
     assert "final_info" not in infos
+
+
+def test_recorded_touches_give_the_information_of_live_ones(sampled):
+    settings = {"target_prob": 0.3, "state": "posterior"}
+    live = gymnasium.make_vec(TEST, num_envs=3, touches=sampled, target="shape_1", **settings)
+    bank = gymnasium.make_vec(TEST, num_envs=3, scene="coarse", target="cube", **settings)
+    for envs in (live, bank):
+        _, infos = envs.reset(seed=0)
+        assert (infos["is_success"].any(), infos["num_touches"].tolist()) == (False, [0, 0, 0])
+        np.testing.assert_allclose(infos["target_prob"], 0.3)
+        observations, *_, infos = envs.step(np.array([0, 1, 2]))
+        np.testing.assert_allclose(infos["target_prob"], observations[:, 1], atol=1e-6)

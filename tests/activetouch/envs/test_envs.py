@@ -308,8 +308,9 @@ def test_what_cannot_be_is_refused_by_name(sampled):
             ObjectTestEnv(touches=sampled, target="shape_0", target_prob=wrong)
     with pytest.raises(NoImage, match="SampledTouches"):
         RawImage(ObjectTestEnv(touches=sampled, target="shape_0"))
-    with pytest.raises(TypeError, match="this wrapper"):
-        PosteriorState(gymnasium.make("CartPole-v1"))
+    for wrapper in (PosteriorState, shaped):
+        with pytest.raises(TypeError, match="this wrapper"):
+            wrapper(gymnasium.make("CartPole-v1"))
     with pytest.raises(NoGains, match="independent touches"):
         GainState(ObjectTestEnv(touches=sampled, target="shape_0"))
     with pytest.raises(ValueError, match="beta"):

@@ -300,6 +300,11 @@ def test_the_sb3_vector_env_plays_the_same_and_reports_ends(bank, model):
     first = envs.reset()
     envs.seed(3)
     np.testing.assert_array_equal(envs.reset(), first)
+    envs.set_options({"seed": (0, 3, 17)})
+    with pytest.raises(BadOption, match=r"no options, got .*17"):
+        envs.reset()
+    envs.set_options({})
+    assert envs.reset().shape == (16, 10)
 
 
 def test_a_bank_survives_its_folder(bank, tmp_path):

@@ -139,7 +139,7 @@ def write_csv(folder, text, name="touches.csv"):
 def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
     write_csv(tmp_path, HEADER + "mug,press,1,cup,0,1,2\nmug,rub,1,cup,0,3,4\n")
     write_csv(tmp_path, HEADER + "can,press,2,tin,0.5,5,6\n", "more.csv")
-    touches, _ = read_recorded(tmp_path, "csv")
+    touches, _ = read_recorded(str(tmp_path), "csv")
     assert touches.object_names == ("can", "mug")
     assert touches.action_names == ("press", "rub")
     assert touches.tasks == ("objects", "categories")
@@ -154,6 +154,9 @@ def test_a_csv_gives_objects_actions_sessions_and_controls(tmp_path):
         ("", "must name the columns"),
         ("thing,x\nmug,1\n", "with 'object' among them"),
         ("object,x,x\nmug,1,2\n", "each once"),
+        ("object;x\nmug;0,5\n", "separated by commas, .*'object;x'"),
+        (",object,x\n0,mug,1\n1,mug,2\n", r"column 1 of .*touches.csv has no name.*to_csv\(index=False\)"),
+        ('object,x\nmug,"0,5"\n', "'0,5', no number .decimals have a point"),
         ("object,x\n", "no rows"),
         ("object,x\nmug\n", "line 2 of .* has 1 cells, the header has 2"),
         ("object,x\nmug,hot\n", "line 2 .*'x' is 'hot'"),
@@ -250,6 +253,8 @@ def test_an_npz_that_says_it_is_larger_than_memory_is_refused(tmp_path):
     [
         ({"session": np.arange("2024-01-01", "2024-01-07", dtype="datetime64[D]")}, "session is '2024-01-01'; it must"),
         ({"session": 1j * np.arange(6)}, "session is '0j'; it must be a whole number"),
+        ({"object": np.array([1.0, 1.0, 2.0, 2.0, np.nan, 3.0])}, "row 4 of .* names no object"),
+        ({"features": np.full((6, 3), 1e200)}, "features of touch 0 .*hold 1e.200; .*up to 1e.100: use another unit"),
         ({"untouched": np.ones(6)}, r"untouched in .* must be numbers \(n, C\), got float64 \(6,\)"),
         ({"untouched": np.float64(1.0)}, r"untouched in .* must be numbers \(n, C\)"),
         ({"control:own": np.array(list("aabbcc"))}, r"control:own in .* must be numbers \(n, C\)"),
@@ -261,6 +266,12 @@ def test_an_array_of_another_kind_in_an_npz_is_said(tmp_path, arrays, words):
     np.savez(tmp_path / "a.npz", **{"features": np.ones((6, 3)), "object": np.array(list("aabbcc")), **arrays})
     with pytest.raises(BadRecording, match=words):
         read_recorded(tmp_path, "npz")
+
+
+def test_an_object_whose_category_is_nan_has_none(tmp_path):
+    np.savez(tmp_path / "a.npz", features=np.ones((3, 1)), object=np.arange(3), category=np.array([1.0, np.nan, 2.0]))
+    touches, _ = read_recorded(tmp_path, "npz")
+    assert touches.labels == {"categories": ("1.0", "", "2.0")}
 
 
 def test_bytes_in_an_npz_are_text(tmp_path):
@@ -287,3 +298,10 @@ def test_a_fraction_of_zeros_in_a_dsa_is_refused(tmp_path):
     (tmp_path / "a.dsa").write_bytes(bz2.compress(text.encode()))
     with pytest.raises(BadRecording, match="zeros that is not whole"):
         read_dsa(tmp_path / "a.dsa")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_text_in_another_encoding_is_said(tmp_path, encoding):
+    (tmp_path / "a.csv").write_text("object,x\ncafé,1\n", encoding=encoding)
+    with pytest.raises(BadRecording, match=r"a\.csv is not text in UTF-8, save it as such"):
+        read_recorded(tmp_path, "csv")

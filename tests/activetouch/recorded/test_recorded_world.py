@@ -158,7 +158,10 @@ def test_a_set_that_cannot_be_split_is_refused(rng):
     ("changed", "words"),
     [
         ({"features": np.full((60, 6), np.nan)}, "features of touch 0 .*thing_0"),
+        ({"features": np.full((60, 6), -1e101)}, "hold -1e.101; they must be finite and of a size up to"),
         ({"actions": np.full(60, 2)}, "actions must be in"),
+        ({"sessions": np.full(60, 0.5)}, "sessions must be whole numbers, got 0.5"),
+        ({"objects": np.full(60, np.nan)}, "objects must be whole numbers, got nan"),
         ({"objects": np.zeros(3, np.int64)}, "objects must be"),
         ({"controls": {"a": np.zeros((2, 1))}}, "the control 'a' must be .60, C"),
         ({"labels": {"colours": ("red",) * 6}}, "labels must give"),

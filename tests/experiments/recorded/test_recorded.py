@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from belief.errors import UnknownName
+from experiments.command_line.arguments import BadArgument
 from experiments.press.leak import Leak, RecordedSet
 from experiments.recorded.recorded import Recorded
 from planners.episode import Episode, Outcome
@@ -66,6 +67,35 @@ def test_bts3_is_searched_in_both_splits(tmp_path):
     assert accuracy["random sessions", "all features"] > 0.4
     assert 1 / 41 < accuracy["in order of recording", "all features"] < 0.36  # the order of recording matters
     assert {row[0] for row in result["tables"]["identification"]} == {"in order of recording", "random sessions"}
+
+
+def test_searches_that_no_split_has_objects_for_are_said_to_be_missing(own, tmp_path, capsys):
+    small = {"objects": 7, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",)}
+    Recorded(own.parent, "csv", out=tmp_path, **small).run()
+    result = json.loads((tmp_path / "results.json").read_text())
+    assert "searches" not in result["tables"]
+    assert result["notes"][-1].endswith("have at most 6 different objects; give --objects 6")
+    assert "there are no searches among 7 objects" in capsys.readouterr().out
+
+
+def test_the_bound_on_touches_is_below_those_of_every_decider(tmp_path, rng):
+    lines = ["object,action,session,x,y"]
+    for session in range(5):
+        for thing in range(3):
+            for action in ("press", "rub", "tap"):  # that tell little, so that nobody reaches the threshold
+                lines.append(f"thing{thing},{action},{session},{rng.normal()},{rng.normal()}")
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    small = {"scenes": 0, "rounds": 1, "random_splits": 1, "max_touches": 2, "threshold": 0.99}
+    Recorded(tmp_path, "csv", out=tmp_path / "run", **small).run()
+    table = json.loads((tmp_path / "run" / "results.json").read_text())["tables"]["identification"]
+    rows = [(row[1], float(row[2].split()[0])) for row in table if row[0] == "in order of recording"]
+    touches = {name: number for name, number in rows if "touch:" not in name}
+    assert touches.pop("bound: outcomes known in advance") <= min(touches.values()) <= 2.0
+
+
+def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
+    with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
+        Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
 
 
 def test_leak_measures_the_controls_of_a_recorded_set(tmp_path):
