@@ -10,6 +10,7 @@ from scipy import stats
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
 from experiments.reporting.tables import Table
+from experiments.search.cards import cards
 from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
 from experiments.search.paired import prob_best
 from experiments.search.run_folder import Seconds
@@ -182,6 +183,24 @@ def test_a_clear_result_is_called_settled(rng):
     assert "bad succeeds significantly less" in told
     assert "bad is overconfident when confirming: its mean stated confidence is 0.500, and it is right in 0.000" in told
     assert "The stated confidence of good when confirming agrees with what is right" in told
+
+
+@pytest.mark.parametrize("number", [1, 2, 19])
+def test_few_searches_have_no_best_decider_and_no_significant_difference(rng, number):
+    comparison = compared({"x": [search("ttc")] * number, "y": [search("tc")] * number}, rng)
+    told = " ".join(verdict_sentences(comparison))
+    assert "y has the highest return" in told
+    assert "at least 20 searches" in told
+    assert "In touches y minus x is -1.00" in told
+    for word in ("is best", "certainly", "probably", "takes 1.00"):
+        assert word not in told
+    assert {card.rank for card in cards(comparison)} == {""}
+
+
+def test_a_decider_can_do_better_than_the_oracle_where_that_errs(rng):
+    comparison = compared({"x": [search("tc")], "y": [search("rc")]}, rng, solved=(False,))
+    assert comparison.regret["x"][0] < 0.0
+    assert all("reaches 0" not in table.note for table in comparison_tables(comparison))
 
 
 def test_an_open_result_says_how_many_searches_would_settle_it(rng):
