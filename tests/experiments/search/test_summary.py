@@ -9,6 +9,7 @@ from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
+from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
 from experiments.search.cards import cards
 from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
@@ -95,6 +96,16 @@ def test_p_values_are_corrected_for_the_number_of_deciders(rng):
     one = compared({"base": base, "worse": worse}, rng).differences["worse"]
     two = compared({"base": base, "worse": worse, "same": base}, rng).differences["worse"]
     assert two.p_value == pytest.approx(2 * one.p_value)
+
+
+def test_the_searches_needed_are_those_of_the_corrected_test(rng):
+    base, worse = [search("tc")] * 100, [search("tc")] * 90 + [search("rc")] * 10
+    one = compared({"base": base, "worse": worse}, rng).differences["worse"]
+    others = {f"same {n}": base for n in range(4)}
+    five = compared({"base": base, "worse": worse, **others}, rng).differences["worse"]
+    assert one.episodes_for_success == episodes_for_success(one.mcnemar)
+    assert five.episodes_for_success == episodes_for_success(one.mcnemar, level=0.05 / 5)
+    assert five.episodes_for_success > one.episodes_for_success
 
 
 def test_the_best_decider_is_best_in_most_resamples(rng):
