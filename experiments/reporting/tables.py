@@ -116,7 +116,8 @@ class Table:
 
     def csv(self) -> str:
         """The table as CSV: intervals in two columns, numbers unrounded, None as an empty cell."""
-        pairs = [any(isinstance(row[place], tuple) for row in self.rows) for place in range(len(self.columns))]
+        whole = [(*row, *[None] * (len(self.columns) - len(row))) for row in self.rows]
+        pairs = [any(isinstance(row[place], tuple) for row in whole) for place in range(len(self.columns))]
         headings: list[list[str]] = [
             [f"{heading} low", f"{heading} high"] if pair else [heading]
             for heading, pair in zip(self.headings, pairs, strict=True)
@@ -126,7 +127,7 @@ class Table:
                 (value if isinstance(value, tuple) else ("", "")) if pair else ("" if value is None else value,)
                 for value, pair in zip(row, pairs, strict=True)
             )
-            for row in self.rows
+            for row in whole
         ]
         return csv_text([tuple(chain.from_iterable(headings)), *map(tuple, rows)])
 

@@ -262,6 +262,11 @@ def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
     assert table.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
 
 
+def test_a_heading_among_the_rows_is_a_row_for_machines_too():
+    table = Table("S", ["who", ("95 %", ".1f")], [("group",), ("a", (0.1, 0.2))])
+    assert table.csv().splitlines() == ["who,95 % low,95 % high", "group,,", "a,0.1,0.2"]
+
+
 def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
     problem = SearchProblem(("a", "b"), ("p",), num_objects=3, composition="independent")
     comparison = compare_episodes(
