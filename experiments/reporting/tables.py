@@ -83,7 +83,7 @@ class Table:
         return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
 
     def rich(self) -> RichTable:
-        """The table for a terminal; long words are wrapped."""
+        """The table for a terminal; what does not fit is wrapped, and nothing is cut."""
         from rich import box
         from rich.table import Table as RichTable
         from rich.text import Text
@@ -96,9 +96,9 @@ class Table:
             box=box.SIMPLE_HEAD,
             padding=(0, 0, 0, 1),
         )
-        for place, (heading, is_word) in enumerate(zip(self.headings, self.is_word, strict=True)):
+        for heading, is_word in zip(self.headings, self.is_word, strict=True):
             justify = "left" if is_word else "right"
-            table.add_column(Text(heading), justify=justify, overflow="fold", no_wrap=place > 0 and not is_word)  # type: ignore[arg-type]
+            table.add_column(Text(heading), justify=justify, overflow="fold")  # type: ignore[arg-type]
         for row, cells in zip(self.rows, self.cells(), strict=True):
             if len(row) == 1 and table.rows:
                 table.rows[-1].end_section = True
