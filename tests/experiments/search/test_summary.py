@@ -13,6 +13,7 @@ from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
 from experiments.search.cards import cards
 from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
+from experiments.search.figures import pictures
 from experiments.search.paired import prob_best
 from experiments.search.run_folder import Seconds
 from experiments.search.summary import compare_episodes, summarise
@@ -228,6 +229,19 @@ def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict_sentences(compared({"x": same, "y": same}, rng)))
     assert "they differ in fewer than 3 % of all searches (95 %" in told  # 1 - .05^(1/100)
+
+
+def test_nothing_is_drawn_of_searches_without_touches_or_confirmations(rng):
+    def drawn(episode, seconds=None):
+        comparison = compare_episodes(
+            PROBLEM, {("x", "a"): [episode]}, {("x", "a"): seconds or Seconds()}, {"a": [True]}, "x", rng
+        )
+        return {picture.name for picture in pictures(comparison)}
+
+    assert drawn(search("c")) >= {"success", "stated_confidence"}
+    assert "times" not in drawn(search("c"))
+    assert "stated_confidence" not in drawn(search("rr", outcome=Outcome.EXHAUSTED))
+    assert drawn(search("tc"), Seconds(1.0, 1.0, 1.0, 1)) >= {"stated_confidence", "times"}
 
 
 def test_presses_that_were_made_again_are_counted_and_told(rng):
