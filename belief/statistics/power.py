@@ -25,7 +25,8 @@ LEVEL, POWER = 0.05, 0.8
 def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = POWER) -> int | None:
     """Total number of paired episodes for which McNemar's test detects the observed difference with a given power.
 
-    The result, at least 1, is None if the observed difference is zero. ``level`` is the two-sided α.
+    The result is None if the observed difference is zero. It is never so small that no outcome is significant:
+    at least 5 at the default level. ``level`` is the two-sided α.
 
     Raises:
         InvalidArgument: ``level`` or ``power`` is not in (0, 1).
@@ -39,7 +40,9 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
     if delta == 0.0:
         return None
     discordant = (pairs.first_only + pairs.second_only) / pairs.num_episodes
-    return _whole((z_level * math.sqrt(discordant) + z_power * math.sqrt(discordant - delta**2)) / delta)
+    fewest = math.floor(-math.log2(level)) + 1  # the mid-p value of n discordant episodes is at least 2^-n
+    n = _whole((z_level * math.sqrt(discordant) + z_power * math.sqrt(discordant - delta**2)) / delta)
+    return max(n, fewest)
 
 
 def episodes_for_mean(differences: Sequence[float], level: float = LEVEL, power: float = POWER) -> int | None:

@@ -13,20 +13,23 @@ from belief.files import atomic_path
 from experiments.bayes_error.body_bank import BodyBank
 from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.touched_objects import TouchedObjects
+from experiments.search.fingerprint import fingerprint
+from experiments.search.run_folder import code_digests, versions
 
 
 def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, number: int) -> tuple[int, int, Evidence]:
     """:meth:`BodyBank.evidence`, from its file if there is one; else it is computed and written.
 
     Args:
-        folder: of the files; their names hold a digest of the bank and of the touches.
+        folder: of the files; their names hold a digest of the bank, of the touches, and of the code that computes.
         bank: of bodies.
         touched: the objects.
         shape: index of the shape.
         number: of the slice.
     """
     numbers = f"{bank.draws} {bank.force_ratios} {bank.seed} {bank.slice_size} {shape} {number}"
-    identity = f"{scene_fields(bank.scene)} {touched.digest} {numbers}"
+    code = f"{fingerprint(bank.scene)} {versions()} {code_digests()}"
+    identity = f"{scene_fields(bank.scene)} {touched.digest} {numbers} {code}"
     path = folder / f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.npz"
     try:
         with np.load(path, allow_pickle=False) as found:

@@ -21,11 +21,11 @@ from scipy.special import log_softmax
 from activetouch.data.dataset import read_manifest, read_split
 from activetouch.perception.reader import ImageReader, Reading
 from activetouch.scene import Symmetry
-from belief.statistics import cluster_bootstrap
 from experiments.bayes_error.estimator import Findings, LimitStudy, paired_difference, share, words
 from experiments.bayes_error.image_bank import symmetric_views
 from experiments.parallel import progress_bar
 from experiments.reporting.tables import Table
+from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import require_collection
 
 _AT_ONCE = 256
@@ -52,7 +52,7 @@ class LearnedBounds:
         asked = read_views(reader, readings, Symmetry.NONE, "reading held-out touches")
         turned = read_views(reader, readings, symmetry, "reading all their views")
         right, views_right = asked.labels == study.shapes, turned.labels == study.shapes
-        fitted, *interval = cluster_bootstrap(
+        fitted, *interval = accuracy_of_objects(
             known.labels == learned.shapes, learned.object_ids, np.random.default_rng(study.seed)
         )
         sizes = [size for part in _PARTS if (size := len(learned.shapes) // part)]

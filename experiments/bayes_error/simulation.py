@@ -34,7 +34,8 @@ class SimulatedBayes:
     bank: Count = 100_000
     """Ideal images per shape, in steps of 1000; all their equally likely rotations and reflections are added."""
     checked: CountOrNone = 8_000
-    """Ideal images per shape of a second bank that is pressed as the scene presses; 0 for none."""
+    """Ideal images per shape of a second bank that is pressed as the scene presses, in steps of 1000, at most as many
+    as in the first; 0 for none."""
 
     def measure(self, study: LimitStudy) -> Findings:
         """See :class:`experiments.bayes_error.estimator.Estimator`."""
@@ -60,11 +61,14 @@ class SimulatedBayes:
             "classifier_by_shape": by_shape(known, shapes, scene.shape_labels),
         }
         if self.checked:
-            pressed = self._evidence(study, noise, readings, scene.press_model, self.checked)
+            pressed = self._evidence(study, noise, readings, scene.press_model, min(self.checked, self.bank))
             first, second = (
                 log_posterior(pool(part)).argmax(axis=1) == shapes for part in (pressed, evidence[: len(pressed)])
             )
-            numbers["pressed_as_the_scene_does"] = {"images_per_shape": self.checked, **share(first)}
+            numbers["pressed_as_the_scene_does"] = {
+                "images_per_shape": len(pressed) * IMAGES_PER_SLICE,
+                **share(first),
+            }
             numbers["pressed_against_quasistatic"] = paired_difference(first, second, study.seed)
         title = "Bayes-optimal accuracy of one touch, by simulation"
         return Findings(title, self._say(study, numbers), _tables(numbers), numbers)

@@ -15,10 +15,9 @@ from belief.observation_model import ArrayModel, RatioModel
 from belief.observation_model.registry import Fit
 from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.selection import ModelChoice, choose_observation_model
-from belief.statistics import cluster_bootstrap
 from experiments.calibration.sequences import Sequences, stops
 from experiments.calibration.touches import classwise_error, top_error
-from experiments.sensor.scores import regrouped
+from experiments.sensor.scores import accuracy_of_objects, regrouped
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +144,7 @@ def _stops(log_probs: Floats, sequences: Sequences, confidence: float, rng: np.r
     found = stops(log_probs, sequences.shapes, confidence)
     if not len(found.sequences):
         return StopScores(len(sequences), None, None)
-    right = cluster_bootstrap(found.correct, sequences.object_ids[found.sequences], rng)
+    right = accuracy_of_objects(found.correct, sequences.object_ids[found.sequences], rng)
     return StopScores(len(sequences), calibration_at_stop(found.claims, found.correct, found.num_touches), right)
 
 

@@ -163,5 +163,6 @@ def _ranks(
     best, found = rotations[log_weights.argmax()], {}
     for name, quantity in QUANTITIES.items():
         values, true = quantity(rotations, sizes, best), quantity(truth[0], np.asarray(truth[1]), best)
-        found[name] = float(probs[values < true].sum() + rng.random() * probs[values == true].sum())
+        rank = float(probs[values < true].sum() + rng.random() * probs[values == true].sum())
+        found[name] = min(rank, 1.0)  # a sum of all may exceed one by rounding
     return found

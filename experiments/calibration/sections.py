@@ -171,11 +171,13 @@ def _fusion(found: Measurements) -> Section:
 
     last = [(kind, found.model.fused[kind][-1]) for kind in kinds]
     sentence = "; ".join(
-        f"{kind}: accuracy {some.accuracy:.3f}, NLL {some.nll:.3f}, error {some.ece.value:.4f}" for kind, some in last
+        f"{kind} after {some.num_touches} touch{'es' * (some.num_touches > 1)}: accuracy {some.accuracy:.3f}, "
+        f"NLL {some.nll:.3f}, error {some.ece.value:.4f}"
+        for kind, some in last
     )
     return Section(
         "Touches fused",
-        [f"{found.model.name} after {last[0][1].num_touches} touches: {sentence}."],
+        [f"{found.model.name}: {sentence}."],
         [
             by_number(kind, title, words, is_long=is_long)
             for title, words, is_long in (

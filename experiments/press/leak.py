@@ -37,7 +37,7 @@ from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE
 from belief.files import require_writable, write_text
 from belief.seeding import keyed_rng
-from belief.statistics import cluster_bootstrap, paired_bootstrap
+from belief.statistics import paired_bootstrap
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs, run_tasks
@@ -45,6 +45,7 @@ from experiments.recorded.leaks import leaks_of
 from experiments.reporting.tables import Table, interval
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene
 from experiments.sensor.baseline import averaged, share_by_object, shares_without_image
+from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import Changes, card_for, new_classifier, require_input_size, run_to_the_end
 from experiments.sensor_choice import check_sensor, sensor_folder, tell_shift
 
@@ -179,7 +180,7 @@ class Leak:
             "training": {"objects_per_shape": self.train, **asdict(self._recipe)} if self.train else None,
             "chance": 1 / len(scene.shapes),
             "accuracy": {
-                who: {shown: cluster_bootstrap(right, np.arange(len(right)), rng) for shown, right in rights.items()}
+                who: {shown: accuracy_of_objects(right, np.arange(len(right)), rng) for shown, right in rights.items()}
                 for who, rights in shares.items()
             },
             "differences": {name: paired_bootstrap(*pair, rng) for name, pair in _pairs(shares).items()},

@@ -83,7 +83,7 @@ class Table:
         return replace(self, columns=[self.columns[place] for place in kept], rows=rows)
 
     def rich(self) -> RichTable:
-        """The table for a terminal; long words are wrapped."""
+        """The table for a terminal; what does not fit is wrapped, and nothing is cut."""
         from rich import box
         from rich.table import Table as RichTable
         from rich.text import Text
@@ -96,9 +96,9 @@ class Table:
             box=box.SIMPLE_HEAD,
             padding=(0, 0, 0, 1),
         )
-        for place, (heading, is_word) in enumerate(zip(self.headings, self.is_word, strict=True)):
+        for heading, is_word in zip(self.headings, self.is_word, strict=True):
             justify = "left" if is_word else "right"
-            table.add_column(Text(heading), justify=justify, overflow="fold", no_wrap=place > 0 and not is_word)  # type: ignore[arg-type]
+            table.add_column(Text(heading), justify=justify, overflow="fold")  # type: ignore[arg-type]
         for row, cells in zip(self.rows, self.cells(), strict=True):
             if len(row) == 1 and table.rows:
                 table.rows[-1].end_section = True
@@ -116,7 +116,8 @@ class Table:
 
     def csv(self) -> str:
         """The table as CSV: intervals in two columns, numbers unrounded, None as an empty cell."""
-        pairs = [any(isinstance(row[place], tuple) for row in self.rows) for place in range(len(self.columns))]
+        whole = [(*row, *[None] * (len(self.columns) - len(row))) for row in self.rows]
+        pairs = [any(isinstance(row[place], tuple) for row in whole) for place in range(len(self.columns))]
         headings: list[list[str]] = [
             [f"{heading} low", f"{heading} high"] if pair else [heading]
             for heading, pair in zip(self.headings, pairs, strict=True)
@@ -126,7 +127,7 @@ class Table:
                 (value if isinstance(value, tuple) else ("", "")) if pair else ("" if value is None else value,)
                 for value, pair in zip(row, pairs, strict=True)
             )
-            for row in self.rows
+            for row in whole
         ]
         return csv_text([tuple(chain.from_iterable(headings)), *map(tuple, rows)])
 

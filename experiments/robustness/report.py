@@ -206,6 +206,8 @@ def _abstention_table(numbers: Mapping[str, Any]) -> Table:
         "right among confirmed",
         "alarms",
     )
+    first = next(iter(numbers["conditions"][AS_TRAINED]["models"].values()))["searches"]
+    robots = min(SET_UPS, first["number"])
     rows: list[tuple[Value, ...]] = []
     for condition, row in numbers["conditions"].items():
         searches = next(iter(row["models"].values())).get("searches")
@@ -221,7 +223,7 @@ def _abstention_table(numbers: Mapping[str, Any]) -> Table:
         columns,
         rows,
         "Fractions of all searches. The same searches are made by a decider that always answers and by one that may be "
-        f"unsure; {SET_UPS} robots share those, and intervals resample the robots. The conflict test of a robot runs "
+        f"unsure; {robots} robots share those, and intervals resample the robots. The conflict test of a robot runs "
         "on from search to search. Alarms: how many robots had one, and in which search, the median.",
     )
 

@@ -25,7 +25,7 @@ from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
-from belief.statistics import clopper_pearson_interval, cluster_bootstrap, paired_bootstrap
+from belief.statistics import clopper_pearson_interval, paired_bootstrap
 from experiments.calibration.sequences import Sequences, stops
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
@@ -51,6 +51,7 @@ from experiments.robustness.shifted_touches import (
 )
 from experiments.robustness.stranger_searches import stranger_searches
 from experiments.scene_choice import SceneChoice, in_file_names
+from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor_choice import open_sensor, sensor_folder
 
 INDEPENDENT_MODEL = "independent"
@@ -128,10 +129,10 @@ class Robustness:
         outputs = measure_touches(sensor, shifted, self.seed, self.jobs)
         trained = outputs[AS_TRAINED]
         scores = {c: condition_scores(outputs[c], trained, models, self.seed) for c in conditions}
+        folder = sensor_folder(self.sensor, name)
+        done = results_folder(out, sorted(path for path in folder.iterdir() if path.is_file()))
         if self.searches:
             scenes = {name: some.scene for name, some in shifted.items() if name in scores}
-            folder = sensor_folder(self.sensor, name)
-            done = results_folder(out, sorted(path for path in folder.iterdir() if path.is_file()))
             searched = search_scores(
                 sensor, models, scenes, self.choice.named, self.searches, self.seed, self.jobs, self.abstain, done
             )
@@ -142,7 +143,9 @@ class Robustness:
         if novel:
             unseen = out_of_distribution(outputs[_REFERENCE], trained, outputs[_UNSEEN], sensor.model, tuple(novel))
             if self.searches and sensor.model.start().log_bets is not None:
-                among_strangers = stranger_searches(sensor, self.choice.named, self.searches, self.seed, self.jobs)
+                among_strangers = stranger_searches(
+                    sensor, self.choice.named, self.searches, self.seed, self.jobs, done
+                )
         numbers = {
             "scene": name,
             "seed": self.seed,
@@ -190,7 +193,7 @@ def condition_scores(
     """
     (num_objects, _, num_shapes), rng = outputs.logits.shape, np.random.default_rng(seed)
     right, right_trained = ((f.logits.argmax(axis=2) == f.shapes[:, None]).mean(axis=1) for f in (outputs, trained))
-    accuracy, *interval = cluster_bootstrap(right, outputs.numbers, rng)
+    accuracy, *interval = accuracy_of_objects(right, outputs.numbers, rng)
     _, here, there = np.intersect1d(outputs.numbers, trained.numbers, return_indices=True)
     difference, *difference_interval = paired_bootstrap(right[here], right_trained[there], rng)
     return {
@@ -199,7 +202,7 @@ def condition_scores(
         "accuracy_interval": interval,
         "difference": difference,
         "difference_interval": difference_interval,
-        "is_chance": interval[0] <= 1.0 / num_shapes,
+        "is_chance": interval[0] <= 1.0 / num_shapes <= interval[1],
         "models": {name: model_scores(outputs, model, seed) for name, model in models.items()},
     }
 

@@ -23,6 +23,7 @@ from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
 from experiments.robustness.kept import kept
 from experiments.search.episode_statistics import calibration_of_confirmations
+from experiments.search.fingerprint import fingerprint
 from planners import Decider, Episode, Outcome, make_decider, search_lockstep
 from planners.abstaining import ANSWER, Abstaining
 from planners.search import TouchRequest
@@ -33,7 +34,7 @@ CONFIDENCE = 0.95
 _DECIDER = "information_gain"
 _TOGETHER = 25  # searches in lockstep
 SET_UPS = 8
-"""Robots that share the searches of a condition, where they may answer "I do not know"."""
+"""Most robots that share the searches of a condition, where they may answer "I do not know"."""
 
 
 def confidence_at_stops(stated: ArrayLike, correct: ArrayLike, num_touches: ArrayLike) -> dict[str, Any] | None:
@@ -86,9 +87,9 @@ def search_scores(
         ``achieved`` accuracy at confirmation, and ``wrong``: fraction of searches with a wrong confirmation, with its
         interval. With ``abstain`` the first model has ``abstaining``: ``wrong`` and ``unsure``, fraction that ended
         with "I do not know", with their intervals; ``sure``: calibration of the confirmations that state
-        :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many of :data:`SET_UPS` robots,
-        whose test runs on from search to search, had an alarm; ``searches_to_alarm``: median number of the search in
-        which.
+        :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their
+        test, which runs on from search to search (there are :data:`SET_UPS` of them, or one for each of fewer
+        searches); ``searches_to_alarm``: median number of the search in which.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -105,9 +106,10 @@ def search_scores(
         if not scene.press_model.is_slow
         for name, rate in kinds
     ]  # fmt: skip
-    found: dict[tuple[str, str], dict[str, Any]] = {}
-    for key, scores in run_tasks(tasks, jobs, "searching under every condition"):
-        found[key] = found.get(key, {}) | scores
+    found: dict[tuple[str, str], dict[str, Any]] = {task.args[0]: {} for task in tasks}
+    finished = run_tasks(tasks, jobs, "searching under every condition")
+    for key, scores in sorted(finished, key=lambda one: "abstaining" in one[1]):
+        found[key] |= scores
     return found
 
 
@@ -120,7 +122,7 @@ def _search_all(
     abstain: float | None,
     folder: Path | None,
 ) -> tuple[tuple[str, str], dict[str, Any]]:
-    words = [*key, scene_fields(sensor.scene), repr(problem), number, seed, abstain]
+    words = [*key, scene_fields(sensor.scene), fingerprint(sensor.scene), repr(problem), number, seed, abstain]
     return key, kept(folder, words, partial(_scores, sensor, problem, number, seed, abstain))
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.named_scenes import NamedScene
 from activetouch.scene import WorldObject
+from activetouch.scene_description import scene_fields
 from activetouch.shapes import EXTENDED_SHAPES
 from activetouch.world import TouchTime
 from belief import Composition, Counts, SearchProblem
@@ -26,7 +28,9 @@ from belief.observation_model.strangers import StrangerModel
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
 from experiments.parallel import run_tasks
+from experiments.robustness.kept import kept
 from experiments.robustness.searches import played_together, success_scores
+from experiments.search.fingerprint import fingerprint
 from planners import Outcome, make_decider
 
 KNOWS, IGNORES = "knows of strangers", "knows known shapes only"
@@ -58,7 +62,7 @@ class WorldWithStrangers(TouchWorld):
 
 
 def stranger_searches(
-    sensor: TactileSensor, named: NamedScene, episodes: int, seed: int, jobs: int
+    sensor: TactileSensor, named: NamedScene, episodes: int, seed: int, jobs: int, folder: Path | None = None
 ) -> dict[str, dict[str, Any]]:
     """Success of searches among strangers, for a belief that knows of them and for one that does not.
 
@@ -68,19 +72,27 @@ def stranger_searches(
         episodes: for every target.
         seed: of the episodes.
         jobs: number of processes.
+        folder: of finished results, which are read and not played again; none are kept by default.
 
     Returns:
         By kind of belief ``number``, ``success`` with its ``interval``, ``wrong``: fraction of searches that confirmed
         a wrong object, with its interval; ``taken``: fraction that confirmed a stranger; ``touches``; and
         ``no_touch``: success of the better of confirming the first object and rejecting all.
     """
-    tasks = [partial(_search_all, knows, sensor, named, episodes, seed) for knows in (True, False)]
-    return dict(run_tasks(tasks, jobs, "searching among strangers"))
+    tasks = [partial(_search_all, belief, sensor, named, episodes, seed, folder) for belief in (KNOWS, IGNORES)]
+    found = dict(run_tasks(tasks, jobs, "searching among strangers"))
+    return {belief: found[belief] for belief in (KNOWS, IGNORES)}
 
 
 def _search_all(
-    knows: bool, sensor: TactileSensor, named: NamedScene, number: int, seed: int
+    belief: str, sensor: TactileSensor, named: NamedScene, number: int, seed: int, folder: Path | None
 ) -> tuple[str, dict[str, Any]]:
+    rules = [named.num_objects, named.touches_per_object]
+    words = [belief, scene_fields(sensor.scene), fingerprint(sensor.scene), rules, number, seed]
+    return belief, kept(folder, words, partial(_scores, belief == KNOWS, sensor, named, number, seed))
+
+
+def _scores(knows: bool, sensor: TactileSensor, named: NamedScene, number: int, seed: int) -> dict[str, Any]:
     known, aware = sensor.scene.shape_labels, StrangerModel(sensor.model)
     novel = [label for label in EXTENDED_SHAPES if label not in known]
     wide = replace(sensor.scene, shapes={**sensor.scene.shapes, **{label: EXTENDED_SHAPES[label] for label in novel}})
@@ -104,7 +116,7 @@ def _search_all(
     targets = [target for _, target, _ in seeds]
     played = played_together(sensor, worlds, decider, problem, targets, used, seeds)
     confirmed = [episode.confirmed_shape for episode in played if episode.outcome is Outcome.CONFIRMED]
-    return KNOWS if knows else IGNORES, {
+    return {
         **success_scores(played),
         "taken": sum(shape == len(known) for shape in confirmed) / len(played),
         "no_touch": max(1.0 / bag.total, 1.0 - present),

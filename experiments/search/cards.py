@@ -9,6 +9,8 @@ from experiments.search.summary import ALL, Comparison
 
 LEAST_DOUBT = 0.025
 """A decider whose return is the highest in at least this fraction of bootstrap resamples may be the best."""
+ENOUGH = 20
+"""Least number of searches after which a decider is called the best; resamples of fewer are too much alike."""
 
 
 class Card(NamedTuple):
@@ -38,6 +40,11 @@ def tied(comparison: Comparison) -> list[str]:
     return found or names[:1]
 
 
+def is_small(comparison: Comparison) -> bool:
+    """Whether there are too few searches to tell deciders apart."""
+    return comparison.cells[comparison.reference, ALL].num_episodes < ENOUGH
+
+
 def by_return(comparison: Comparison) -> list[str]:
     """All deciders, the highest mean return first."""
     return sorted(comparison.deciders, key=lambda name: -comparison.cells[name, ALL].reward)
@@ -48,9 +55,8 @@ def cards(comparison: Comparison) -> list[Card]:
     best, found = tied(comparison), []
     for name in by_return(comparison):
         cell = comparison.cells[name, ALL]
-        rank = (
-            "" if name not in best or len(comparison.deciders) == 1 else ("tied for best" if len(best) > 1 else "best")
-        )
+        is_ranked = name in best and len(comparison.deciders) > 1 and not is_small(comparison)
+        rank = ("tied for best" if len(best) > 1 else "best") if is_ranked else ""
         success = (cell.success, *cell.success_interval)
         found.append(Card(name, rank, success, cell.touches, cell.reward, _stated(comparison, name)))
     return found

@@ -20,7 +20,7 @@ _SMALLEST_ERROR = 1e-4
 
 
 def pictures(comparison: Comparison) -> list[Picture]:
-    """All figures of a comparison."""
+    """All figures of a comparison that have something to show."""
     found = _pictures(comparison)
     return [*found, _selective_risk(comparison)] if comparison.is_selective else found
 
@@ -28,6 +28,10 @@ def pictures(comparison: Comparison) -> list[Picture]:
 def _pictures(comparison: Comparison) -> list[Picture]:
     num_deciders, num_groups = len(comparison.deciders), len(comparison.targets) + 1
     wide, flat = 2.6 + 0.1 * num_deciders, 0.9 + 0.2 * num_deciders
+    empty = {
+        "stated_confidence": not any(comparison.calibration.values()),
+        "times": not any(cell.seconds.num_touches for cell in comparison.cells.values()),
+    }
     return [
         Picture(name, caption, [partial(panel, comparison=comparison)], size=(_WIDTH, height))
         for name, caption, height, panel in (
@@ -38,6 +42,7 @@ def _pictures(comparison: Comparison) -> list[Picture]:
             ("stated_confidence", _STATED, flat + 0.3, _draw_stated_confidence),
             ("times", _TIMES, flat + 0.2, _draw_times),
         )
+        if not empty.get(name)
     ]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from belief import SearchProblem
 from belief.statistics import McNemar, mcnemar_test, paired_bootstrap
-from belief.statistics.power import episodes_for_mean, episodes_for_success, holm
+from belief.statistics.power import LEVEL, episodes_for_success, holm
 from planners import Episode
 
 _RESAMPLES, _ROWS = 2000, 200  # bootstrap resamples, and how many are drawn at once
@@ -25,9 +25,8 @@ class Difference:
         reward: the same for returns.
         mcnemar: McNemar's test of the success rates; "first" is the decider, "second" the reference.
         p_value: mid-p value of this test, corrected for the number of deciders (Holm).
-        episodes_for_success: episodes at which the test would detect the observed difference in success with 80 %
-            power; None if there is no difference.
-        episodes_for_reward: the same for returns.
+        episodes_for_success: episodes at which the corrected test would detect the observed difference in success with
+            80 % power, even if it is the only difference; None if there is no difference.
     """
 
     success: tuple[float, float, float]
@@ -36,7 +35,6 @@ class Difference:
     mcnemar: McNemar
     p_value: float
     episodes_for_success: int | None
-    episodes_for_reward: int | None
 
 
 def differences(
@@ -51,9 +49,9 @@ def differences(
         rng: random generator of the bootstraps.
     """
     base = by_decider[reference]
-    found = {
-        name: _difference(episodes, base, problem, rng) for name, episodes in by_decider.items() if name != reference
-    }
+    others = {name: episodes for name, episodes in by_decider.items() if name != reference}
+    level = LEVEL / max(len(others), 1)  # what Holm's correction asks of the smallest p-value
+    found = {name: _difference(episodes, base, problem, rng, level) for name, episodes in others.items()}
     corrected = holm([difference.mcnemar.mid_p_value for difference in found.values()])
     return {
         name: replace(difference, p_value=p_value)
@@ -62,7 +60,11 @@ def differences(
 
 
 def _difference(
-    episodes: Sequence[Episode], base: Sequence[Episode], problem: SearchProblem, rng: np.random.Generator
+    episodes: Sequence[Episode],
+    base: Sequence[Episode],
+    problem: SearchProblem,
+    rng: np.random.Generator,
+    level: float,
 ) -> Difference:
     right, base_right = ([e.success for e in some] for some in (episodes, base))
     rewards, base_rewards = ([e.reward(problem) for e in some] for some in (episodes, base))
@@ -73,8 +75,7 @@ def _difference(
         reward=paired_bootstrap(rewards, base_rewards, rng),
         mcnemar=pairs,
         p_value=pairs.mid_p_value,
-        episodes_for_success=episodes_for_success(pairs),
-        episodes_for_reward=episodes_for_mean(np.subtract(rewards, base_rewards).tolist()),
+        episodes_for_success=episodes_for_success(pairs, level),
     )
 
 

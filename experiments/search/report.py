@@ -79,8 +79,8 @@ def write_report(folder: Path, comparison: Comparison, setting: Setting, seed: i
             [drawn[name] for name in figures if name in drawn],
         )
         for title, (figures, names) in _SECTIONS.items()
-        if any(name in shown for name in names)
     ]
+    sections = [section for section in sections if section.tables or section.pictures]
     bodies = Bodies.of(load_sensor(setting), pixels=48, draws=24) if choose(comparison) else None
     pair = beside(comparison)
     duel = [_story(setting, decider, episode, bodies) for decider, episode in pair]

@@ -69,7 +69,8 @@ def play_missing(
 ) -> None:
     """Play the shards that a folder lacks or that another version of a decider played; keep all others.
 
-    ``run.json`` is written together with the first shard, or at the end if no shard is missing.
+    ``run.json`` is written together with the first shard, and again at the end: another process that plays other
+    deciders may have written it at the same moment.
 
     Args:
         folder: folder of the run.
@@ -115,7 +116,9 @@ def play_missing(
     is_open = False
     played = chain.from_iterable(run_lazily(missing(), len(groups), jobs, "searching", scheduler))
     for result in chain(played, [None]):
-        if not is_open:  # only now, because a run that fails without any result must not claim the folder
+        if (
+            not is_open or result is None
+        ):  # not before, as a run that fails without any result must not claim the folder
             is_open = True
             if warning := folder.open(run, arguments, players):
                 print(warning, file=sys.stderr)

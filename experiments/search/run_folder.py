@@ -175,7 +175,8 @@ class RunFolder:
             CorruptFile: ``run.json`` is damaged or not that of a run.
             CannotWrite: The disk is full, or the folder is a file or not writable.
         """
-        earlier, commit, code, warning = self.require(identity), _commit(), code_digests(), None
+        commit, code, warning = _commit(), code_digests(), None
+        earlier = self.require(identity)  # read last, so that no other process writes between
         if earlier is not None:
             other = [name for name, digest in code.items() if earlier["code"].get(name) != digest]
             if other or earlier["commit"] != commit:

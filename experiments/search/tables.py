@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from experiments.reporting.tables import Table, Value
+from experiments.search.cards import ENOUGH
 from experiments.search.selective_tables import abstention_table, selective_risk_table
 from experiments.search.summary import ALL, Comparison
 
@@ -68,7 +69,8 @@ def _differences(comparison: Comparison) -> Table:
             *(("touches", "+.2f"), ("95 %  ", "+.2f"), ("return", "+.3f"), ("95 %   ", "+.3f")),
         ],
         rows,
-        "Mean differences with 95 % bootstrap intervals over pairs. p: McNemar's test (mid-p), corrected by Holm for "
+        "Mean differences with 95 % bootstrap intervals over pairs, which are too narrow for fewer than "
+        f"{ENOUGH} searches. p: McNemar's test (mid-p), corrected by Holm for "
         "the number of deciders. Searches needed: number of searches per decider at which this test detects a "
         "difference of the observed size with 80 % power."
         + (" A search that ends with “I do not know” does not succeed." if comparison.is_selective else ""),
@@ -94,7 +96,7 @@ def _returns(comparison: Comparison) -> Table:
         f"{comparison.problem.touch_cost:g} per touch. P(best): fraction "
         "of bootstrap resamples of the episodes in which the mean return is the highest. Regret: difference to the "
         "return of the full-information oracle, which touches every object in every pose free of charge before it "
-        f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run; no decider reaches 0. To "
+        f"answers, on the {comparison.oracle[1]} episodes on which the oracle was run. To "
         "bound: difference to an upper bound on the expected return for the discretised sensor model. In that model "
         "touches are independent given the shape, and repeats are discounted as the observation model says. Live "
         "touches satisfy neither, so live returns can exceed the bound and the difference can be negative. It is "

@@ -6,7 +6,7 @@ import math
 from statistics import fmean
 
 from belief.statistics.power import LEVEL, POWER
-from experiments.search.cards import by_return, tie_sentence, tied
+from experiments.search.cards import ENOUGH, by_return, is_small, tie_sentence, tied
 from experiments.search.paired import Difference
 from experiments.search.selective import Selective
 from experiments.search.summary import ALL, Comparison
@@ -34,8 +34,11 @@ def _best(comparison: Comparison) -> str:
     )
     if len(names) == 1:
         return said.replace("is best: it succeeds", "succeeds")
+    highest = said.replace("is best: it", "has the highest return: it")
+    if is_small(comparison):
+        return f"{highest} To call a decider the best takes at least {ENOUGH} searches."
     if len(equals) > 1:
-        return f"{said.replace('is best: it', 'has the highest return: it')} {tie_sentence(equals, comparison)}"
+        return f"{highest} {tie_sentence(equals, comparison)}"
     sure = comparison.prob_best[names[0]]
     if sure > 0.999:
         return f"{said} Its return is almost certainly the highest of the {len(names)}."
@@ -97,7 +100,7 @@ def _against(name: str, difference: Difference, comparison: Comparison) -> str:
             f"and {reference} do not differ significantly in success: {either} (p {_p(difference.p_value)}); "
             f"{_needed(difference, comparison)}"
         )
-    return f"{name} {success}. {_touches(name, difference, reference)}"
+    return f"{name} {success}. {_touches(name, difference, comparison)}"
 
 
 def _needed(difference: Difference, comparison: Comparison) -> str:
@@ -118,12 +121,17 @@ def _needed(difference: Difference, comparison: Comparison) -> str:
     )
 
 
-def _touches(name: str, difference: Difference, reference: str) -> str:
+def _touches(name: str, difference: Difference, comparison: Comparison) -> str:
     mean, low, high = difference.touches
+    if is_small(comparison):
+        return (
+            f"In touches {name} minus {comparison.reference} is {mean:+.2f}; to tell this from chance takes at least "
+            f"{ENOUGH} searches."
+        )
     if low <= 0.0 <= high:
         return f"They do not differ significantly in touches ({mean:+.2f} [{low:+.2f}, {high:+.2f}])."
     more = "more" if mean > 0 else "fewer"
-    return f"{name} takes {abs(mean):.2f} touches {more} than {reference} [{low:+.2f}, {high:+.2f}]."
+    return f"{name} takes {abs(mean):.2f} touches {more} than {comparison.reference} [{low:+.2f}, {high:+.2f}]."
 
 
 def _calibration(comparison: Comparison) -> list[str]:

@@ -26,7 +26,7 @@ from belief.metrics import confusion_matrix, expected_calibration_error, negativ
 from belief.observation_model import ArrayModel
 from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit, fit_named, require_readable
 from belief.observation_model.selection import NUM_FOLDS, ModelChoice, choose_observation_model, log_posteriors
-from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from belief.statistics import clopper_pearson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument, Count, Seed, check_arguments
 from experiments.command_line.console import plain_console
@@ -34,7 +34,7 @@ from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
-from experiments.sensor.scores import read_touches, regrouped
+from experiments.sensor.scores import accuracy_of_objects, read_touches, regrouped
 from experiments.sensor_choice import open_collection, require_collection
 
 
@@ -216,7 +216,7 @@ def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.ra
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
     raw = TemperatureScaling().predict_proba(logits)
     calibrated = np.exp(log_posteriors(model, regrouped(touches, (-1, 1))))
-    right, low, high = cluster_bootstrap(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
+    right, low, high = accuracy_of_objects(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
     fused = np.exp(log_posteriors(model, regrouped(touches, (num_objects, -1)).first(num_poses)))
     object_shapes = truth.shapes.reshape(num_objects, -1)[:, 0]
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())

@@ -12,7 +12,7 @@ from activetouch.data.dataset import TouchSet
 from activetouch.perception.reader import ImageReader, Reading, TactileReader
 from belief.calibration import TemperatureScaling
 from belief.metrics import negative_log_likelihood
-from belief.statistics import cluster_bootstrap
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from belief.touch_batch import TouchBatch
 from experiments.parallel import progress_bar
 
@@ -23,7 +23,7 @@ class Scores:
 
     Attributes:
         accuracy: share of the test touches read correctly.
-        interval: of the accuracy, 95 %, resampling objects.
+        interval: of the accuracy, 95 %, as of :func:`accuracy_of_objects`.
         nll: of the test touches, after temperature scaling on the calibration split [nats].
     """
 
@@ -64,9 +64,33 @@ def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Itera
             progress.advance(bar, len(reading.logits))
 
 
+def accuracy_of_objects(
+    right: NDArray[np.generic], objects: NDArray[np.generic], rng: np.random.Generator
+) -> tuple[float, float, float]:
+    """Fraction of right touches, with a 95 % bootstrap interval that resamples objects.
+
+    If all touches are right, or none, the bootstrap would give a point. The interval is then the exact binomial one of
+    as many objects.
+
+    Args:
+        right: whether each touch is right, or the fraction that is, ``(n,)``.
+        objects: which object each is of, ``(n,)``.
+        rng: of the bootstrap.
+
+    >>> found = accuracy_of_objects(np.ones(60), np.arange(60) // 6, np.random.default_rng(0))
+    >>> [round(x, 2) for x in found]     # ten objects
+    [1.0, 0.69, 1.0]
+    """
+    accuracy, low, high = cluster_bootstrap(right, objects, rng)
+    if low == high and accuracy in (0.0, 1.0):
+        number = len(np.unique(objects))
+        low, high = clopper_pearson_interval(round(accuracy * number), number)
+    return accuracy, low, high
+
+
 def scores(reader: ImageReader, calibration: TouchSet, test: TouchSet, rng: np.random.Generator) -> Scores:
     """Scores on a test split, with a temperature from the calibration split; ``rng`` is that of the interval."""
     known, read = reader.read(calibration.images, 256), reader.read(test.images, 256)
     scaling = TemperatureScaling().fit(known.logits, calibration.shapes)
-    accuracy, low, high = cluster_bootstrap(read.labels == test.shapes, test.object_ids, rng)
+    accuracy, low, high = accuracy_of_objects(read.labels == test.shapes, test.object_ids, rng)
     return Scores(accuracy, (low, high), negative_log_likelihood(scaling.predict_proba(read.logits), test.shapes))

@@ -220,7 +220,7 @@ def table(entries: Sequence[Entry], scene: str, num_objects: int) -> Table:
 
 
 def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
-    """Draw NLL with its interval against the time of a touch, one panel per number of touches.
+    """Draw NLL against the time of a touch, one panel per number of touches up to three, or for the fewest.
 
     Args:
         entries: readers and models.
@@ -237,6 +237,7 @@ def draw(entries: Sequence[Entry], scene: str, path: Path) -> None:
     readers = list(dict.fromkeys((entry.network, entry.precision) for entry in entries))
     networks = list(dict.fromkeys(network for network, _ in readers))
     shown = [n for n, result in enumerate(entries[0].results) if result.touches <= 3]
+    shown = shown or [int(np.argmin([result.touches for result in entries[0].results]))]
     with figure((3.2 * len(shown) + 1.8, 3.6), path) as drawn:
         panels = np.atleast_1d(drawn.subplots(1, len(shown)))
         for axes, n in zip(panels, shown, strict=True):

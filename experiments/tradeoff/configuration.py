@@ -25,6 +25,7 @@ from activetouch.sensor_files import (
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
+from experiments.sensor_choice import command
 from planners import DECIDERS
 from planners.registry import NEED_FILES
 
@@ -181,11 +182,16 @@ class Configuration:
 
     def command(self, sensor: Path | None) -> str:
         """The ``compare`` command for this configuration; ``sensor`` is the folder of its sensor, None if shipped."""
-        named = sensor if sensor is not None else self.network.sensor
-        words = [f"activetouch compare --scene {self.scene} --deciders {self.decider} --touch-cost {self.touch_cost:g}"]
-        words += [f"--fidelity {self.fidelity}"] if self.fidelity else []
-        words += [f"--sensor {named}"] if str(named) != self.scene else []
-        return " ".join([*words, f"--out runs/compare-{self.key}"])
+        named = str(sensor if sensor is not None else self.network.sensor)
+        return command(
+            "compare",
+            scene=self.scene,
+            deciders=self.decider,
+            touch_cost=f"{self.touch_cost:g}",
+            fidelity=self.fidelity,
+            sensor=None if named == self.scene else named,
+            out=f"runs/compare-{self.key}",
+        )
 
 
 def _digest(path: Path) -> str:

@@ -71,7 +71,7 @@ def _extent(found: Sequence[Front]) -> str:
     searches = f"{sum(point.num_searches for point in points):,}".replace(",", " ")
     return (
         f"{len(points)} configurations in {len(scenes)} scenes ({', '.join(scenes)}), {searches} live searches. "
-        "All configurations of a scene played the same searches."
+        "All configurations of a scene played the same searches; those with fewer played the first for each target."
     )
 
 

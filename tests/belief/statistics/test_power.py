@@ -42,6 +42,13 @@ def test_so_many_episodes_are_enough_where_one_is_never_alone_right():
     assert exact_power(episodes_for_success(pairs(40, 0, 1000)), 0.04, 0.0) >= 0.8
 
 
+def test_no_number_is_so_small_that_the_test_can_never_reject():
+    n = episodes_for_success(pairs(1, 0, 1))
+    assert n == 5
+    assert exact_power(n, 1.0 - 1e-12, 0.0) >= 0.8
+    assert mcnemar_test([True] * (n - 1), [False] * (n - 1)).mid_p_value > 0.05
+
+
 def test_mcnemar_on_drawn_episodes_agrees_with_the_exact_power(rng):
     n, trials = 200, 400
     draws = rng.choice(3, p=(0.10, 0.04, 0.86), size=(trials, n))
@@ -101,12 +108,12 @@ def test_a_level_or_a_power_that_is_none_is_refused(wrong):
 
 def test_less_power_never_needs_more_episodes():
     powers = (0.9, 0.5, 0.1, 0.025, 0.02, 1e-3, 1e-9)
-    for numbers in (
-        [episodes_for_success(pairs(30, 10, 1000), power=power) for power in powers],
-        [episodes_for_mean([1.0, 0.0, 1.0, -1.0], power=power) for power in powers],
+    for numbers, least in (
+        ([episodes_for_success(pairs(30, 10, 1000), power=power) for power in powers], 5),
+        ([episodes_for_mean([1.0, 0.0, 1.0, -1.0], power=power) for power in powers], 1),
     ):
         assert numbers == sorted(numbers, reverse=True)
-        assert numbers[-1] == 1
+        assert numbers[-1] == least
 
 
 @pytest.mark.parametrize("differences", [[1.0, np.nan], [1.0, np.inf], ["1", "2"]])

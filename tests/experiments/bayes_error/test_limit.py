@@ -7,9 +7,10 @@ import pytest
 
 from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
+from activetouch.sensor import TactileSensor
 from belief.errors import UnknownName
 from experiments.bayes_error.ambiguity import NEAR, AmbiguitySearch, tally
-from experiments.bayes_error.estimator import chunks, paired_difference, share
+from experiments.bayes_error.estimator import LimitStudy, chunks, paired_difference, share
 from experiments.bayes_error.limit import Limit
 from experiments.bayes_error.simulation import SimulatedBayes, by_shape, nll, summary
 from experiments.command_line.arguments import BadArgument
@@ -40,6 +41,23 @@ def small(name, folder, jobs):
         out=folder,
         jobs=jobs,
     )
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize(("bank", "checked", "images"), [(3000, 2500, 2000), (1000, 5000, 1000), (3000, 10, 1000)])
+def test_the_images_of_the_second_bank_are_those_that_were_compared(bank, checked, images, tmp_path, monkeypatch):
+    pressed = []
+
+    def evidence(scene, noise, readings, shape, number, seed):
+        pressed.append((type(scene.press_model), shape))
+        return shape, number, np.zeros(len(readings))
+
+    monkeypatch.setattr("experiments.bayes_error.simulation.log_evidence_of_slice", evidence)
+    study = LimitStudy(TactileSensor.shipped("coarse"), 8, 0, 1, tmp_path)
+    numbers = SimulatedBayes(bank=bank, checked=checked).measure(study).numbers
+    assert numbers["pressed_as_the_scene_does"]["images_per_shape"] == images
+    assert 1000 * pressed.count((type(study.scene.press_model), 0)) == images
+    assert numbers["pressed_against_quasistatic"]["value"] == 0.0
 
 
 @pytest.mark.slow

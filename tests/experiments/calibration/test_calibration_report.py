@@ -276,6 +276,8 @@ def test_the_report_stands_alone_and_follows_from_its_seed(collection, tmp_path,
     assert not re.search(r"(src|href)=\"(?!#)|@import|<link|<script[^>]*src|url\((?!#)", html)
     assert html.count("<svg") == 2 + 3 + 3 + 3 + 1
     assert "Verdict" in html
+    assert "distinct poses after 6 touches" in html
+    assert "one pose after 2 touches" in html  # there are two rounds
     numbers = json.loads((tmp_path / "1" / "numbers.json").read_text())
     assert numbers["num_objects"] == {"calibration": 16, "test": 12}
     assert len(numbers["models"][0]["fused"]["distinct poses"]) == 6

@@ -34,6 +34,18 @@ def test_text_is_printed_as_it_is_alone_in_tables_and_before_progress_bars(text,
     assert file.getvalue().count(text) >= 7
 
 
+@pytest.mark.parametrize("width", [120, 80])
+def test_a_table_that_is_too_wide_loses_neither_names_nor_digits(width):
+    row = ("all taxels dead", *(f"0.{n}31 [0.{n}27, 0.{n}35]" for n in range(1, 7)), "5.424")
+    table = Table("", ("condition", *(f"score {n}" for n in range(1, 7)), "NLL"), [row])
+    console = plain_console(file=io.StringIO(), width=width)
+    console.print(table.rich())
+    lines = console.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    for cell in row:
+        assert all(any(part in line for line in lines) for part in cell.split()), cell
+
+
 def test_no_command_prints_with_a_console_of_its_own():
     allowed = {"console.py"}
     for path in sorted((ROOT / "experiments").glob("*.py")):

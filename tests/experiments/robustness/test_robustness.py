@@ -214,6 +214,7 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
     for row in numbers.values():
         row["models"]["rigid body"]["searches"]["abstaining"] = abstaining
     abstention = robustness_tables(report | {"conditions": numbers})[4]
+    assert "4 robots share those" in abstention.note  # one for each of four searches
     assert len(abstention.rows) == len(numbers)
     assert len(abstention.rows[0]) == len(abstention.columns)
 
@@ -337,3 +338,39 @@ def test_finished_searches_are_kept_and_a_torn_file_is_played_again(tmp_path, mo
     assert search_scores(*arguments) == {("", "own"): {"played": "again"}}
     other = search_scores(*arguments[:4], 2, *arguments[5:])  # twice as many searches
     assert other == {("", "own"): {"played": "again"}}
+
+
+def test_scores_do_not_depend_on_which_searches_finish_first(monkeypatch):
+    sensor = TactileSensor.shipped("coarse")
+    models, scenes = {"own": sensor.model, "other": sensor.model}, {"a": COARSE, "b": COARSE}
+    monkeypatch.setattr(
+        "experiments.robustness.searches._scores",
+        lambda *given: {"abstaining": 1.0} if given[-1] is not None else {"number": 4},
+    )
+    given = (sensor, models, scenes, SCENES["coarse"], 1, 0, 1, 0.02)
+    found = search_scores(*given)
+    monkeypatch.setattr(
+        "experiments.robustness.searches.run_tasks", lambda tasks, *_: (task() for task in reversed(tasks))
+    )
+    assert json.dumps(list(search_scores(*given).items())) == json.dumps(list(found.items()))
+    assert list(found) == [("a", "own"), ("a", "other"), ("b", "own"), ("b", "other")]
+
+
+def test_searches_with_other_code_of_the_scene_are_played_again(tmp_path, monkeypatch):
+    sensor = TactileSensor.shipped("coarse")
+    given = (sensor, {"own": sensor.model}, {"": COARSE}, SCENES["coarse"], 1, 0, 1, None, tmp_path)
+    for number, code in enumerate(("one", "one", "another")):
+        monkeypatch.setattr("experiments.robustness.searches.fingerprint", lambda scene, code=code: code)
+        monkeypatch.setattr("experiments.robustness.searches._scores", lambda *_, number=number: {"played": number})
+        played = search_scores(*given)["", "own"]["played"]
+        assert played == (0 if code == "one" else 2)
+
+
+def test_an_accuracy_below_chance_is_not_chance(model):
+    shapes = np.arange(40) % 4
+    logits = np.eye(4)[(shapes + 1) % 4][:, None].repeat(3, axis=1)  # always another shape
+    wrong = ClassifierOutputs(np.arange(40), shapes, logits, np.zeros((40, 3, 1), np.float32))
+    numbers = condition_scores(wrong, wrong, {"own": model}, seed=0)
+    assert numbers["accuracy"] == 0.0
+    assert numbers["accuracy_interval"] == [0.0, pytest.approx(1.0 - 0.025 ** (1 / 40))]
+    assert not numbers["is_chance"]

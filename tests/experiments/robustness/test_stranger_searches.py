@@ -7,10 +7,26 @@ from activetouch import TactileSensor
 from activetouch.named_scenes import SCENES
 from experiments.robustness.stranger_searches import IGNORES, KNOWS, stranger_searches
 
+GIVEN = {"sensor": TactileSensor.shipped("coarse"), "named": SCENES["coarse"], "episodes": 5, "seed": 0, "jobs": 1}
+
 
 @pytest.fixture(scope="module")
-def found():
-    return stranger_searches(TactileSensor.shipped("coarse"), SCENES["coarse"], episodes=5, seed=0, jobs=1)
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("searches")
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    return stranger_searches(**GIVEN, folder=folder)
+
+
+def test_finished_searches_are_kept_and_their_order_is_that_of_the_beliefs(found, folder, monkeypatch):
+    monkeypatch.setattr("experiments.robustness.stranger_searches._scores", lambda *given: {"played": "again"})
+    monkeypatch.setattr(
+        "experiments.robustness.stranger_searches.run_tasks", lambda tasks, *_: (task() for task in reversed(tasks))
+    )
+    assert list(stranger_searches(**GIVEN, folder=folder).items()) == list(found.items())
+    assert stranger_searches(**{**GIVEN, "seed": 1}, folder=folder)[KNOWS] == {"played": "again"}
 
 
 def test_a_belief_that_knows_of_strangers_takes_fewer_of_them(found):

@@ -4,8 +4,11 @@ import hashlib
 
 import pytest
 
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
 from experiments.search.resume import shard_sizes
-from experiments.search.run_folder import BOUND, ORACLE, code_digests
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder, code_digests
+from experiments.search.setting import Setting
 
 
 @pytest.mark.parametrize("episodes", [1, 24, 25, 26, 50, 51, 130])
@@ -26,6 +29,25 @@ def test_the_oracle_plays_at_most_fifty_episodes_of_a_target_and_the_bound_is_on
     sizes = shard_sizes([ORACLE, BOUND], ["cone"], 1000)
     assert sum(size for key, size in sizes.items() if key.decider == ORACLE) == 50
     assert [size for key, size in sizes.items() if key.decider == BOUND] == [1]
+
+
+@pytest.mark.mujoco
+def test_another_process_that_writes_run_json_at_the_same_moment_loses_nothing(tmp_path, monkeypatch):
+    first, other = (
+        Compare(deciders=(name,), targets=("cone",), episodes=1, setting=Setting(SceneChoice("coarse")), out=tmp_path,
+                jobs=1)
+        for name in ("threshold", "random_confirm")
+    )  # fmt: skip
+    other.play()
+    stale, write = (tmp_path / "run.json").read_bytes(), RunFolder.write
+
+    def write_and_be_overwritten(folder, *shard):
+        write(folder, *shard)
+        (tmp_path / "run.json").write_bytes(stale)  # by a process that had read it before this one wrote it
+
+    monkeypatch.setattr(RunFolder, "write", write_and_be_overwritten)
+    assert first.play().deciders == ["threshold"]
+    assert {"threshold", "random_confirm"} <= RunFolder(tmp_path).read_run()["made_by"].keys()
 
 
 def test_the_code_of_each_package_has_a_digest_of_its_own():

@@ -9,8 +9,11 @@ from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.statistics import clopper_pearson_interval, wilson_interval
+from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
+from experiments.search.cards import cards
 from experiments.search.episode_statistics import by_position, calibration_of_confirmations, gap, regret
+from experiments.search.figures import pictures
 from experiments.search.paired import prob_best
 from experiments.search.run_folder import Seconds
 from experiments.search.summary import compare_episodes, summarise
@@ -94,6 +97,16 @@ def test_p_values_are_corrected_for_the_number_of_deciders(rng):
     one = compared({"base": base, "worse": worse}, rng).differences["worse"]
     two = compared({"base": base, "worse": worse, "same": base}, rng).differences["worse"]
     assert two.p_value == pytest.approx(2 * one.p_value)
+
+
+def test_the_searches_needed_are_those_of_the_corrected_test(rng):
+    base, worse = [search("tc")] * 100, [search("tc")] * 90 + [search("rc")] * 10
+    one = compared({"base": base, "worse": worse}, rng).differences["worse"]
+    others = {f"same {n}": base for n in range(4)}
+    five = compared({"base": base, "worse": worse, **others}, rng).differences["worse"]
+    assert one.episodes_for_success == episodes_for_success(one.mcnemar)
+    assert five.episodes_for_success == episodes_for_success(one.mcnemar, level=0.05 / 5)
+    assert five.episodes_for_success > one.episodes_for_success
 
 
 def test_the_best_decider_is_best_in_most_resamples(rng):
@@ -184,6 +197,24 @@ def test_a_clear_result_is_called_settled(rng):
     assert "The stated confidence of good when confirming agrees with what is right" in told
 
 
+@pytest.mark.parametrize("number", [1, 2, 19])
+def test_few_searches_have_no_best_decider_and_no_significant_difference(rng, number):
+    comparison = compared({"x": [search("ttc")] * number, "y": [search("tc")] * number}, rng)
+    told = " ".join(verdict_sentences(comparison))
+    assert "y has the highest return" in told
+    assert "at least 20 searches" in told
+    assert "In touches y minus x is -1.00" in told
+    for word in ("is best", "certainly", "probably", "takes 1.00"):
+        assert word not in told
+    assert {card.rank for card in cards(comparison)} == {""}
+
+
+def test_a_decider_can_do_better_than_the_oracle_where_that_errs(rng):
+    comparison = compared({"x": [search("tc")], "y": [search("rc")]}, rng, solved=(False,))
+    assert comparison.regret["x"][0] < 0.0
+    assert all("reaches 0" not in table.note for table in comparison_tables(comparison))
+
+
 def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     x = [search("tc")] * 97 + [search("rc")] * 3
     y = [search("rc")] + [search("tc")] * 99
@@ -198,6 +229,19 @@ def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict_sentences(compared({"x": same, "y": same}, rng)))
     assert "they differ in fewer than 3 % of all searches (95 %" in told  # 1 - .05^(1/100)
+
+
+def test_nothing_is_drawn_of_searches_without_touches_or_confirmations(rng):
+    def drawn(episode, seconds=None):
+        comparison = compare_episodes(
+            PROBLEM, {("x", "a"): [episode]}, {("x", "a"): seconds or Seconds()}, {"a": [True]}, "x", rng
+        )
+        return {picture.name for picture in pictures(comparison)}
+
+    assert drawn(search("c")) >= {"success", "stated_confidence"}
+    assert "times" not in drawn(search("c"))
+    assert "stated_confidence" not in drawn(search("rr", outcome=Outcome.EXHAUSTED))
+    assert drawn(search("tc"), Seconds(1.0, 1.0, 1.0, 1)) >= {"stated_confidence", "times"}
 
 
 def test_presses_that_were_made_again_are_counted_and_told(rng):
@@ -230,6 +274,11 @@ def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
     table = Table("S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
     assert table.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
     assert table.csv().splitlines() == ["who,x,95 % low,95 % high", "a,,,", f"b,{1 / 3},0.1,0.2"]
+
+
+def test_a_heading_among_the_rows_is_a_row_for_machines_too():
+    table = Table("S", ["who", ("95 %", ".1f")], [("group",), ("a", (0.1, 0.2))])
+    assert table.csv().splitlines() == ["who,95 % low,95 % high", "group,,", "a,0.1,0.2"]
 
 
 def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):

@@ -15,7 +15,7 @@ from experiments.scene_choice import SceneChoice
 from experiments.sensor.after_touches import after_touches
 from experiments.sensor.collect import collect
 from experiments.sensor.precision import in_precision
-from experiments.sensor.several_touches import SeveralTouches, in_random_orders
+from experiments.sensor.several_touches import Entry, SeveralTouches, draw, in_random_orders
 
 
 def test_each_object_keeps_its_touches_in_orders_of_its_own():
@@ -60,6 +60,13 @@ def test_more_orders_of_the_same_objects_do_not_narrow_the_intervals():
     assert again.accuracy_interval == once.accuracy_interval
     assert again.nll_interval == pytest.approx(once.nll_interval)
     assert again.gap_interval == pytest.approx(once.gap_interval)
+
+
+def test_only_many_touches_are_drawn_too(tmp_path):
+    results = [after_touches(np.log([[0.9, 0.1]] * 4), np.zeros(4, int), np.arange(4), n, seed=0) for n in (6, 4)]
+    entries = [Entry("cnn 16 px", "float32", number, tuple(results), 1.0, 0.1, 1.0) for number in (0, 64)]
+    draw(entries, "coarse", tmp_path / "drawn.svg")
+    assert "4 touches" in (tmp_path / "drawn.svg").read_text()
 
 
 @pytest.mark.mujoco

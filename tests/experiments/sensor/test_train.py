@@ -17,13 +17,14 @@ from activetouch.perception.reader import TactileReader
 from activetouch.perception.recipe import RECIPES
 from activetouch.scene_description import scene_differences, scene_fields
 from activetouch.sensor_files import READER_FILE
+from belief.statistics import clopper_pearson_interval, cluster_bootstrap
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import Collect
 from experiments.sensor.frontier import Frontier
 from experiments.sensor.learning_curve import LearningCurve
-from experiments.sensor.scores import scores
+from experiments.sensor.scores import accuracy_of_objects, scores
 from experiments.sensor.train import Changes, Train, card_for, new_classifier
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -182,11 +183,24 @@ def test_scores_of_a_classifier_that_knows_are_perfect_and_of_one_that_does_not_
 
     rng = np.random.default_rng(0)
     knows = scores(Oracle(lambda touches: touches.shapes), calibration, test, rng)
-    assert (knows.accuracy, knows.interval) == (1.0, (1.0, 1.0))
+    objects = len(np.unique(test.object_ids))
+    assert (knows.accuracy, knows.interval) == (1.0, clopper_pearson_interval(objects, objects))  # and no point
     assert knows.nll < 0.01  # a fitted temperature never claims more than its data show
     guesses = scores(Oracle(lambda touches: np.zeros(len(touches.shapes), int)), calibration, test, rng)
     assert guesses.accuracy == 0.25
     assert guesses.nll == pytest.approx(np.log(4), abs=0.02)  # scaled down until nothing is claimed
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_the_accuracy_of_objects_that_are_all_alike_has_no_interval_of_width_zero(value, rng):
+    objects = np.arange(10).repeat(6)
+    assert accuracy_of_objects(np.full(60, value), objects, rng) == (
+        *(value, *clopper_pearson_interval(round(10 * value), 10)),
+    )
+    right = (objects > 0).astype(float)
+    assert accuracy_of_objects(right, objects, np.random.default_rng(0)) == cluster_bootstrap(
+        right, objects, np.random.default_rng(0)
+    )
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -132,6 +133,16 @@ def test_what_is_varied_has_a_word():
     assert {replace(base, **change).varied for change in words.values()} == set(words) == set(STYLES)
     assert all(replace(base, **change).varied == word for word, change in words.items())
     assert set(words) == {"nothing", *VARIED}
+
+
+def test_the_command_of_a_configuration_is_one_for_a_shell():
+    words = shlex.split(Configuration(SMALL, fidelity="dynamic").command(Path("my runs/sensor")))
+    assert words[words.index("--sensor") + 1] == "my runs/sensor"
+    assert words[words.index("--fidelity") + 1] == "dynamic"
+    base = Configuration(GEL)
+    assert base.command(None) == (
+        f"activetouch compare --scene gel --deciders information_gain --touch-cost 0.02 --out runs/compare-{base.key}"
+    )
 
 
 def test_a_point_costs_its_touches_and_its_decisions():
