@@ -37,6 +37,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
+from activetouch.scene_description import scene_fields
 from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
@@ -191,6 +192,10 @@ class Scene:
                 raise UnknownName("robot", self.robot, list(ROBOTS))
             object.__setattr__(self, "robot", ROBOTS[self.robot])
 
+    def __eq__(self, other: object) -> bool:
+        """Whether both scenes have the same fields, with shapes and poses in the same order."""
+        return scene_fields(self) == scene_fields(other) if isinstance(other, Scene) else NotImplemented
+
     @property
     def setup(self) -> Setup:
         """The surroundings of a press."""
@@ -240,15 +245,15 @@ class Scene:
     def symmetry(self) -> Symmetry:
         """How its images may be turned by quarters and mirrored without becoming less likely.
 
-        Nothing may be turned where up and down differ (objects stand upright, or are pressed beside the middle) or the
-        sensor has a direction (coloured lights, broken taxels); nothing mirrored that may not be its own mirror image,
-        as a user's mesh.
+        Nothing may be turned where up and down differ (objects stand upright, or the variation or an aim presses them
+        beside the middle) or the sensor has a direction (coloured lights, broken taxels); nothing mirrored that may not
+        be its own mirror image, as a user's mesh.
         """
         parts: tuple[Presentation | TactileRenderer | Fault, ...] = (self.presentation, self.renderer, *self.faults)
         if not all(part.isotropic for part in parts):
             return Symmetry.NONE
         low, high = self.variation.offset.support
-        if low != -high:
+        if low != -high or self.aims:
             return Symmetry.NONE
         if not all(map(is_own_mirror_image, self.solids.values())):
             return Symmetry.ROTATIONS
