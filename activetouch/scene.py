@@ -15,8 +15,10 @@ The default is the leanest world in which the search makes sense: a pad and one 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -67,6 +69,9 @@ class Variation:
         force: at which the motion stops [N].
         friction: coefficient between an object and the pad.
         stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
+
+    Raises:
+        InvalidArgument: one of them is no distribution.
     """
 
     size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
@@ -74,6 +79,14 @@ class Variation:
     force: Distribution = field(default_factory=lambda: Uniform(1.5, 3.0))
     friction: Distribution = field(default_factory=lambda: Constant(1.0))
     stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            given = getattr(self, part.name)
+            if isinstance(given, type) or not callable(getattr(given, "sample", None)):
+                raise InvalidArgument(
+                    f"{part.name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
+                )
 
     def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Displacement of one press, along y and along z [m], ``(2,)``."""
@@ -184,6 +197,8 @@ class Scene:
             given = getattr(self, name)
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
+        if not (isinstance(self.height, Real) and isfinite(self.height)):
+            raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 _require_hash(label, solid)

@@ -193,6 +193,19 @@ def test_a_scene_without_shapes_is_refused():
         Scene(shapes={})
 
 
+@pytest.mark.parametrize("given", [2.0, (0.9, 1.1), Uniform, None])
+@pytest.mark.parametrize("name", ["size", "offset", "force", "friction", "stiffness"])
+def test_a_variation_that_is_no_distribution_is_refused(name, given):
+    with pytest.raises(InvalidArgument, match=f"{name} must be a distribution such as Uniform"):
+        Variation(**{name: given})
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf, "0.07", None])
+def test_a_height_that_is_none_is_refused(height):
+    with pytest.raises(InvalidArgument, match="height must be a finite number"):
+        Scene(height=height)
+
+
 def test_a_shape_without_a_hash_is_refused_at_once():
     class Ball:
         bounding_radius, geom = 0.02, SHAPES["sphere"].geom
