@@ -329,6 +329,13 @@ def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(comp
     assert found <= fresh + 1e-9
 
 
+def test_of_many_objects_there_is_a_bound_too():
+    many = SearchTouchProblem(NINE_OF_TEN, 250, "independent", 0, 0.05)
+    few = SearchTouchProblem(NINE_OF_TEN, 20, "independent", 0, 0.05)
+    bounds = [search_bound(problem, np.random.default_rng(0)) for problem in (few, many)]
+    assert bounds[1] == pytest.approx(bounds[0], abs=1e-3)  # no search gets as far as the twentieth object
+
+
 def test_touching_for_ever_counts_where_later_touches_show_nothing():
     """Both answers fail more often than not, and touches only put that off, for 0.001 / (1 - 0.9) in all."""
     costs = TouchCosts(0.001, 0.9, (1.0, 0.0))
