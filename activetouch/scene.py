@@ -44,6 +44,7 @@ from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
+from belief.validation import require_count
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -329,11 +330,13 @@ class Scene:
             pose: label or index of the pose.
             rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
             force_rng: of the force.
-            attempts: presses at most.
+            attempts: presses at most, at least 1.
 
         Raises:
             UnstablePress: no press settled.
+            InvalidArgument: ``attempts`` is no integer ≥ 1.
         """
+        require_count("attempts", attempts)
         for num_unsettled in range(attempts):
             placement = self.place(thing, pose, rng)
             try:

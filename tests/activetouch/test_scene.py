@@ -200,6 +200,11 @@ def test_a_variation_that_is_no_distribution_is_refused(name, given):
         Variation(**{name: given})
 
 
+def test_a_touch_takes_at_least_one_press(rng):
+    with pytest.raises(InvalidArgument, match="attempts must be"):
+        STILL.press(STILL.sample_object(0, rng), 0, rng, attempts=0)
+
+
 @pytest.mark.parametrize("height", [np.nan, np.inf, "0.07", None])
 def test_a_height_that_is_none_is_refused(height):
     with pytest.raises(InvalidArgument, match="height must be a finite number"):
