@@ -39,7 +39,6 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
-from activetouch.scene_description import scene_fields
 from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
@@ -209,8 +208,20 @@ class Scene:
             object.__setattr__(self, "robot", ROBOTS[self.robot])
 
     def __eq__(self, other: object) -> bool:
-        """Whether both scenes have the same fields, with shapes and poses in the same order."""
-        return scene_fields(self) == scene_fields(other) if isinstance(other, Scene) else NotImplemented
+        """Whether all parts are equal, with shapes and poses in the same order."""
+        if not isinstance(other, Scene):
+            return NotImplemented
+        mine, theirs = self.rotations, other.rotations
+        return (
+            list(self.solids.items()) == list(other.solids.items())
+            and list(mine) == list(theirs)
+            and all(np.array_equal(mine[label], theirs[label]) for label in mine)  # arrays have no truth value
+            and all(
+                getattr(self, part.name) == getattr(other, part.name)
+                for part in fields(self)
+                if part.name not in ("shapes", "poses")
+            )
+        )
 
     @property
     def setup(self) -> Setup:
