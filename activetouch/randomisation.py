@@ -46,8 +46,8 @@ def randomised(scene: Scene) -> Scene:
         vary,
         size=_wider_sizes(vary.size),
         force=Mixture(vary.force, LogUniform(lightest * _FORCE[0], heaviest * _FORCE[1])),
-        friction=_unless_varied(vary.friction, Uniform(0.3, 1.0)),
-        stiffness=_unless_varied(vary.stiffness, STIFFNESS),
+        friction=_wider_friction(vary.friction),
+        stiffness=_wider_stiffness(vary.stiffness),
     )
     faults = tuple(_drawn(fault) for fault in scene.faults)
     if scene.faults:
@@ -76,10 +76,16 @@ def _wider_sizes(own: Distribution) -> Distribution:
     return Uniform(max(0.5 * smallest, smallest - _SIZE), largest + _SIZE)
 
 
-def _unless_varied(own: Distribution, wide: Distribution) -> Distribution:
-    """What the scene says, unless that is one number."""
+def _wider_friction(own: Distribution) -> Distribution:
+    """What the scene says, unless that is one number; else a range that holds it."""
     low, high = own.support
-    return own if low < high else wide
+    return own if low < high else Uniform(min(0.3, low), max(1.0, high))
+
+
+def _wider_stiffness(own: Distribution) -> Distribution:
+    """What the scene says, unless that is one number; else a range about it."""
+    low, high = own.support
+    return own if low < high else LogUniform(low * STIFFNESS.low, high * STIFFNESS.high)
 
 
 def _drawn(fault: Fault) -> Fault:

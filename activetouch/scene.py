@@ -15,8 +15,10 @@ The default is the leanest world in which the search makes sense: a pad and one 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from math import isfinite
+from numbers import Real
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -41,6 +43,7 @@ from activetouch.shapes import SHAPES, Mesh, Shape
 from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
+from belief.validation import require_count
 
 __all__ = ["Dynamic", "PressedObject", "Quasistatic", "Scene", "Symmetry", "Variation", "WorldObject"]
 
@@ -66,6 +69,9 @@ class Variation:
         force: at which the motion stops [N].
         friction: coefficient between an object and the pad.
         stiffness: of the pad's layer together with an object's skin, relative to the pad's alone.
+
+    Raises:
+        InvalidArgument: one of them is no distribution.
     """
 
     size: Distribution = field(default_factory=lambda: Uniform(0.9, 1.1))
@@ -73,6 +79,14 @@ class Variation:
     force: Distribution = field(default_factory=lambda: Uniform(1.5, 3.0))
     friction: Distribution = field(default_factory=lambda: Constant(1.0))
     stiffness: Distribution = field(default_factory=lambda: Constant(1.0))
+
+    def __post_init__(self) -> None:
+        for part in fields(self):
+            given = getattr(self, part.name)
+            if isinstance(given, type) or not callable(getattr(given, "sample", None)):
+                raise InvalidArgument(
+                    f"{part.name} must be a distribution such as Uniform(0.9, 1.1) or Constant(1.0), got {given!r}"
+                )
 
     def sample_offset(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Displacement of one press, along y and along z [m], ``(2,)``."""
@@ -183,6 +197,8 @@ class Scene:
             given = getattr(self, name)
             if isinstance(given, type) or not callable(getattr(given, method, None)):
                 raise InvalidArgument(f"{name} must be an object such as {works}, got {given!r}")
+        if not (isinstance(self.height, Real) and isfinite(self.height)):
+            raise InvalidArgument(f"height must be a finite number [m], got {self.height!r}")
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 _require_hash(label, solid)
@@ -190,6 +206,22 @@ class Scene:
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))
             object.__setattr__(self, "robot", ROBOTS[self.robot])
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all parts are equal, with shapes and poses in the same order."""
+        if not isinstance(other, Scene):
+            return NotImplemented
+        mine, theirs = self.rotations, other.rotations
+        return (
+            list(self.solids.items()) == list(other.solids.items())
+            and list(mine) == list(theirs)
+            and all(np.array_equal(mine[label], theirs[label]) for label in mine)  # arrays have no truth value
+            and all(
+                getattr(self, part.name) == getattr(other, part.name)
+                for part in fields(self)
+                if part.name not in ("shapes", "poses")
+            )
+        )
 
     @property
     def setup(self) -> Setup:
@@ -240,15 +272,15 @@ class Scene:
     def symmetry(self) -> Symmetry:
         """How its images may be turned by quarters and mirrored without becoming less likely.
 
-        Nothing may be turned where up and down differ (objects stand upright, or are pressed beside the middle) or the
-        sensor has a direction (coloured lights, broken taxels); nothing mirrored that may not be its own mirror image,
-        as a user's mesh.
+        Nothing may be turned where up and down differ (objects stand upright, or the variation or an aim presses them
+        beside the middle) or the sensor has a direction (coloured lights, broken taxels); nothing mirrored that may not
+        be its own mirror image, as a user's mesh.
         """
         parts: tuple[Presentation | TactileRenderer | Fault, ...] = (self.presentation, self.renderer, *self.faults)
         if not all(part.isotropic for part in parts):
             return Symmetry.NONE
         low, high = self.variation.offset.support
-        if low != -high:
+        if low != -high or self.aims:
             return Symmetry.NONE
         if not all(map(is_own_mirror_image, self.solids.values())):
             return Symmetry.ROTATIONS
@@ -309,11 +341,13 @@ class Scene:
             pose: label or index of the pose.
             rng: of the offset, the shown orientation and the sensor's faults, and of the force unless it has its own.
             force_rng: of the force.
-            attempts: presses at most.
+            attempts: presses at most, at least 1.
 
         Raises:
             UnstablePress: no press settled.
+            InvalidArgument: ``attempts`` is no integer ≥ 1.
         """
+        require_count("attempts", attempts)
         for num_unsettled in range(attempts):
             placement = self.place(thing, pose, rng)
             try:

@@ -67,7 +67,8 @@ def scene_fields(scene: Scene) -> dict[str, Any]:
     """All fields of a scene as JSON types; equal scenes have equal fields on any machine.
 
     Arrays are rounded to eight decimals; meshes are replaced by digests. A user's class comes with the digest of its
-    source code, so that an edited renderer makes another scene. A scene without aims has no such field.
+    source code, so that an edited renderer makes another scene; an object with a ``__repr__`` of its own, and no
+    dataclass, is told by that text alone. A scene without aims has no such field.
     """
     names = [field.name for field in fields(scene) if field.name != "aims" or scene.aims]
     return {name: _described(getattr(scene, name)) for name in names}
@@ -125,6 +126,8 @@ def in_words(differences: Iterator[str] | Sequence[str], most: int = 6) -> str:
 def _described(value: Any, depth: int = 0) -> Any:
     if value is None or isinstance(value, bool | int | str):
         return value.value if isinstance(value, Enum) else value
+    if isinstance(value, complex | np.complexfloating):
+        return repr(complex(value))
     if isinstance(value, float | np.number | np.bool_):
         plain = value.item() if isinstance(value, np.generic) else float(value)
         return plain if math.isfinite(plain) else repr(plain)
@@ -147,8 +150,10 @@ def _described(value: Any, depth: int = 0) -> Any:
 
 
 def _array(value: np.ndarray) -> Any:
+    if value.dtype.kind == "c":
+        return {"class": "complex array", "real": _array(value.real), "imag": _array(value.imag)}
     if value.dtype.kind not in "biuf":
-        return repr(value)
+        return _described(value.tolist())
     rounded = np.round(value, _DECIMALS) + 0.0 if value.dtype.kind == "f" else value  # no -0
     if value.size <= _LARGEST:
         return _described(rounded.tolist())
@@ -167,7 +172,8 @@ def _state(value: Any, depth: int) -> dict[str, Any]:
     """The state of an object."""
     if isinstance(value, FunctionType):
         cells = [cell.cell_contents for cell in value.__closure__ or ()]
-        return {"closure": _described(cells, depth + 1)} if cells else {}
+        parts = {"closure": cells, "defaults": value.__defaults__, "named_defaults": value.__kwdefaults__}
+        return {name: _described(part, depth + 1) for name, part in parts.items() if part}
     if isinstance(value, type):
         return {}
     if isinstance(value, partial):

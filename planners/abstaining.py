@@ -24,7 +24,7 @@ import numpy as np
 from belief import Confirm, Probe, Reject, Unsure
 from belief.errors import BrokenContract, InvalidArgument
 from planners.answers import checked_decision
-from planners.decider import Decider, Decision, InformationState
+from planners.decider import Decider, Decision, InformationState, num_touches
 
 CONFLICT, ANSWER = "log_conflict", "answer_prob"
 """Scores of decisions: the statistic of the conflict test, and the stated probability that an answer is right."""
@@ -118,13 +118,6 @@ def answer_prob(action: Confirm | Reject | Unsure, info: InformationState) -> fl
     if info.scene is None:
         return max(1.0 - info.target_prob, 0.0)  # of this object alone: nothing is known about the rejected ones
     return min(max(1.0 - info.scene.prob_present(info.target), 0.0), 1.0)
-
-
-def num_touches(info: InformationState) -> int:
-    """Touches of the whole search so far; of the current object alone without a joint belief."""
-    if info.scene is None:
-        return len(info.history)
-    return sum(len(info.scene.touches(index)) for index in range(info.scene.num_objects))
 
 
 def _log_conflict(info: InformationState) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.decider import InformationState
+from planners.decider import InformationState, touch_share
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 _SEQUENCES = 2_000  # of touches, in all
@@ -60,7 +60,7 @@ class ContinuationValue:
         [0.91, 0.933, 0.96, 1.0, 1.0]
         """
         chances = target_chances(problem, target)
-        length = min(max(problem.touch_limit // problem.num_objects, 1), _MOST_TOUCHES)
+        length = min(touch_share(problem), _MOST_TOUCHES)
         evidence = _sequences(table, length, repeats if repeats is not None else LeastUsedFirst())
         others = np.where(np.arange(problem.num_shapes) == target, 0.0, problem.prior_probs)
         others /= others.sum() if others.any() else 1.0

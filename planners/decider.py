@@ -128,6 +128,27 @@ def require_fit(table: OutcomeTable, problem: SearchProblem) -> None:
         )
 
 
+def touch_share(problem: SearchProblem) -> int:
+    """The share of one object in the touch limit of a search, at least one touch.
+
+    >>> touch_share(SearchProblem(tuple("abcd"), ("front",), num_objects=4, touch_limit=10))
+    2
+    """
+    return max(problem.touch_limit // problem.num_objects, 1)
+
+
+def num_touches(info: InformationState) -> int:
+    """Touches of the whole search so far; of the current object alone without a joint belief."""
+    if info.scene is None:
+        return len(info.history)
+    return sum(len(info.scene.touches(index)) for index in range(info.scene.num_objects))
+
+
+def are_touches_used(info: InformationState) -> bool:
+    """Whether the touch limit of the search forbids another touch."""
+    return num_touches(info) >= info.problem.touch_limit
+
+
 class Decider(Protocol):
     """Chooses the next action."""
 

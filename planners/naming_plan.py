@@ -61,7 +61,8 @@ class NamingPlan:
         counts = tuple(np.minimum(info.uses, self.repeats).tolist())
         values = self.touch_values(info.belief.probs, counts)
         best = int(values.argmax()) if np.isfinite(values).any() else int(info.uses.argmin())
-        scores = {f"value_{label}": float(v) for label, v in zip(info.problem.pose_labels, values, strict=True)}
+        named = zip(info.problem.pose_labels, values.tolist(), strict=True)
+        scores = {f"value_{label}": value for label, value in named if value > -np.inf}
         return Decision(Probe(best), {"target_prob": info.target_prob, **scores})
 
     def touch_values(self, belief: Floats, counts: Counts) -> Floats:

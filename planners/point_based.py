@@ -29,7 +29,7 @@ from belief import Composition, Confirm, Probe, Reject, SearchProblem
 from belief.errors import InvalidArgument
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
-from planners.decider import Decision, InformationState, require_fit
+from planners.decider import Decision, InformationState, are_touches_used, require_fit
 from planners.next_touch import HYPOTHESES, OUTCOMES
 from planners.pomdp.problem import require_rounds
 from planners.repeats import LeastUsedFirst, RepeatDiscount, weights_in_turn
@@ -106,7 +106,7 @@ class PointBased:
         reject = float(values[vectors.actions == num_poses + 1].max())
         scores = {"target_prob": info.target_prob, "value": value, "value_confirm": confirm, "value_reject": reject}
         stop = Decision(Confirm() if confirm > reject else Reject(), scores)
-        if _all_touches_used(info):
+        if are_touches_used(info):
             return stop
         evidence = None if self.given == "shape" else info.evidence
         mixture = None if evidence is None else evidence.outcome_mixture(OUTCOMES, HYPOTHESES)
@@ -152,10 +152,3 @@ def _belief(policy: SearchPolicy, info: InformationState) -> Floats:
     ratio = np.divide(info.belief.probs, marginal, out=np.zeros_like(marginal), where=marginal > 0.0)
     belief = before * ratio[shapes]
     return np.asarray(belief / belief.sum()) if belief.sum() > 0.0 else before
-
-
-def _all_touches_used(info: InformationState) -> bool:
-    if info.scene is None:
-        return len(info.history) >= info.problem.touch_limit
-    spent = sum(len(info.scene.touches(number)) for number in range(info.object_index + 1))
-    return spent >= info.problem.touch_limit

@@ -3,7 +3,7 @@ r"""Online planning by tree search with pomdp-py: POUCT and POMCP (Silver & Vene
 A state is (object, its shape, whether a target was rejected), or the end. CONFIRM and the last REJECT lead to the end;
 an earlier REJECT brings the next object. Its probability of being the target is hypergeometric; that the other shapes
 differ from each other is ignored. Every decision plans anew from the given belief. In the tree all touches are
-independent; at its root only the least used poses are allowed (decision 0006).
+independent; at its root only the least used of the useful poses are allowed (decision 0006).
 
 Leaves are valued by rollouts. pomdp-py's random rollout sooner or later confirms a wrong object, so touches seem to
 have no value and the planner stops too early. An *informed* rollout takes the right action for the sampled state. It is
@@ -38,7 +38,7 @@ from belief import Confirm, Probe, Reject, SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.problem import Action, Floats
 from planners.continuation_value import prob_missed, target_chances
-from planners.decider import Decision, InformationState, require_fit
+from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of an escape in its documentation, each time that it is compiled
@@ -317,14 +317,18 @@ def _draw(cumulative: list[float], rng: np.random.Generator) -> int:
 
 
 def _root_actions(rules: Rules, info: InformationState) -> list[SimpleAction]:
-    """Actions at the root: no CONFIRM of a target with probability zero, and only the least used poses."""
+    """Actions at the root: no CONFIRM of a target with probability zero, and only the least used of the useful poses.
+
+    There are no touches beyond the object's share of the touch limit.
+    """
     uses = info.uses
-    all_used = len(info.history) >= max(info.problem.touch_limit // info.problem.num_objects, 1)
+    least = min((uses[pose] for pose in rules.poses.values()), default=0)
+    is_over = len(info.history) >= touch_share(info.problem) or are_touches_used(info)
     return [
         theirs
         for theirs, ours in rules.actions.items()
         if not (isinstance(ours, Confirm) and info.target_prob == 0.0)
-        and not (isinstance(ours, Probe) and (all_used or uses[ours.pose] > uses.min()))
+        and not (isinstance(ours, Probe) and (is_over or uses[ours.pose] > least))
     ]
 
 

@@ -32,7 +32,7 @@ from belief.observation_model.outcome_mixture import Outcomes
 from belief.problem import Floats
 from belief.validation import require_count
 from planners.continuation_value import ContinuationValue
-from planners.decider import Decision, InformationState, require_fit
+from planners.decider import Decision, InformationState, are_touches_used, require_fit, touch_share
 from planners.repeats import LeastUsedFirst, RepeatDiscount
 
 _TIE = 1e-12  # differences below this are rounding
@@ -52,8 +52,8 @@ class ValueOfInformation:
         table: p(outcome | pose, shape).
         depth: touches to look ahead, 1 or 2.
         repeats: discounts the value of repeated poses; by default only the poses used least are candidates.
-        max_touches: of one object; by default an equal share of the problem's touch limit, so that no search is
-            truncated.
+        max_touches: of one object; by default an equal share of the problem's touch limit. No search is truncated,
+            because an object is confirmed or rejected where the touches of the search are used.
 
     Raises:
         InvalidArgument: ``depth`` or ``max_touches`` is out of range.
@@ -96,10 +96,9 @@ class ValueOfInformation:
                 f"value_{label}": value for label, value in zip(labels, probes.tolist(), strict=True) if value > -np.inf
             },
         }
-        limit = self.max_touches
-        if limit is None:
-            limit = max(info.problem.touch_limit // info.problem.num_objects, 1)
-        if len(info.history) < limit and probes.max() > max(confirm, reject) + _TIE:
+        limit = touch_share(info.problem) if self.max_touches is None else self.max_touches
+        may_touch = len(info.history) < limit and not are_touches_used(info)
+        if may_touch and probes.max() > max(confirm, reject) + _TIE:
             return Decision(Probe(int(np.argmax(probes > probes.max() - _TIE))), scores)
         return Decision(Confirm() if confirm > reject else Reject(), scores)
 

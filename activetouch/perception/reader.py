@@ -191,12 +191,13 @@ def resized(images: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uin
         shape: of an image.
 
     Raises:
-        ValueError: one edge is no multiple of the other.
+        ValueError: an image is stretched, or one edge is no multiple of the other.
     """
     if images.shape[1:] == shape:
         return images
     found, wanted = images.shape[1], shape[0]
-    if images.shape[3:] != shape[2:] or (found % wanted and wanted % found):
+    is_stretched = images.shape[2] * wanted != found * shape[1]
+    if images.shape[3:] != shape[2:] or is_stretched or (found % wanted and wanted % found):
         raise ValueError(f"the reader takes images of shape {shape}, got {images.shape[1:]}")
     if wanted > found:
         return images.repeat(wanted // found, axis=1).repeat(wanted // found, axis=2)

@@ -62,7 +62,7 @@ class Deformable(SoftPad, Press):
         require_force(target_force)
         pad = setup.pad
         gap, touching = first_touch(pad, placement)
-        if not np.isfinite(gap).any():
+        if target_force == 0.0 or not np.isfinite(gap).any():
             blank = np.zeros_like(gap)
             return Contact(pad, gap, 0.0, blank, blank)
         # Stresses are proportional to Young's modulus: a block s times as stiff deforms as this one under F / s.

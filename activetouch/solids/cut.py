@@ -25,7 +25,7 @@ class Cut:
 
     Raises:
         ValueError: a plane is not four finite numbers with a normal, or cuts the origin off; or the solid is a mesh, a
-            torus or a union, which need not be convex.
+            torus or a union, which need not be convex; or it is round, as a sphere.
 
     >>> from activetouch.solids.straight import Box
     >>> cube = Cut(Box((1.0, 1.0, 1.0)), ((1.0, 1.0, 0.0, 1.0),))           # without one edge
@@ -41,6 +41,7 @@ class Cut:
     def __post_init__(self) -> None:
         if isinstance(self.solid, Mesh | Torus | Union):
             raise ValueError(f"only convex solids can be cut, got a {type(self.solid).__name__}")
+        corners(self.solid.geom)  # raises for a round solid
         for plane in self.planes:
             if len(plane) != 4 or not np.isfinite(plane).all() or not any(plane[:3]) or plane[3] <= 0.0:
                 raise ValueError(

@@ -52,8 +52,8 @@ def _read(path: Path) -> tuple[Floats, Ints]:
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
     if kind not in _FORMATS:
         raise BadMesh(f"{path}: meshes are read from {', '.join(_FORMATS)} files")
-    content = io.BytesIO(path.read_bytes())  # without a name, so that no other file is opened
     try:
+        content = io.BytesIO(path.read_bytes())  # without a name, so that no other file is opened
         mesh = trimesh.load_mesh(content, file_type=kind[1:], process=False, skip_materials=True)
         return np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.intp)
     except Exception as error:  # parsers raise many kinds of errors

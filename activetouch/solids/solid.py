@@ -138,4 +138,4 @@ def corners(geom: Geom) -> Floats:
     if geom.type == "cylinder":
         radius, half_length = geom.size[:2]
         return np.vstack([ring(radius, z, _NUM_FACETS) for z in (-half_length, half_length)])
-    raise ValueError(f"only boxes, cylinders and polyhedra can be cut, got a {geom.type}")
+    raise ValueError(f"only boxes, cylinders and polyhedra can be cut or joined, got a {geom.type}")

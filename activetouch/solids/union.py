@@ -20,7 +20,7 @@ class Union:
         parts: the solids, at least one.
 
     Raises:
-        ValueError: there is no part.
+        ValueError: there is no part, or one is round, as a sphere.
 
     >>> from activetouch.solids.straight import Box
     >>> cross = Union((Box((3.0, 1.0, 1.0)), Box((1.0, 3.0, 1.0))))
@@ -33,6 +33,8 @@ class Union:
     def __post_init__(self) -> None:
         if not self.parts:
             raise ValueError("a union needs at least one part")
+        for part in self.parts:
+            corners(part.geom)  # raises for a round solid
 
     @property
     def bounding_radius(self) -> float:

@@ -62,6 +62,7 @@ class BeliefGrid:
 
         ``stop`` are upper bounds on the value of stopping, and ``start`` are initial bounds, both ``(G, B)``.
         """
+        stop = np.maximum(stop, costs.for_ever)  # also where no touch shows anything
         value = np.maximum(start, stop)
         cost, discount = costs.lasting
         for _ in range(_MAX_SWEEPS):

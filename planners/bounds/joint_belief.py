@@ -55,6 +55,9 @@ class JointBeliefBound:
 
     def __call__(self) -> float:
         """Upper bound on the optimal value at the start."""
+        for number in range(len(self._stages) - 1, 0, -1):  # from the last one on, so that no recursion is deep
+            if not self._stages[number].is_decided:
+                self._tables[number] = self._table(number)
         weights = np.eye(1, self._stages[0].number)
         return float(self._bounds(0, weights, exact_steps=2)[0])
 
@@ -113,8 +116,6 @@ class JointBeliefBound:
         kept, gone = weights[:, : stage.num_kept], weights[:, stage.num_kept :]
         if stage.is_decided:
             return np.asarray(kept.sum(axis=1) - gone.sum(axis=1))
-        if number not in self._tables:
-            self._tables[number] = self._table(number)
         lost = gone.sum(axis=1)
         row = np.clip(np.searchsorted(_GONE_PROBS, lost, side="right") - 1, 0, len(_GONE_PROBS) - 2)
         share = np.clip((lost - _GONE_PROBS[row]) / (_GONE_PROBS[row + 1] - _GONE_PROBS[row]), 0.0, 1.0)

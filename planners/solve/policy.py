@@ -26,7 +26,7 @@ class TouchPolicy:
     """A policy for one object, with bounds on the optimal value at the problem's prior.
 
     Actions are integers: 0 to P - 1 are poses to probe in, P is CONFIRM, P + 1 is REJECT. Of equally good actions
-    CONFIRM and REJECT come first, then the lowest pose.
+    CONFIRM comes first, then REJECT.
 
     Attributes:
         problem: the problem that was solved.

@@ -27,6 +27,18 @@ def test_a_randomised_scene_contains_the_scene(name):
     assert (wide.shapes, wide.poses, wide.pad, wide.renderer) == (scene.shapes, scene.poses, scene.pad, scene.renderer)
 
 
+@pytest.mark.parametrize("quantity", ["friction", "stiffness"])
+@pytest.mark.parametrize("value", [0.1, 3.0])
+def test_a_number_that_the_scene_says_is_within_the_wider_range(quantity, value):
+    scene = SCENES["coarse"].scene
+    low, high = getattr(
+        randomised(replace(scene, variation=replace(scene.variation, **{quantity: Constant(value)}))).variation,
+        quantity,
+    ).support
+    assert low <= value <= high
+    assert low < high
+
+
 def test_half_of_the_noises_are_those_of_the_scene(rng):
     fault = DrawnNoise(0.1, Mixture(Constant(1.0), Constant(3.0)))
     spreads = np.array([fault(np.zeros((64, 64)), rng).std() for _ in range(200)])

@@ -11,7 +11,7 @@ from activetouch import SCENES, SHAPES, Quasistatic, Scene
 from activetouch.distributions import Constant, LogUniform, Normal, Uniform
 from activetouch.errors import BadMesh
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
-from activetouch.poses import to_matrix
+from activetouch.poses import aimed, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
 from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Union
@@ -37,6 +37,15 @@ def test_every_named_scene_presses_all_its_shapes_in_all_its_poses(name, rng):
 def test_a_scene_can_be_sent_to_another_process(name):
     scene = SCENES[name].scene
     assert repr(pickle.loads(pickle.dumps(scene))) == repr(scene)
+    assert pickle.loads(pickle.dumps(scene)) == scene
+
+
+def test_scenes_are_equal_if_all_their_parts_are_and_in_the_same_order():
+    assert replace(STILL, poses={"a": turn("z", 0.0)}) == replace(STILL, poses={"a": turn("z", 0.0)})
+    assert replace(STILL, poses={"a": turn("z", 0.0)}) != replace(STILL, poses={"a": turn("z", 0.1)})
+    assert replace(STILL, shapes=dict(reversed(SHAPES.items()))) != STILL  # the index of a shape is its place
+    assert replace(STILL, height=0.07) != STILL
+    assert STILL != "scene"
 
 
 def test_a_tumbled_object_keeps_its_orientation_and_a_resampled_one_does_not(rng):
@@ -79,6 +88,8 @@ def test_turned_images_are_as_likely_only_where_nothing_has_a_direction():
     assert replace(STILL, shapes={"corner": mesh}).symmetry is Symmetry.ROTATIONS
     beside = replace(STILL.variation, offset=Uniform(0.0, 0.004))
     assert replace(STILL, variation=beside).symmetry is Symmetry.NONE
+    poses, aims = aimed(STILL.poses, [(0.0, 0.0), (0.005, 0.0)])
+    assert replace(STILL, poses=poses, aims=aims).symmetry is Symmetry.NONE
 
 
 class _OwnBox(Box):
@@ -180,6 +191,24 @@ def test_an_unknown_robot_suggests_the_nearest():
 def test_a_scene_without_shapes_is_refused():
     with pytest.raises(ValueError, match="at least one shape"):
         Scene(shapes={})
+
+
+@pytest.mark.parametrize("given", [2.0, (0.9, 1.1), Uniform, None])
+@pytest.mark.parametrize("name", ["size", "offset", "force", "friction", "stiffness"])
+def test_a_variation_that_is_no_distribution_is_refused(name, given):
+    with pytest.raises(InvalidArgument, match=f"{name} must be a distribution such as Uniform"):
+        Variation(**{name: given})
+
+
+def test_a_touch_takes_at_least_one_press(rng):
+    with pytest.raises(InvalidArgument, match="attempts must be"):
+        STILL.press(STILL.sample_object(0, rng), 0, rng, attempts=0)
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf, "0.07", None])
+def test_a_height_that_is_none_is_refused(height):
+    with pytest.raises(InvalidArgument, match="height must be a finite number"):
+        Scene(height=height)
 
 
 def test_a_shape_without_a_hash_is_refused_at_once():

@@ -168,7 +168,28 @@ def test_a_scene_without_engine_differs_from_one_with_it_by_a_known_shift_only()
     assert found.is_shift
 
 
-def test_settings_in_slots_in_a_closure_and_in_a_partial_call_are_part_of_the_scene():
+@pytest.mark.parametrize("size", [4, 5000])
+@pytest.mark.parametrize("kind", [float, complex, bool, str, object])
+def test_one_number_in_an_array_of_any_kind_is_a_difference(kind, size):
+    class Own:
+        def __init__(self, table):
+            self.table = table
+
+    one = np.zeros(size).astype(kind)
+    other = one.copy()
+    other[size // 2] = kind(1) if kind is not object else 1.0
+    first, again, second = (scene_fields(_Holder(Own(table))) for table in (one, one.copy(), other))
+    assert first == again
+    (found,) = scene_differences(first, second)
+    assert found.path.startswith("renderer.table")
+    json.dumps(first, allow_nan=False)
+
+
+def test_a_complex_number_is_described():
+    assert scene_fields(_Holder(np.complex64(1 + 2j))) == {"renderer": "(1+2j)"}
+
+
+def test_settings_in_slots_in_a_closure_in_defaults_and_in_a_partial_call_are_part_of_the_scene():
     class Slotted:
         __slots__ = ("width",)
 
@@ -187,7 +208,20 @@ def test_settings_in_slots_in_a_closure_and_in_a_partial_call_are_part_of_the_sc
     def scaled(contact, width):
         return width * contact.pressure
 
-    for make in (Slotted, SlottedByText, closed, lambda width: partial(scaled, width=width)):
+    def by_default(width):
+        return lambda contact, width=width: width * contact.pressure
+
+    def by_named_default(width):
+        return lambda contact, *, width=width: width * contact.pressure
+
+    for make in (
+        Slotted,
+        SlottedByText,
+        closed,
+        by_default,
+        by_named_default,
+        lambda width: partial(scaled, width=width),
+    ):
         first, again, second = (scene_fields(_Holder(make(width))) for width in (1, 1, 2))
         assert first == again
         assert len(scene_differences(first, second)) == 1

@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 
+from belief import SearchProblem
 from belief.observation_model import OutcomeTable
 from belief.observation_model.action_kernel import ActionKernelModel
-from belief.synthetic import SyntheticWorld
+from belief.synthetic import SyntheticWorld, random_model
+from planners import search
+from planners.decider import SequentialDecider
 from planners.identification import identify
 from planners.naming_plan import NamingPlan
 from planners.probing import RandomOrder
+from planners.stopping import PosteriorThresholds
 
 
 def best_value(plan, belief, counts):
@@ -46,6 +50,18 @@ def test_a_touch_that_tells_nothing_new_has_no_value():
     plan = NamingPlan(OutcomeTable(np.full((2, 2, 2), 0.5)), np.zeros((2, 2)), 1, 0.9, 5)
     assert plan.touch_values(np.array([0.5, 0.5]), (1, 0))[0] == -np.inf
     assert (plan.touch_values(np.array([0.5, 0.5]), (1, 1)) == -np.inf).all()
+
+
+def test_it_chooses_the_poses_of_a_search_until_none_is_left(rng):
+    model = random_model(rng, num_shapes=2, num_poses=2, sharpness=0.5)
+    problem = SearchProblem(model.shape_labels, ("p", "q"), 1, "independent")
+    decider = SequentialDecider(
+        PosteriorThresholds(0.999, 0.001, 4), NamingPlan(model.outcome_table(), np.zeros((2, 2)))
+    )
+    episode = search(SyntheticWorld(model, (0,)), decider, problem, 0, model, seed=0)
+    scores = [set(step.decision.scores) for step in episode.steps if step.touch]
+    assert scores[0] == {"target_prob", "value_p", "value_q"}
+    assert [len(some) for some in scores] == [3, 2, 1, 1]  # a pose that tells nothing new has no value
 
 
 def test_the_plan_needs_fewer_touches_than_a_random_order(rng):

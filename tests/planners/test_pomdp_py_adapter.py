@@ -148,6 +148,23 @@ def test_a_pose_used_before_gives_way_to_one_that_is_not():
         assert adapter.Pouct(same, 200).decide(info, np.random.default_rng(0)).action == Probe(1 - used)
 
 
+def test_the_only_pose_that_tells_anything_is_touched_again():
+    table = OutcomeTable([[[0.5, 0.5], [0.5, 0.5]], [[0.8, 0.2], [0.2, 0.8]]])
+    problem = SearchProblem(("a", "b"), POSES, 1, "independent", touch_cost=0.001)
+    info = InformationState(problem, 0, Belief.from_probs(("a", "b"), [0.8, 0.2]), (Touch(1, np.zeros(2)),))
+    assert adapter.Pouct(table, 500).decide(info, np.random.default_rng(0)).action == Probe(1)
+
+
+def test_no_touch_is_planned_where_those_of_the_search_are_used():
+    model, problem = TabularModel(tuple("abc"), TABLE), SearchProblem(tuple("abc"), POSES, 3, touch_limit=1)
+    scene = SceneBelief(problem, model)
+    for index, is_over in ((0, False), (1, True)):
+        rules, info = adapter.Rules(problem, 0, TABLE), InformationState.of(problem, 0, scene, index)
+        names = [action.name for action in adapter._root_actions(rules, info)]
+        assert names == ["confirm", "reject"] + ([] if is_over else ["probe_0", "probe_1"])
+        scene.update(0, [Touch(0, np.log([0.1, 0.5, 0.4]))])
+
+
 @pytest.mark.parametrize("kind", ["Pouct", "Pomcp"])
 def test_several_threads_decide_as_each_would_alone(kind):
     decider, problem = getattr(adapter, kind)(TABLE, 120), problem_of()

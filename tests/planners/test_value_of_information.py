@@ -151,6 +151,17 @@ def test_free_touches_never_exceed_an_equal_share_of_the_limit():
     assert not any(e.outcome == "truncated" for e in episodes)
 
 
+@pytest.mark.parametrize("max_touches", [None, 5])
+def test_no_search_is_truncated_where_there_are_fewer_touches_than_objects(max_touches):
+    model = TabularModel(("a", "b"), OutcomeTable([[[0.9, 0.1], [0.1, 0.9]]]))
+    problem = SearchProblem(("a", "b"), ("p",), 4, Composition.INDEPENDENT, 0.0, touch_limit=2)
+    worlds, seeds = [SyntheticWorld(model, (1, 1, 1, 0)) for _ in range(20)], [(s,) for s in range(20)]
+    decider = ValueOfInformation(model.table, max_touches=max_touches)
+    episodes = search_lockstep(worlds, decider, problem, [0] * 20, model, seeds)
+    assert not any(episode.outcome == "truncated" for episode in episodes)
+    assert max(episode.num_touches for episode in episodes) == 2
+
+
 def test_a_decider_that_saw_a_shorter_search_values_a_longer_one_as_a_new_decider_does():
     table = random_table(np.random.default_rng(0))
     short, long = (

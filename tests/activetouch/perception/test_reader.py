@@ -151,7 +151,7 @@ def test_images_of_another_size_are_averaged_down_or_repeated_up(sensor):
     expected = sensor.reader.read(repeated).logits
     np.testing.assert_array_equal(sensor.reader.read(small).logits, expected)
     np.testing.assert_array_equal(sensor.reader.read(repeated.repeat(2, axis=1).repeat(2, axis=2)).logits, expected)
-    for shape in ((1, 96, 96), (1, 128, 128, 3)):
+    for shape in ((1, 96, 96), (1, 128, 128, 3), (1, 64, 96), (1, 128, 64), (1, 256, 128)):
         with pytest.raises(ValueError, match=r"takes images of shape \(128, 128\), got"):
             sensor.reader.read(np.zeros(shape, np.uint8))
 

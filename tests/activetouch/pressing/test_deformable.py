@@ -98,6 +98,11 @@ def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_contact():
     assert contact.force == contact.depth == contact.pressure.max() == 0.0
 
 
+def test_without_force_there_is_no_pressure():
+    contact = COARSE.press(SETUP, sphere(), 0.0)
+    assert contact.force == contact.depth == contact.pressure.max() == 0.0
+
+
 def test_a_press_that_does_not_settle_is_an_error_that_says_what_to_try():
     with pytest.raises(UnstablePress, match=r"Sphere.* did not settle at 2 N .* Try a smaller timestep"):
         Deformable(nodes=9, layers=2, patience=0.01).press(SETUP, sphere(), 2.0)

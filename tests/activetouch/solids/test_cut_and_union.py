@@ -53,8 +53,10 @@ def test_equal_solids_are_equal_and_bad_ones_are_refused():
     for plane in ((0.0, 0.0, 0.0, 0.01), (1.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, np.nan), (1.0, 0.0, 0.0)):
         with pytest.raises(ValueError, match="plane"):
             Cut(CUBE, (plane,))
-    with pytest.raises(ValueError, match="sphere"):
-        _ = Cut(Sphere(0.02), ((1.0, 0.0, 0.0, 0.01),)).geom
+    with pytest.raises(ValueError, match="cut or joined, got a sphere"):
+        Cut(Sphere(0.02), ((1.0, 0.0, 0.0, 0.01),))
+    with pytest.raises(ValueError, match="cut or joined, got a sphere"):
+        Union((CUBE, Sphere(0.02)))
     with pytest.raises(ValueError, match="at least one part"):
         Union(())
 

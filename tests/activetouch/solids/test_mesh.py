@@ -267,6 +267,12 @@ def test_a_file_that_holds_no_mesh_is_refused_by_name(name, content, problem, tm
         Mesh.from_file(tmp_path / name)
 
 
+def test_a_folder_is_refused_by_name(tmp_path):
+    (tmp_path / "mug.stl").mkdir()
+    with pytest.raises(BadMesh, match=r"mug\.stl: cannot be read as STL"):
+        Mesh.from_file(tmp_path / "mug.stl")
+
+
 def test_a_file_cut_short_is_refused(tmp_path):
     path = tmp_path / "cube.stl"
     path.write_bytes(trimesh.Trimesh(CORNERS, CUBE_FACES, process=False).export(file_type="stl")[:-30])

@@ -329,6 +329,21 @@ def test_bounds_for_touches_that_repeat_each_other_are_those_of_brute_force(comp
     assert found <= fresh + 1e-9
 
 
+def test_of_many_objects_there_is_a_bound_too():
+    many = SearchTouchProblem(NINE_OF_TEN, 250, "independent", 0, 0.05)
+    few = SearchTouchProblem(NINE_OF_TEN, 20, "independent", 0, 0.05)
+    bounds = [search_bound(problem, np.random.default_rng(0)) for problem in (few, many)]
+    assert bounds[1] == pytest.approx(bounds[0], abs=1e-3)  # no search gets as far as the twentieth object
+
+
+def test_touching_for_ever_counts_where_later_touches_show_nothing():
+    """Both answers fail more often than not, and touches only put that off, for 0.001 / (1 - 0.9) in all."""
+    costs = TouchCosts(0.001, 0.9, (1.0, 0.0))
+    bound = ObjectBound(np.full((1, 2, 2), 0.5), np.arange(2), costs, np.random.default_rng(0))
+    payoffs = np.array([1.0, -1.0]), np.array([-1.0, -1.0])
+    assert bound(np.array([0.25, 0.75]), *payoffs) >= costs.for_ever - 1e-9
+
+
 def test_an_outcome_that_nearly_never_comes_costs_nearly_without_limit():
     assert TouchCosts(0.02, 1.0, (1.0, 1e-17)).lasting == pytest.approx((2e15, 1.0))
 
