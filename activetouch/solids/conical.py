@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from activetouch.solids.solid import Floats, Geom, between, entered, quadratic_roots, require_lengths, ring
+from belief.validation import require_count
 
 _ALONG = 1e-10  # relative difference of slopes below which a ray counts as parallel to a line on the side of a cone
 
@@ -31,6 +32,7 @@ class Frustum:
         require_lengths(self, self.bottom_radius, self.height)
         if not 0.0 <= self.top_radius < np.inf:
             raise ValueError(f"top_radius must be finite and ≥ 0, got {self}")
+        require_count("num_facets", self.num_facets, 3)
 
     @property
     def bounding_radius(self) -> float:
@@ -120,6 +122,7 @@ class Cone:
 
     def __post_init__(self) -> None:
         require_lengths(self, self.radius, self.height)
+        require_count("num_facets", self.num_facets, 3)
 
     @property
     def bounding_radius(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from activetouch.solids.conical import Cylinder
 from activetouch.solids.solid import Floats, Geom, ahead, clip, entered, require_lengths, ring
+from belief.validation import require_count
 
 
 def _chord(origins: Floats, direction: Floats, radius: float) -> tuple[Floats, Floats]:
@@ -109,6 +110,7 @@ class Dome:
 
     def __post_init__(self) -> None:
         require_lengths(self, self.radius)
+        require_count("num_facets", self.num_facets, 4)
 
     @property
     def bounding_radius(self) -> float:

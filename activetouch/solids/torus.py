@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.solids.solid import Floats, Geom, ahead, ring
+from belief.validation import require_count
 
 _MAX_STEPS = 60  # more than bisection needs
 _CONVERGED = 1e-11  # in units of the ring's radius; the step of Newton's method that is below is still made
@@ -27,6 +28,7 @@ class Torus:
     def __post_init__(self) -> None:
         if not 0.0 < self.tube_radius < self.ring_radius < np.inf:
             raise ValueError(f"tube_radius must be in (0, ring_radius), got {self.tube_radius} and {self.ring_radius}")
+        require_count("num_facets", self.num_facets, 4)
 
     @property
     def bounding_radius(self) -> float:

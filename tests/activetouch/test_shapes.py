@@ -278,6 +278,22 @@ def test_vertices_that_are_no_solid_around_the_origin_are_refused(vertices, prob
         ConvexPolyhedron(vertices)
 
 
+@pytest.mark.parametrize(
+    "solid",
+    [
+        lambda sides: Frustum(0.02, 0.01, 0.02, sides - 1),
+        lambda sides: Cone(0.02, 0.03, sides - 1),
+        lambda sides: Dome(0.02, sides),
+        lambda sides: Torus(0.02, 0.01, sides),
+    ],
+    ids=["frustum", "cone", "dome", "torus"],
+)
+def test_a_mesh_that_stands_for_a_round_solid_has_enough_sides(solid):
+    assert np.ptp(solid(4).geom.vertices, axis=0).min() > 0.0
+    with pytest.raises(ValueError, match="num_facets"):
+        solid(3)
+
+
 def test_a_torus_without_a_hole_is_refused():
     with pytest.raises(ValueError, match="tube_radius"):
         Torus(0.010, 0.010)
