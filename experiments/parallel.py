@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import socket
+import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -108,6 +110,7 @@ def _backend(scheduler: str | None) -> Iterator[Any]:
     except ImportError as error:
         raise NoCluster("a Dask cluster needs the extra dask: pip install 'activetouch[dask]'") from error
     try:
+        _wait_for(scheduler)
         client = Client(scheduler, timeout=_SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise NoCluster(f"no Dask scheduler answers at {scheduler}: {error}. Start one with: dask scheduler") from error
@@ -118,3 +121,25 @@ def _backend(scheduler: str | None) -> Iterator[Any]:
             raise NoCluster(f"{scheduler} has no workers. Start some with: dask worker {scheduler}") from error
         with joblib.parallel_config("dask", client=client) as config:
             yield config
+
+
+def _wait_for(scheduler: str) -> None:
+    """Wait until something answers at the address of a scheduler.
+
+    A client of Dask that finds none is left half made. If it is collected while another one starts, both wait for ever.
+
+    Raises:
+        OSError: nothing answers in time.
+        ValueError: it is no address.
+    """
+    from distributed.comm.addressing import get_address_host_port
+
+    place, end = get_address_host_port(scheduler), time.monotonic() + _SECONDS_TO_CONNECT
+    while True:
+        try:
+            socket.create_connection(place, timeout=_SECONDS_TO_CONNECT).close()
+            return
+        except OSError:
+            if time.monotonic() >= end:
+                raise
+            time.sleep(0.1)

@@ -71,6 +71,7 @@ def test_a_cluster_plays_the_same_episodes_bit_for_bit_though_a_worker_dies(one,
 @needs_dask
 def test_no_scheduler_at_the_address_is_said_and_how_to_start_one(monkeypatch):
     monkeypatch.setattr("experiments.parallel._SECONDS_TO_CONNECT", 0.5)
+    monkeypatch.setattr("distributed.Client", None)  # none is made: a half-made one could wait for ever
     with pytest.raises(NoCluster, match=r"tcp://127\.0\.0\.1:1.*Start one with: dask scheduler"):
         list(run_tasks([int], 1, "counting", "tcp://127.0.0.1:1"))
     with pytest.raises(NoCluster, match="no Dask scheduler answers at nonsense"):
