@@ -11,7 +11,6 @@ from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from threadpoolctl import threadpool_limits
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.console import plain_console
@@ -71,6 +70,8 @@ def run_lazily(
     Raises:
         NoCluster: The scheduler does not answer or has no workers, or the extra ``dask`` is not installed.
     """
+    from threadpoolctl import threadpool_limits
+
     alone = jobs == 1 and scheduler is None
     with threadpool_limits(1) if alone else _backend(scheduler), progress_bar() as progress:
         bar = progress.add_task(description, total=total)

@@ -14,7 +14,7 @@ from experiments.bayes_error.body_bank import BodyBank
 from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.touched_objects import TouchedObjects
 from experiments.search.fingerprint import fingerprint
-from experiments.search.run_folder import code_digests, versions
+from experiments.search.run_folder import made_with
 
 
 def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, number: int) -> tuple[int, int, Evidence]:
@@ -28,7 +28,7 @@ def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, numb
         number: of the slice.
     """
     numbers = f"{bank.draws} {bank.force_ratios} {bank.seed} {bank.slice_size} {shape} {number}"
-    code = f"{fingerprint(bank.scene)} {versions()} {code_digests()}"
+    code = f"{fingerprint(bank.scene)} {made_with()}"
     identity = f"{scene_fields(bank.scene)} {touched.digest} {numbers} {code}"
     path = folder / f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.npz"
     try:

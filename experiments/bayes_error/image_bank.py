@@ -133,11 +133,8 @@ class SensorNoise:
 
 
 def ideal_symmetry(scene: Scene) -> Symmetry:
-    """Rotations and reflections under which ideal images of a scene are equally likely; faults do not count.
-
-    There are none where poses aim beside the middle of the pad.
-    """
-    return Symmetry.NONE if scene.aims else replace(scene, faults=()).symmetry
+    """Rotations and reflections under which ideal images of a scene are equally likely; faults do not count."""
+    return replace(scene, faults=()).symmetry
 
 
 def symmetric_views(images: NDArray[Any], symmetry: Symmetry) -> NDArray[Any]:

@@ -11,12 +11,12 @@ from typing import Any
 
 from belief.files import sealed_json, unsealed_json, write_text
 from experiments.search.fingerprint import files_digest
-from experiments.search.run_folder import code_digests, versions
+from experiments.search.run_folder import made_with
 
 
 def results_folder(out: Path, sensor_files: list[Path]) -> Path:
     """Folder in ``out`` for what this code finds with the sensor in these files; another sensor or code has another."""
-    words = json.dumps([files_digest(sensor_files), versions(), code_digests()])
+    words = json.dumps([files_digest(sensor_files), made_with()])
     return out / "searches" / hashlib.sha256(words.encode()).hexdigest()[:16]
 
 

@@ -116,9 +116,8 @@ def play_missing(
     is_open = False
     played = chain.from_iterable(run_lazily(missing(), len(groups), jobs, "searching", scheduler))
     for result in chain(played, [None]):
-        if (
-            not is_open or result is None
-        ):  # not before, as a run that fails without any result must not claim the folder
+        # Not before the first result: a run that fails without any must not claim the folder.
+        if not is_open or result is None:
             is_open = True
             if warning := folder.open(run, arguments, players):
                 print(warning, file=sys.stderr)

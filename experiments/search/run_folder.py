@@ -377,6 +377,11 @@ def code_digests() -> dict[str, str]:
     return found
 
 
+def made_with() -> dict[str, str]:
+    """Versions of packages and digests of code, on which everything that is computed depends."""
+    return versions() | code_digests()
+
+
 def _commit() -> str:
     """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]

@@ -24,7 +24,7 @@ from activetouch.world import touch_many
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
-from experiments.search.run_folder import code_digests, versions
+from experiments.search.run_folder import made_with
 from experiments.search.setting import episode_seed, make_world
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model
@@ -86,7 +86,7 @@ def measured(configuration: Configuration, folder: Path) -> SearchResult:
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
         result = _search(configuration, folder / "models")
-        write_text(path, json.dumps({**asdict(result), "made_with": _made_with()}) + "\n")
+        write_text(path, json.dumps({**asdict(result), "made_with": made_with()}) + "\n")
     fields = json.loads(path.read_text())
     fields.pop("made_with", None)
     return SearchResult(**{**fields, "configuration": configuration})
@@ -95,11 +95,7 @@ def measured(configuration: Configuration, folder: Path) -> SearchResult:
 def num_outdated(configurations: Iterable[Configuration], folder: Path) -> int:
     """Number of results that other code or other versions of packages measured than now."""
     paths = (folder / "results" / f"{configuration.key}.json" for configuration in configurations)
-    return sum(json.loads(path.read_text()).get("made_with") != _made_with() for path in paths)
-
-
-def _made_with() -> dict[str, str]:
-    return versions() | code_digests()
+    return sum(json.loads(path.read_text()).get("made_with") != made_with() for path in paths)
 
 
 def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
