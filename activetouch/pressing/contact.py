@@ -14,7 +14,9 @@ from activetouch.pressing.trace import Trace
 
 Floats = NDArray[np.float64]
 
-_RAYS_AT_ONCE = 8192  # larger arrays are allocated by the system, which takes twice the time of the rays
+# The C library of Linux returns free memory above twice its largest freed block to the system, and asks for it again
+# in the next press, which can double the time of the rays. After a block of 8 MB it keeps what presses need.
+np.empty(2**20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +136,7 @@ def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
     to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
     to_start[:, 0] = -(to_object @ (clearance, *placement.offset))
-    distance = np.empty(pad.num_taxels**2)
-    for first_ray in range(0, len(distance), _RAYS_AT_ONCE):
-        rays = slice(first_ray, first_ray + _RAYS_AT_ONCE)
-        distance[rays] = placement.shape.entry_distance(to_start @ pad.ray_starts[:, rays], rotation[0])
+    distance = placement.shape.entry_distance(to_start @ pad.ray_starts, rotation[0])
     distance *= placement.scale
     nearest = float(distance.min())
     square = distance.reshape(pad.num_taxels, pad.num_taxels)

@@ -151,6 +151,7 @@ class Rig:
         self._velocity = self.data.qvel[joint.dofadr[0] :]
         # A memory view gives its numbers as floats, which calculate faster than the scalars of an array.
         self._reaction = memoryview(self.data.qfrc_constraint)[joint.dofadr[0] :]
+        self._warnings = self.data.warning.number
         actuator = self.model.actuator("guide")
         self._control = self.data.ctrl[actuator.id :]
         self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
@@ -176,7 +177,7 @@ class Rig:
             raise ValueError(f"scale must be in (0, {self._largest_scale}], got {placement.scale}")
         model = self.model
         mujoco.mj_setState(model, self.data, self._fresh, _STATE)  # a twentieth of the time of mj_resetData
-        self.data.warning.number[:] = 0
+        self._warnings[:] = 0
         self._rows.clear()
         self._phases.clear()
         self._num_skipped = 0
@@ -230,7 +231,7 @@ class Rig:
     def _stepper(self) -> Callable[[float, Phase], float]:
         """The fastest step that records nothing: names and views are looked up once."""
         model, data, simulate = self.model, self.data, mujoco.mj_step
-        control, reaction = self._control, self._reaction
+        control, reaction = memoryview(self._control), self._reaction
 
         def step(position: float, phase: Phase) -> float:
             control[0] = position
@@ -274,7 +275,7 @@ class Rig:
     @property
     def num_warnings(self) -> int:
         """MuJoCo warnings since the object was placed."""
-        return int(self.data.warning.number.sum())
+        return int(self._warnings.sum())
 
 
 @lru_cache(maxsize=64)
