@@ -231,7 +231,7 @@ class Rig:
     def _stepper(self) -> Callable[[float, Phase], float]:
         """The fastest step that records nothing: names and views are looked up once."""
         model, data, simulate = self.model, self.data, mujoco.mj_step
-        control, reaction = memoryview(self._control), self._reaction
+        control, reaction = self._control, self._reaction
 
         def step(position: float, phase: Phase) -> float:
             control[0] = position
