@@ -48,6 +48,7 @@ class SearchResult:
         decision_seconds: time of belief updates and decisions, sum over all episodes.
         planning_seconds: the same for one first search per target, which includes planning unless this process made
             the same plan before.
+        made_with: digests of the code and versions of the packages; None if they are not known.
     """
 
     configuration: Configuration
@@ -57,6 +58,7 @@ class SearchResult:
     rewards: list[float]
     decision_seconds: float
     planning_seconds: float
+    made_with: dict[str, str] | None = None
 
     @property
     def ms_per_decision(self) -> float:
@@ -86,16 +88,14 @@ def measured(configuration: Configuration, folder: Path) -> SearchResult:
     path = folder / "results" / f"{configuration.key}.json"
     if not path.exists():
         result = _search(configuration, folder / "models")
-        write_text(path, json.dumps({**asdict(result), "made_with": made_with()}) + "\n")
-    fields = json.loads(path.read_text())
-    fields.pop("made_with", None)
-    return SearchResult(**{**fields, "configuration": configuration})
+        write_text(path, json.dumps(asdict(result)) + "\n")
+    return SearchResult(**{**json.loads(path.read_text()), "configuration": configuration})
 
 
-def num_outdated(configurations: Iterable[Configuration], folder: Path) -> int:
+def num_outdated(results: Iterable[SearchResult]) -> int:
     """Number of results that other code or other versions of packages measured than now."""
-    paths = (folder / "results" / f"{configuration.key}.json" for configuration in configurations)
-    return sum(json.loads(path.read_text()).get("made_with") != made_with() for path in paths)
+    now = made_with()
+    return sum(result.made_with != now for result in results)
 
 
 def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
@@ -110,7 +110,6 @@ def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
         configuration = Configuration(network=network, **fields["configuration"])
         if configuration.key != path.stem or configuration.seed != seed:
             continue  # measured with an earlier version of a shipped sensor, or in other searches
-        fields.pop("made_with", None)
         result = SearchResult(**{**fields, "configuration": configuration})
         same = replace(configuration, episodes=0)
         if same not in found or len(found[same].successes) < len(result.successes):
@@ -164,6 +163,7 @@ def _search(configuration: Configuration, cache: Path) -> SearchResult:
         [episode.reward(problem) for episode in episodes],
         thinking,
         planning,
+        made_with(),
     )
 
 

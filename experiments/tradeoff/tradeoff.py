@@ -97,7 +97,7 @@ class Tradeoff:
             console.print(short_front_table(front).rich())
         for line in sentences(answers, self.out):
             console.print(line, soft_wrap=True)
-        if outdated := num_outdated((result.configuration for result, _ in results), self.out):
+        if outdated := num_outdated(result for result, _ in results):
             console.print(
                 f"{outdated} of {len(results)} results are kept from other code or other versions of packages. Delete "
                 f"{self.out / 'results'} to measure all again.",
