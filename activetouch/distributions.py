@@ -14,6 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
+_NARROW = 0.1  # limit below which rejection is from a uniform distribution: few normal deviates are that small
+
 
 class Distribution(Protocol):
     """The distribution of a real random number."""
@@ -110,8 +112,13 @@ class Normal:
     def sample(self, rng: np.random.Generator) -> float:
         """See :class:`Distribution`."""
         while True:
-            deviate = rng.standard_normal()
-            if abs(deviate) <= self.limit:
+            if self.limit < _NARROW:
+                deviate = rng.uniform(-self.limit, self.limit)
+                is_drawn = rng.random() < np.exp(-0.5 * deviate**2)
+            else:
+                deviate = rng.standard_normal()
+                is_drawn = abs(deviate) <= self.limit
+            if is_drawn:
                 return float(self.mean + self.std * deviate)
 
 

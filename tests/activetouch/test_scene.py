@@ -137,6 +137,8 @@ def test_a_presentation_that_would_stretch_objects_is_refused(rng):
         (Uniform(1.0, 3.0), 1.0, 3.0),
         (LogUniform(0.5, 2.0), 0.5, 2.0),
         (Normal(1.0, 0.1), 0.7, 1.3),
+        (Normal(1.0, 0.1, limit=0.05), 0.995, 1.005),
+        (Normal(0.0, 1.0, limit=1e-300), -1e-300, 1e-300),
     ],
 )
 def test_a_distribution_stays_within_its_limits_and_repeats_with_its_seed(distribution, low, high):
