@@ -231,6 +231,13 @@ def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
     assert sizes == [8, 8, 8]
 
 
+def test_the_frontier_refuses_a_network_that_tells_shapes_only_with_hypotheses(data, tmp_path):
+    card = replace(card_for(read_split(data, "train"), "cnn", 4, ("a", "b"), ("p",)), embedding=8)
+    new_classifier(card, seed=0).save(tmp_path / "embeds.safetensors")
+    with pytest.raises(BadArgument, match=r"train --recipe large.*embeds\.safetensors"):
+        Frontier((tmp_path / "embeds.safetensors",), "coarse", data, rounds=1, out=tmp_path).run()
+
+
 @pytest.mark.slow
 def test_the_frontier_compares_runtimes_with_the_first_as_reference(data, tmp_path):
     trained(data, tmp_path / "trained")
