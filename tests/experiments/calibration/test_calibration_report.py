@@ -22,6 +22,7 @@ from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
 from experiments.reporting.style import Picture
 from experiments.scene_choice import SceneChoice
+from experiments.sensor.calibrate import TooFewObjects
 from experiments.sensor.collect import collect
 
 N, R, P, K = 7, 4, 3, 2
@@ -323,6 +324,14 @@ def test_a_collection_without_repeats_is_refused_with_the_command_to_record_one(
     collect(
         SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1
     )
-    with pytest.raises(NoRepeats, match=r"--plan\.repeats 6"):
+    with pytest.raises(NoRepeats, match=r"collect .*--fidelity quasistatic .*--plan\.repeats 6 --out \S*once-repeats"):
         CalibrationReport(data=folder, out=tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.mujoco
+def test_a_collection_of_too_few_objects_is_refused_before_its_images_are_read(tmp_path):
+    plan, folder = CollectionPlan(train=0, calibration=1, test=1, repeats=2), tmp_path / "few"
+    collect(SceneChoice("coarse", fidelity="quasistatic"), plan, folder, jobs=1)
+    with pytest.raises(TooFewObjects, match="1 calibration objects"):
+        CalibrationReport(data=folder, out=tmp_path / "out").run()
