@@ -20,7 +20,7 @@ from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.optimizers import Optimizers
 from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
 from activetouch.perception.wear import worn
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
@@ -136,6 +136,7 @@ class Trainer:
         """One pass over the training split; ``tick`` is told how many images each step took.
 
         Raises:
+            LabelMismatch: another training has written the state file meanwhile; it stays.
             TrainingDiverged: a gradient or a loss is not finite; the state file holds the epoch before.
         """
         recipe, network, train = self.recipe, self.classifier.network, self.train
@@ -174,6 +175,8 @@ class Trainer:
         return report
 
     def _save(self) -> None:
+        if self.state.exists():
+            self._require_own(read_fields(self.state))
         tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
         tensors |= {f"best.{name}": value for name, value in self._best.items()} | self.optimizers.moments()
         fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
@@ -185,15 +188,18 @@ class Trainer:
         except CorruptFile as error:
             raise CorruptFile(f"{error}; delete it to start anew") from error
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        self._require_own(header)
+        self.classifier.network.load_state_dict(_with_prefix(tensors, "model."))
+        self._best = _with_prefix(tensors, "best.")
+        self.reports = [EpochReport(**report) for report in header["reports"]]
+        self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
+
+    def _require_own(self, header: Mapping[str, Any]) -> None:
         if header.get("task") != self._task:
             raise LabelMismatch(
                 f"{self.state} belongs to another training{_differences(header.get('task'), self._task)}. Choose "
                 "another folder, or delete this file to start anew"
             )
-        self.classifier.network.load_state_dict(_with_prefix(tensors, "model."))
-        self._best = _with_prefix(tensors, "best.")
-        self.reports = [EpochReport(**report) for report in header["reports"]]
-        self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
 
 
 def _differences(there: Any, here: Mapping[str, Any]) -> str:

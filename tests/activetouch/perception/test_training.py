@@ -164,6 +164,15 @@ def test_other_touches_do_not_resume_though_they_are_as_many_and_look_alike(spli
         trainer(tmp_path / "state.safetensors", **{split: swapped})
 
 
+def test_of_two_trainings_that_begin_in_one_folder_the_one_that_saves_first_goes_on(tmp_path):
+    one, other = (trainer(tmp_path / "state.safetensors", replace(RECIPE, seed=seed)) for seed in (0, 1))
+    one.run_epoch()
+    with pytest.raises(LabelMismatch, match=r"with other seed \(0 there, 1 here\)"):
+        other.run_epoch()
+    one.run_epoch()
+    assert trainer(tmp_path / "state.safetensors").epochs_done == 2
+
+
 def test_a_state_of_another_kind_of_training_does_not_resume(tmp_path):
     write_tensors(tmp_path / "state.safetensors", {}, {"settings": {}, "progress": {}})
     with pytest.raises(LabelMismatch, match=r"belongs to another training\. Choose"):
