@@ -137,7 +137,7 @@ def _models(found: Measurements) -> Section:
         (
             str(some[0].num_touches),
             f"{some[0].discounted:.3f}",
-            *(f"{w.free:.3f} [{w.low:.3f}, {w.high:.3f}]" for w in some),
+            *(weight.words for weight in some),
         )
         for some in zip(*found.weights.values(), strict=True)
     ]
@@ -147,7 +147,10 @@ def _models(found: Measurements) -> Section:
         "in the order in which they were recorded, half stay in one pose.",
         f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. The weight of n touches in one pose, "
         "fitted freely, differs from n / (1 + (n - 1) ρ) by at most "
-        + ", ".join(f"{value:.3f} on the {split} split" for split, value in widest.items())
+        + ", ".join(
+            f"{value:.3f}{' or more' if any(w.low is None for w in found.weights[split]) else ''} on the {split} split"
+            for split, value in widest.items()
+        )
         + ".",
     ]
     grids = [

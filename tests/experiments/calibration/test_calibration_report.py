@@ -233,6 +233,15 @@ def test_free_weights_find_the_correlation_that_touches_were_made_with(shared, c
         assert weight.high - weight.free < 0.3
 
 
+def test_a_weight_that_no_likelihood_bounds_has_no_interval(rng):
+    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.5, np.zeros((P, 1, 2)))
+    right = np.where((np.arange(40) % K == 0)[:, None, None, None], [1.0, -1.0], [-1.0, 1.0])
+    for sign, told in ((1.0, "≥ 2.000"), (-1.0, "≤ 0.000")):
+        sequences = Rounds(sign * np.tile(right, (1, R, P, 1)), np.arange(40) % K).one_pose(rng)
+        weight = free_weights(model, sequences)[0]
+        assert (weight.low, weight.high, weight.words) == (None, None, told)
+
+
 def test_taking_repeats_for_independent_claims_more_than_is_right(rng):
     model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.9, np.zeros((P, 1, 2)))
     sequences = {"one pose": world(rng, 2000, R, 0.9).one_pose(rng)}
