@@ -132,6 +132,7 @@ def _models(found: Measurements) -> Section:
     )
     rows = [(_named(found, scores.name), f"{scores.cross_validated_nll:.4f}") for scores in ranked]
     widest = {split: max(abs(w.free - w.discounted) for w in weights) for split, weights in found.weights.items()}
+    least = "at least" if any(w.low is None for weights in found.weights.values() for w in weights) else "at most"
     splits = list(found.weights)
     laws = [
         (
@@ -146,11 +147,8 @@ def _models(found: Measurements) -> Section:
         "negative log posterior of the true shape after one touch, two, and so on; half of the sequences have touches "
         "in the order in which they were recorded, half stay in one pose.",
         f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. The weight of n touches in one pose, "
-        "fitted freely, differs from n / (1 + (n - 1) ρ) by at most "
-        + ", ".join(
-            f"{value:.3f}{' or more' if any(w.low is None for w in found.weights[split]) else ''} on the {split} split"
-            for split, value in widest.items()
-        )
+        f"fitted freely, differs from n / (1 + (n - 1) ρ) by {least} "
+        + ", ".join(f"{value:.3f} on the {split} split" for split, value in widest.items())
         + ".",
     ]
     grids = [
