@@ -13,6 +13,7 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
+from activetouch.errors import TrainingDiverged
 from belief.errors import CorruptFile, MissingPackage, UnknownName
 from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
@@ -154,6 +155,11 @@ def test_a_training_leaves_global_chance_and_the_temporary_folder_alone(bank, sh
     np.testing.assert_array_equal(np.random.get_state()[1], before[0])  # noqa: NPY002
     assert torch.equal(torch.get_rng_state(), before[1])
     assert list(temporary.iterdir()) == []
+
+
+def test_a_training_that_diverges_says_so_with_advice(bank, sharp, tmp_path):
+    with pytest.raises(TrainingDiverged, match=r"outputs are not finite.*--change\.learning-rate"):
+        training(bank, sharp, tmp_path, replace(TINY, learning_rate=1e30)).run()
 
 
 def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
