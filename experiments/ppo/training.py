@@ -196,8 +196,10 @@ class Training:
             _, fields = read_tensors(path)
             settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
             steps = int(fields["progress"]["steps"])
-        except (CorruptFile, KeyError, TypeError) as error:
+        except CorruptFile as error:
             raise CorruptFile(f"{error}; delete {self.folder} and start again") from error
+        except (KeyError, TypeError) as error:
+            raise OtherTraining(f"{path} is the state of no PPO training; name another --out") from error
         now = self._settings()
         if settings != now:
             other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]
