@@ -220,6 +220,11 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
     assert (tmp_path / "learning_curve.svg").exists()
 
 
+def test_a_learning_curve_is_of_plain_classifiers(data, tmp_path):
+    with pytest.raises(BadArgument, match=r"--change\.embedding is for training by contrast"):
+        LearningCurve("coarse", data, change=Changes(embedding=8), out=tmp_path).run()
+
+
 def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
     sizes = []
 
