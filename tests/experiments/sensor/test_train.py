@@ -58,6 +58,7 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
     assert "epoch 2: training loss" in said
     assert "TrainingRecipe(" not in said + card.training
     assert "EpochReport(" not in said
+    assert "epoch 1 " not in said  # no bar is left of an epoch that is done
 
 
 def test_a_reader_of_randomised_touches_is_for_the_plain_scene_and_knows_stiffness(tmp_path):
