@@ -54,7 +54,7 @@ class ImpossibleRecipe(ActiveTouchError, ValueError):
 
 
 class TrainingDiverged(ActiveTouchError, ArithmeticError):
-    """A gradient is not finite."""
+    """A gradient, a loss, a weight or an output of a training is not finite."""
 
 
 class UnknownLikelihood(ActiveTouchError, TypeError):

@@ -14,12 +14,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from activetouch.errors import TrainingDiverged
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import CHECKPOINT, ClassifierCard, card_from
 from activetouch.perception.hypothesis_network import HypothesisNetwork
 from activetouch.perception.reader import Reading, require_stack
 from activetouch.perception.sealed_tensors import read_tensors, write_tensors
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, InvalidArgument
 
 
 class TouchNetwork(nn.Module):
@@ -86,8 +87,18 @@ class TouchClassifier:
 
     @torch.inference_mode()
     def read(self, images: NDArray[np.uint8], batch_size: int = 64) -> Reading:
-        """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``."""
+        """Logits, features and labels of uint8 images ``(N, H, W)`` or ``(N, H, W, 3)``.
+
+        Raises:
+            InvalidArgument: the network embeds images, and gives no logits without hypotheses.
+            ValueError: there are no images, or they are something else.
+        """
         require_stack(images)
+        if self.card.embedding:
+            raise InvalidArgument(
+                "this network embeds images, and tells shapes only with hypotheses: read with the reader that training "
+                "wrote beside it, or train a plain classifier (--recipe large)"
+            )
         parts = [
             self.network(torch.from_numpy(images[first : first + batch_size]))
             for first in range(0, len(images), batch_size)
@@ -105,7 +116,7 @@ class TouchClassifier:
         """Write the checkpoint, atomically.
 
         Raises:
-            ValueError: a weight is too large for half precision, or not finite.
+            TrainingDiverged: a weight is too large for half precision, or not finite.
         """
         write_tensors(path, half_weights(self.network), self.card.fields(), CHECKPOINT)
 
@@ -130,10 +141,13 @@ def half_weights(network: nn.Module) -> dict[str, NDArray[np.float16]]:
     """The weights of a network by name, in half precision.
 
     Raises:
-        ValueError: a weight is too large for half precision, or not finite.
+        TrainingDiverged: a weight is too large for half precision, or not finite.
     """
     tensors = {name: value.half().numpy() for name, value in network.state_dict().items()}
     for name, value in tensors.items():
         if not np.isfinite(value).all():
-            raise ValueError(f"the weights {name} are not finite in half precision; did the training diverge?")
+            raise TrainingDiverged(
+                f"the weights {name} are not finite in half precision. Train again, in another folder, with a lower "
+                "--change.learning-rate"
+            )
     return tensors

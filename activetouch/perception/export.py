@@ -33,7 +33,7 @@ def export_reader(
         hypotheses: the embedding of hypotheses that belongs to it, where the card has one.
 
     Raises:
-        ValueError: a weight is too large for half precision, or not finite.
+        TrainingDiverged: a weight is too large for half precision, or not finite.
         WrongScene: the network cannot read such images.
     """
     classifier.card.require_images(image_shape)
@@ -74,7 +74,7 @@ def fixed_hypotheses(classifier: TouchClassifier, touches: TouchSet) -> Hypothes
         touches: that it was trained on.
 
     Raises:
-        ValueError: a weight is too large for half precision, or not finite.
+        TrainingDiverged: a weight is too large for half precision, or not finite.
     """
     weights = half_weights(classifier.network.hypotheses)
     numbers = sorted({int(name.split(".")[0]) for name in weights})

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -17,11 +18,18 @@ from activetouch.perception.augmentation import augment
 from activetouch.perception.classifier import TouchClassifier
 from activetouch.perception.objective import Contrast, Objective, ShapeObjective
 from activetouch.perception.optimizers import Optimizers
+from activetouch.perception.reader import require_stack
 from activetouch.perception.recipe import TrainingRecipe
-from activetouch.perception.sealed_tensors import read_tensors, write_tensors
+from activetouch.perception.sealed_tensors import read_fields, read_tensors, write_tensors
 from activetouch.perception.wear import worn
 from activetouch.scene import Symmetry
 from belief.errors import CorruptFile
+from belief.files import array_digest
+
+_ADVICE = (
+    "Train with a lower --change.learning-rate, or, if that does not help, in single precision (--change.bf16 False): "
+    "bfloat16 fails on the smallest images"
+)
 
 
 @dataclass(frozen=True)
@@ -56,9 +64,9 @@ class Trainer:
 
     Raises:
         CorruptFile: the state file is damaged.
-        LabelMismatch: it belongs to another training.
+        LabelMismatch: it belongs to another training: of other touches, another recipe or another network.
         UnknownName: the recipe's focus is on a shape that there is not.
-        ValueError: a shape has no image, or a touch no orientation where it is needed.
+        ValueError: a shape has no image, a touch no orientation where it is needed, or images are none or not of bytes.
     """
 
     def __init__(
@@ -74,7 +82,12 @@ class Trainer:
         self.classifier, self.recipe, self.state, self.symmetry = classifier, recipe, state, symmetry
         self.taxels = taxels
         self.train, self.calibration = train, calibration
-        self._task = json.dumps([asdict(recipe), asdict(classifier.card), len(train.images), symmetry])
+        for touches in (train, calibration):
+            require_stack(touches.images)
+        task = {**asdict(recipe), **classifier.card.fields(), "symmetry": symmetry, "taxels": taxels}
+        data = {"training touches": train, "calibration touches": calibration}
+        task |= {name: array_digest(vars(touches)) for name, touches in data.items()}
+        self._task: dict[str, Any] = json.loads(json.dumps(task))  # as the state file has it
         self.optimizers = Optimizers(classifier.network, recipe)
         labels = classifier.card.shape_labels
         contrast = classifier.card.embedding > 0
@@ -123,7 +136,8 @@ class Trainer:
         """One pass over the training split; ``tick`` is told how many images each step took.
 
         Raises:
-            TrainingDiverged: a gradient is not finite; the state file holds the epoch before.
+            LabelMismatch: another training has written the state file meanwhile; it stays.
+            TrainingDiverged: a gradient or a loss is not finite; the state file holds the epoch before.
         """
         recipe, network, train = self.recipe, self.classifier.network, self.train
         generator = torch.Generator().manual_seed(recipe.seed * 1000 + self.epochs_done)
@@ -143,21 +157,26 @@ class Trainer:
             if not torch.isfinite(norm):
                 raise TrainingDiverged(
                     f"epoch {self.epochs_done + 1}: after {seen} images the loss is {loss.item():g} and the gradient "
-                    f"{norm.item():g}. Train with a lower --change.learning-rate, or, if that does not help, in single "
-                    "precision (--change.bf16 False): bfloat16 fails on the smallest images"
+                    f"{norm.item():g}. {_ADVICE}"
                 )
             self.optimizers.step(self.learning_rate(self.epochs_done + seen / num_images))
             total += loss.item() * len(rows)
             seen += len(rows)
             tick(len(rows))
-        measured = self.objective.evaluate(network, self.calibration, recipe.bf16)
-        self.reports.append(EpochReport(self.epochs_done + 1, total / num_images, *measured))
+        report = EpochReport(
+            self.epochs_done + 1, total / num_images, *self.objective.evaluate(network, self.calibration, recipe.bf16)
+        )
+        if not math.isfinite(report.calibration_loss):
+            raise TrainingDiverged(f"{report.words}. {_ADVICE}")
+        self.reports.append(report)
         if recipe.patience is not None and self.best_epoch == self.epochs_done:
             self._best = {name: value.clone() for name, value in network.state_dict().items()}
         self._save()
-        return self.reports[-1]
+        return report
 
     def _save(self) -> None:
+        if self.state.exists():
+            self._require_own(read_fields(self.state))
         tensors = {f"model.{name}": value for name, value in self.classifier.network.state_dict().items()}
         tensors |= {f"best.{name}": value for name, value in self._best.items()} | self.optimizers.moments()
         fields = {"task": self._task, "reports": [asdict(report) for report in self.reports]}
@@ -169,15 +188,27 @@ class Trainer:
         except CorruptFile as error:
             raise CorruptFile(f"{error}; delete it to start anew") from error
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
-        if header.get("task") != self._task:
-            raise LabelMismatch(
-                f"{self.state} belongs to another training (recipe, network, start or data): {header.get('task')}, not "
-                f"{self._task}. Choose another folder, or delete this file to start anew."
-            )
+        self._require_own(header)
         self.classifier.network.load_state_dict(_with_prefix(tensors, "model."))
         self._best = _with_prefix(tensors, "best.")
         self.reports = [EpochReport(**report) for report in header["reports"]]
         self.optimizers.restore(tensors, self.epochs_done * self.steps_per_epoch)
+
+    def _require_own(self, header: Mapping[str, Any]) -> None:
+        if header.get("task") != self._task:
+            raise LabelMismatch(
+                f"{self.state} belongs to another training{_differences(header.get('task'), self._task)}. Choose "
+                "another folder, or delete this file to start anew"
+            )
+
+
+def _differences(there: Any, here: Mapping[str, Any]) -> str:
+    """What differs between the training of a file and this one, with values where they are short."""
+    if not isinstance(there, dict):
+        return ""
+    values = {name: (there.get(name), here.get(name)) for name in {**here, **there}}
+    told = {name: f"{one} there, {other} here" for name, (one, other) in values.items() if one != other}
+    return ", with other " + "; ".join(f"{name} ({text})" if len(text) < 60 else name for name, text in told.items())
 
 
 def _with_prefix(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:

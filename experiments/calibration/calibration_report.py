@@ -32,7 +32,7 @@ from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import in_file_names, named_scene, repeats_folder
-from experiments.sensor.calibrate import candidate_models, scene_of
+from experiments.sensor.calibrate import again, candidate_models, require_enough, scene_of
 from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
@@ -97,10 +97,10 @@ class CalibrationReport:
         if manifest.plan.repeats < 2:
             raise NoRepeats(
                 f"{data} touches every object once per pose, so the dependence of repeated touches cannot be measured. "
-                f"Record another: activetouch collect --scene {self.scene} --plan.train 0 --plan.repeats 6 --out "
-                f"{repeats_folder(self.scene)}"
+                f"Record several rounds{again(manifest, data)}"
             )
         reader = self._reader(data, manifest)
+        require_enough(manifest, data)
         scene = scene_of(manifest, Trust(data, [self.scene], self.trust))
         fits = candidate_models({}, reader, scene)
         hypotheses = HypothesisTable(reader, scene) if JOINT_MODELS.keys() & fits.keys() and scene else None

@@ -144,7 +144,7 @@ def discount(weights: Mapping[str, Sequence[Weight]], correlation: float) -> Pic
         axes.plot(numbers, numbers, "--", color=INK, linewidth=1)
         axes.plot(numbers, effective_touches(numbers, correlation), color=PALETTE[0], linewidth=1.6)
         for some, shift, colour in zip(weights.values(), (-0.06, 0.06), PALETTE[1:3], strict=True):
-            free, low, high = (np.array([getattr(w, name) for w in some]) for name in ("free", "low", "high"))
+            free, low, high = (np.array([getattr(w, name) for w in some], float) for name in ("free", "low", "high"))
             x = np.array([weight.num_touches for weight in some]) + shift
             axes.errorbar(x, free, [free - low, high - free], fmt="o", color=colour, markersize=4, elinewidth=1)
         axes.set(xlabel="touches in one pose", ylabel="weight, in touches", ylim=(0, None))

@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 UNDISCOUNTED = "independent"
 """Name of the ratio model without its discount: touches in one pose are taken as independent."""
 _FUSED = 6  # largest number of touches with scores
+_NEAR = 1e-4  # to an end of the weights tried
 
 
 @dataclass(frozen=True)
@@ -76,16 +77,24 @@ class Weight:
     Attributes:
         num_touches: n.
         free: weight that maximises the likelihood of the true shapes.
-        low: lower bound of its 95 % interval, clustered by object.
-        high: upper bound.
+        low: lower bound of its 95 % interval, clustered by object; None where the likelihood has no maximum between 0
+            and 2 n, as where all touches are read right.
+        high: upper bound, likewise.
         discounted: n / (1 + (n - 1) ρ), the weight of the ratio model.
     """
 
     num_touches: int
     free: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     discounted: float
+
+    @property
+    def words(self) -> str:
+        """The best weight and its interval, or the end beyond which it lies."""
+        if self.low is None or self.high is None:
+            return f"{'≥' if self.free > self.num_touches else '≤'} {self.free:.3f}"
+        return f"{self.free:.3f} [{self.low:.3f}, {self.high:.3f}]"
 
 
 def fit_model(name: str, fit: Fit, touches: Sequences, shape_labels: tuple[str, ...], num_poses: int) -> ModelChoice:
@@ -162,10 +171,14 @@ def free_weights(model: RatioModel, sequences: Sequences) -> list[Weight]:
             return float(np.logaddexp.reduce(weight * evidence, axis=1).mean())
 
         free = float(minimize_scalar(loss, bounds=(0.0, 2.0 * n), method="bounded", options={"xatol": 1e-6}).x)
+        discounted = float(effective_touches(n, model.correlation))
+        if not _NEAR < free < 2.0 * n - _NEAR:
+            found.append(Weight(n, free, None, None, discounted))
+            continue
         probs = softmax(free * evidence, axis=1)
         slopes = (probs * evidence).sum(axis=1)
         curvature = float(((probs * evidence**2).sum(axis=1) - slopes**2).sum())
         spread = float(np.sqrt((np.bincount(sequences.object_ids, slopes) ** 2).sum()))
         reach = 1.96 * spread / curvature if curvature > 0.0 else np.inf
-        found.append(Weight(n, free, free - reach, free + reach, float(effective_touches(n, model.correlation))))
+        found.append(Weight(n, free, free - reach, free + reach, discounted))
     return found

@@ -132,12 +132,13 @@ def _models(found: Measurements) -> Section:
     )
     rows = [(_named(found, scores.name), f"{scores.cross_validated_nll:.4f}") for scores in ranked]
     widest = {split: max(abs(w.free - w.discounted) for w in weights) for split, weights in found.weights.items()}
+    least = "at least" if any(w.low is None for weights in found.weights.values() for w in weights) else "at most"
     splits = list(found.weights)
     laws = [
         (
             str(some[0].num_touches),
             f"{some[0].discounted:.3f}",
-            *(f"{w.free:.3f} [{w.low:.3f}, {w.high:.3f}]" for w in some),
+            *(weight.words for weight in some),
         )
         for some in zip(*found.weights.values(), strict=True)
     ]
@@ -146,7 +147,7 @@ def _models(found: Measurements) -> Section:
         "negative log posterior of the true shape after one touch, two, and so on; half of the sequences have touches "
         "in the order in which they were recorded, half stay in one pose.",
         f"The ratio model's discount has one number, ρ = {found.correlation:.3f}. The weight of n touches in one pose, "
-        "fitted freely, differs from n / (1 + (n - 1) ρ) by at most "
+        f"fitted freely, differs from n / (1 + (n - 1) ρ) by {least} "
         + ", ".join(f"{value:.3f} on the {split} split" for split, value in widest.items())
         + ".",
     ]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from activetouch.envs.batched_episodes import BankEpisodes
 from activetouch.envs.priors import TargetProb
 from activetouch.envs.touch_bank import TouchBank
+from activetouch.errors import TrainingDiverged
 from activetouch.perception.sealed_tensors import read_tensors
 from belief.errors import ActiveTouchError, CorruptFile, MissingPackage
 from belief.files import array_digest, atomic_path
@@ -93,6 +94,7 @@ class Training:
         Raises:
             OtherTraining: the folder holds a training with other settings.
             CorruptFile: the folder's state is damaged.
+            TrainingDiverged: outputs of the policy are not finite.
         """
         from experiments.ppo.state import global_chance_kept
 
@@ -117,12 +119,20 @@ class Training:
                 curve.append(evaluate(policy, self._episodes(self.test_bank, number, self.recipe.test_prob), steps))
                 write_state(self.folder / STATE, learner, {"settings": self._settings(), "curve": curve})
 
-        learner.learn(
-            self.recipe.steps - done,
-            _callback(report),
-            reset_num_timesteps=False,
-            tb_log_name=self.target or self.recipe.state,
-        )
+        try:
+            learner.learn(
+                self.recipe.steps - done,
+                _callback(report),
+                reset_num_timesteps=False,
+                tb_log_name=self.target or self.recipe.state,
+            )
+        except ValueError as error:
+            if not str(error).startswith("Expected parameter logits"):  # of torch, where they are not finite
+                raise
+            raise TrainingDiverged(
+                f"{self.folder}: after {learner.num_timesteps} steps the policy's outputs are not finite. Train with a "
+                "lower --change.learning-rate and another --out"
+            ) from error
         every = 0.0  # so that the last point is on the curve
         report(learner.num_timesteps)
         with atomic_path(self.folder / LEARNER) as temporary:
@@ -186,8 +196,10 @@ class Training:
             _, fields = read_tensors(path)
             settings, curve = fields["settings"], [Score(*point) for point in fields["curve"]]
             steps = int(fields["progress"]["steps"])
-        except (CorruptFile, KeyError, TypeError) as error:
+        except CorruptFile as error:
             raise CorruptFile(f"{error}; delete {self.folder} and start again") from error
+        except (KeyError, TypeError) as error:
+            raise OtherTraining(f"{path} is the state of no PPO training; name another --out") from error
         now = self._settings()
         if settings != now:
             other = [name for name in {**settings, **now} if settings.get(name) != now.get(name)]

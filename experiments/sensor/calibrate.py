@@ -35,7 +35,7 @@ from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
 from experiments.sensor.scores import accuracy_of_objects, read_touches, regrouped
-from experiments.sensor_choice import open_collection, require_collection
+from experiments.sensor_choice import NoSensor, command, open_collection, require_collection
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,8 @@ class Calibrate:
         require_writable(out)
         trained = self.reader if self.reader is not None else training_folder(self.scene) / READER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
+        if self.reader is None and not trained.exists():
+            raise NoSensor(f"{trained} is missing; train it with: {command('train', scene=self.scene)}")
         reader = TactileReader.load(trained)
         filed = self.scene if self.out is None else None
         require_collection(data, manifest, reader.card, filed, repeats=True, anyway=self.anyway)
@@ -181,9 +183,11 @@ def require_enough(manifest: Manifest, data: Path) -> None:
     """Refuse a collection with which no model can be chosen, before any image is read.
 
     Raises:
-        TooFewObjects: it has too few objects.
+        TooFewObjects: it has too few objects, or all are of one shape.
     """
     plan, num_shapes = manifest.plan, len(manifest.shape_labels)
+    if num_shapes < 2:
+        raise TooFewObjects(f"{data} has objects of one shape, {manifest.shape_labels[0]}; a sensor tells shapes apart")
     least = max(2, math.ceil(NUM_FOLDS / num_shapes))
     if plan.calibration < least or plan.test < 1:
         raise TooFewObjects(

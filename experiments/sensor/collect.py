@@ -111,6 +111,8 @@ def record(
         UnstablePress: no object of some shape can be pressed in all poses.
         NotReproduced: a lost shard of a complete collection came out with other bytes than it had.
     """
+    # A killed run leaves temporary files of atomic_path behind; those that appear later are another process's.
+    litter = list(folder.glob("*/.?????.npz.*.npz"))
     manifest = write_manifest(folder, scene, plan, choice)
     here = {shard: shard_path(folder, *shard[:2]).exists() for shard in manifest.shards()}
     missing = [partial(_record, folder, scene, plan, *shard) for shard, is_here in here.items() if not is_here]
@@ -122,8 +124,8 @@ def record(
         manifest = seal(folder, manifest, sha256, sum(redrawn for *_, redrawn in new + old))
     else:
         _require_recorded(folder, manifest, Manifest.of(scene, plan), sha256, {name for name, *_ in new})
-    for litter in folder.glob("*/.?????.npz.*.npz"):  # a killed run leaves the temporary files of atomic_path behind
-        litter.unlink(missing_ok=True)
+    for path in litter:
+        path.unlink(missing_ok=True)
     return manifest
 
 

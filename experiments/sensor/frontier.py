@@ -23,7 +23,7 @@ from activetouch.data.dataset import read_split
 from activetouch.extras import require_extra
 from activetouch.perception.reader import ImageReader
 from belief.files import require_writable, write_text
-from experiments.command_line.arguments import Count, Jobs, NotEmpty, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
 from experiments.reporting.tables import Table
@@ -60,18 +60,18 @@ class Entry:
 
 @dataclass(frozen=True)
 class Frontier:
-    """Measure accuracy, NLL, time and size of trained networks on the same test touches.
+    """Measure accuracy, NLL, time and size of plain classifiers of shapes on the same test touches.
 
     Every network runs in torch (as it is, compiled, in bfloat16, with 8-bit integers) and in ONNX Runtime, which is
     what sensors use. The first checkpoint in torch is the reference of the ratios.
 
     For example:
 
-        activetouch frontier --checkpoints runs/train-tiny/classifier.safetensors runs/train-gel/classifier.safetensors
+        activetouch frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
     """
 
     checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
-    """From activetouch train."""
+    """From activetouch train --recipe large or paper."""
     scene: str = "gel"
     """Whose touches to read."""
     data: Path | None = None
@@ -107,6 +107,10 @@ class Frontier:
         variants: list[tuple[Path, str, ImageReader]] = []
         for path in self.checkpoints:
             single = TouchClassifier.load(path)
+            if single.card.knows_orientations:
+                raise BadArgument(
+                    f"--checkpoints must be plain classifiers (train --recipe large), {path} embeds images"
+                )
             require_collection(data, manifest, single.card, None, repeats=False)
             variants += [(path, name, reader) for name, reader in runtimes(single, manifest.image_shape, self.threads)]
         times = {b: self._time([reader for *_, reader in variants], test.images, b) for b in self.batches}

@@ -15,7 +15,7 @@ from activetouch.data.manifest import Manifest
 from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
 from belief.files import require_writable, write_text
-from experiments.command_line.arguments import Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
+from experiments.command_line.arguments import BadArgument, Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.reporting.tables import Table
@@ -82,6 +82,10 @@ class LearningCurve:
         """Train, read, write and print."""
         check_arguments(self)
         require_extra("train")
+        if self.change.embedding is not None:
+            raise BadArgument(
+                "--change.embedding is for training by contrast; a learning curve is of plain classifiers"
+            )
         import torch
 
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{in_file_names(self.scene)}")

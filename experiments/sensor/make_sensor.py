@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +57,7 @@ def make_sensor(
         BadArgument: the network cannot read images of this size.
         LabelMismatch: the folder holds the touches of another scene, or of other sizes, or another training.
         MissingPackage: the extra ``train`` is not installed.
-        TooFewObjects: ``calibration`` or ``test`` is too small.
+        TooFewObjects: ``calibration`` or ``test`` is too small, or the scene has one shape.
     """
     require_extra("train")
     if isinstance(scene, str):
@@ -77,9 +78,13 @@ def make_sensor(
     record(named.scene, repeated, again, jobs)
     if not (trained / READER_FILE).exists():
         Train(data=touches, out=trained, recipe="large", change=changes, threads=jobs, **network).run()
-    if not (folder / "evaluation.json").exists():
+    if not ((folder / "evaluation.json").exists() and _same(folder / READER_FILE, trained / READER_FILE)):
         Calibrate(reader=trained / READER_FILE, data=again, out=folder, seed=seed).run(named.scene)
     return TactileSensor.load(folder, named.scene)
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.exists() and filecmp.cmp(one, other, shallow=False)
 
 
 def _require_same_training(reader: Path, changes: Changes, backbone: str, input_size: int) -> None:

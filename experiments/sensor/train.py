@@ -333,6 +333,7 @@ def run_to_the_end(trainer: Trainer, log: Path) -> None:
         while not trainer.is_finished:
             bar = progress.add_task(f"epoch {trainer.epochs_done + 1}", total=len(trainer.train.images))
             report = trainer.run_epoch(partial(progress.advance, bar))
+            progress.remove_task(bar)  # the report takes its place
             progress.console.print(report.words, highlight=False)
             if writer is not None:
                 for name, value in asdict(report).items():

@@ -145,6 +145,12 @@ def test_calibrating_on_four_objects_says_how_many_it_takes(quick, tmp_path, cap
     assert "press_model is Quasistatic, not Dynamic" in capsys.readouterr().err  # a known shift warns
 
 
+def test_calibrating_before_training_names_the_command_that_trains(quick, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(NoSensor, match=r"is missing; train it with: activetouch train --scene coarse"):
+        Calibrate(scene="coarse", data=quick).run()
+
+
 @pytest.mark.torch
 def test_a_sensor_remembers_the_scene_it_was_calibrated_in(tmp_path):
     data, out = tmp_path / "data", tmp_path / "sensor"

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from activetouch.errors import TrainingDiverged
 from activetouch.perception.backbones import BACKBONES
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.sensor_files import MODELS, READER_FILE
-from belief.errors import CorruptFile
+from belief.errors import CorruptFile, InvalidArgument
 
 pytestmark = pytest.mark.torch
 IMAGES = np.random.default_rng(0).integers(0, 255, (3, 64, 64)).astype(np.uint8)
@@ -58,9 +59,15 @@ def test_a_checkpoint_whose_tensors_do_not_fit_its_card_is_a_clear_error(tmp_pat
 def test_weights_that_diverged_are_not_written(tmp_path):
     network = TouchNetwork(card())
     torch.nn.init.constant_(network.head.bias, 1e6)
-    with pytest.raises(ValueError, match=r"head\.bias are not finite in half precision"):
+    with pytest.raises(TrainingDiverged, match=r"head\.bias are not finite in half precision"):
         TouchClassifier(card(), network).save(tmp_path / "diverged.safetensors")
     assert not list(tmp_path.iterdir())
+
+
+def test_embeddings_are_not_given_out_as_logits():
+    embeds = replace(card(), embedding=8)
+    with pytest.raises(InvalidArgument, match="tells shapes only with hypotheses"):
+        TouchClassifier(embeds, TouchNetwork(embeds)).read(IMAGES)
 
 
 def test_loading_a_checkpoint_unpickles_nothing(monkeypatch, tmp_path):

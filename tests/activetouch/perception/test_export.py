@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from activetouch.distributions import LogUniform, Uniform
-from activetouch.errors import WrongScene
+from activetouch.errors import TrainingDiverged, WrongScene
 from activetouch.hypotheses import quaternions, sizes
 from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
@@ -70,7 +70,7 @@ def test_images_that_the_network_cannot_read_are_refused_before_exporting():
 def test_weights_that_diverged_are_not_exported():
     diverged = classifier("cnn", 16)
     torch.nn.init.constant_(diverged.network.head.bias, 1e6)
-    with pytest.raises(ValueError, match=r"head\.bias are not finite in half precision"):
+    with pytest.raises(TrainingDiverged, match=r"head\.bias are not finite in half precision"):
         export_reader(diverged, (16, 16))
 
 

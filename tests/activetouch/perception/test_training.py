@@ -10,6 +10,7 @@ from activetouch.data.dataset import TouchSet
 from activetouch.errors import LabelMismatch, TrainingDiverged
 from activetouch.perception.classifier import ClassifierCard, TouchClassifier, TouchNetwork
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
+from activetouch.perception.sealed_tensors import write_tensors
 from activetouch.perception.training import Trainer
 from belief.errors import CorruptFile
 
@@ -134,10 +135,56 @@ def test_a_gradient_that_is_not_finite_is_refused_with_advice_and_nothing_is_wri
     assert not diverged.state.exists()
 
 
+def test_a_loss_that_is_not_finite_after_the_last_step_is_refused_with_advice_and_nothing_is_written(tmp_path):
+    recipe = replace(RECIPE, learning_rate=1e12, warmup=0.0, batch_size=len(TOUCHES.images))
+    diverged = trainer(tmp_path / "state.safetensors", recipe)
+    with pytest.raises(TrainingDiverged, match=r"epoch 1: .* split loss (inf|nan) .*--change\.learning-rate"):
+        diverged.run_epoch()
+    assert not diverged.state.exists()
+    assert diverged.reports == []
+
+
 def test_another_recipe_does_not_resume(tmp_path):
     trainer(tmp_path / "state.safetensors").run_epoch()
     with pytest.raises(LabelMismatch, match="delete this file"):
         trainer(tmp_path / "state.safetensors", replace(RECIPE, epochs=9))
+
+
+def test_what_differs_from_the_training_of_a_state_is_named(tmp_path):
+    trainer(tmp_path / "state.safetensors").run_epoch()
+    with pytest.raises(LabelMismatch, match=r"training, with other epochs \(3 there, 9 here\)\. Choose"):
+        trainer(tmp_path / "state.safetensors", replace(RECIPE, epochs=9))
+
+
+@pytest.mark.parametrize("split", ["train", "calibration"])
+def test_other_touches_do_not_resume_though_they_are_as_many_and_look_alike(split, tmp_path):
+    trainer(tmp_path / "state.safetensors").run_epoch()
+    swapped = replace(TOUCHES, shapes=1 - TOUCHES.shapes)
+    with pytest.raises(LabelMismatch, match=rf"with other {split.replace('train', 'training')} touches\. Choose"):
+        trainer(tmp_path / "state.safetensors", **{split: swapped})
+
+
+def test_of_two_trainings_that_begin_in_one_folder_the_one_that_saves_first_goes_on(tmp_path):
+    one, other = (trainer(tmp_path / "state.safetensors", replace(RECIPE, seed=seed)) for seed in (0, 1))
+    one.run_epoch()
+    with pytest.raises(LabelMismatch, match=r"with other seed \(0 there, 1 here\)"):
+        other.run_epoch()
+    one.run_epoch()
+    assert trainer(tmp_path / "state.safetensors").epochs_done == 2
+
+
+def test_a_state_of_another_kind_of_training_does_not_resume(tmp_path):
+    write_tensors(tmp_path / "state.safetensors", {}, {"settings": {}, "progress": {}})
+    with pytest.raises(LabelMismatch, match=r"belongs to another training\. Choose"):
+        trainer(tmp_path / "state.safetensors")
+
+
+@pytest.mark.parametrize("images", [TOUCHES.images[:0], (TOUCHES.images / 255).astype(np.float16)])
+def test_images_that_are_none_or_not_of_bytes_are_refused_before_training(images, tmp_path):
+    some = replace(TOUCHES.select(np.arange(len(images))), images=images)
+    for split in ("train", "calibration"):
+        with pytest.raises(ValueError, match="images"):
+            trainer(tmp_path / "state.safetensors", **{split: some})
 
 
 def test_a_damaged_training_state_is_a_clear_error(tmp_path):

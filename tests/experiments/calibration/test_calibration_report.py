@@ -22,6 +22,7 @@ from experiments.calibration.targets import judge_model, judge_touches, verdict
 from experiments.calibration.touches import CALIBRATION_FITS, RAW, score_touches
 from experiments.reporting.style import Picture
 from experiments.scene_choice import SceneChoice
+from experiments.sensor.calibrate import TooFewObjects
 from experiments.sensor.collect import collect
 
 N, R, P, K = 7, 4, 3, 2
@@ -232,6 +233,15 @@ def test_free_weights_find_the_correlation_that_touches_were_made_with(shared, c
         assert weight.high - weight.free < 0.3
 
 
+def test_a_weight_that_no_likelihood_bounds_has_no_interval(rng):
+    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.5, np.zeros((P, 1, 2)))
+    right = np.where((np.arange(40) % K == 0)[:, None, None, None], [1.0, -1.0], [-1.0, 1.0])
+    for sign, told in ((1.0, "≥ 2.000"), (-1.0, "≤ 0.000")):
+        sequences = Rounds(sign * np.tile(right, (1, R, P, 1)), np.arange(40) % K).one_pose(rng)
+        weight = free_weights(model, sequences)[0]
+        assert (weight.low, weight.high, weight.words) == (None, None, told)
+
+
 def test_taking_repeats_for_independent_claims_more_than_is_right(rng):
     model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.9, np.zeros((P, 1, 2)))
     sequences = {"one pose": world(rng, 2000, R, 0.9).one_pose(rng)}
@@ -323,6 +333,14 @@ def test_a_collection_without_repeats_is_refused_with_the_command_to_record_one(
     collect(
         SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(train=0, calibration=1, test=1), folder, jobs=1
     )
-    with pytest.raises(NoRepeats, match=r"--plan\.repeats 6"):
+    with pytest.raises(NoRepeats, match=r"collect .*--fidelity quasistatic .*--plan\.repeats 6 --out \S*once-repeats"):
         CalibrationReport(data=folder, out=tmp_path / "out").run()
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.mujoco
+def test_a_collection_of_too_few_objects_is_refused_before_its_images_are_read(tmp_path):
+    plan, folder = CollectionPlan(train=0, calibration=1, test=1, repeats=2), tmp_path / "few"
+    collect(SceneChoice("coarse", fidelity="quasistatic"), plan, folder, jobs=1)
+    with pytest.raises(TooFewObjects, match="1 calibration objects"):
+        CalibrationReport(data=folder, out=tmp_path / "out").run()

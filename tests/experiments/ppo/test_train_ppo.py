@@ -13,6 +13,8 @@ from activetouch.envs.object_test import ObjectTestEnv
 from activetouch.envs.touch_bank import TouchBank
 from activetouch.envs.touch_source import SampledTouches
 from activetouch.envs.wrappers import PosteriorState
+from activetouch.errors import TrainingDiverged
+from activetouch.perception.sealed_tensors import write_tensors
 from belief.errors import CorruptFile, MissingPackage, UnknownName
 from belief.observation_model import SignatureModel
 from belief.synthetic import random_model
@@ -156,6 +158,11 @@ def test_a_training_leaves_global_chance_and_the_temporary_folder_alone(bank, sh
     assert list(temporary.iterdir()) == []
 
 
+def test_a_training_that_diverges_says_so_with_advice(bank, sharp, tmp_path):
+    with pytest.raises(TrainingDiverged, match=r"outputs are not finite.*--change\.learning-rate"):
+        training(bank, sharp, tmp_path, replace(TINY, learning_rate=1e30)).run()
+
+
 def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
     training(bank, sharp, tmp_path).run()
     with pytest.raises(OtherTraining, match=r"other settings \(recipe\)"):
@@ -165,6 +172,12 @@ def test_a_folder_of_another_training_is_refused(bank, sharp, tmp_path):
     other = replace(bank, logits=bank.logits + np.float32(1.0))
     with pytest.raises(OtherTraining, match=r"\(bank, test bank\)"):
         training(other, sharp, tmp_path).run()
+
+
+def test_a_folder_of_a_training_of_another_kind_is_refused(bank, sharp, tmp_path):
+    write_tensors(tmp_path / STATE, {}, {"task": {}, "reports": []})
+    with pytest.raises(OtherTraining, match=r"state\.safetensors is the state of no PPO training"):
+        training(bank, sharp, tmp_path).run()
 
 
 def test_every_damage_to_a_state_is_noticed(bank, sharp, tmp_path):

@@ -15,7 +15,7 @@ import pytest
 import tyro
 
 from activetouch import Quasistatic
-from activetouch.data.dataset import read_manifest, read_split
+from activetouch.data.dataset import read_manifest, read_split, record_shard
 from activetouch.data.manifest import Manifest
 from activetouch.errors import UnstablePress
 from activetouch.pressing.contact import elastic_contact, surface_gap
@@ -151,6 +151,19 @@ def test_a_half_written_shard_of_a_killed_run_does_not_count_and_goes(original, 
         read_split(folder, "train")
     collect(COARSE, PLAN, folder, jobs=1)
     assert contents(folder) == contents(original)
+
+
+def test_a_shard_that_another_process_is_writing_meanwhile_stays(folder, monkeypatch):
+    theirs = folder / "train" / ".00000.npz.writing0.npz"
+    (folder / "calibration" / "00000.npz").unlink()
+
+    def record_beside_another(*arguments):
+        theirs.write_bytes(b"half a shard")
+        return record_shard(*arguments)
+
+    monkeypatch.setattr("experiments.sensor.collect.record_shard", record_beside_another)
+    collect(COARSE, PLAN, folder, jobs=1)
+    assert theirs.read_bytes() == b"half a shard"
 
 
 def test_a_lost_shard_is_recorded_again_as_it_was(folder, original):

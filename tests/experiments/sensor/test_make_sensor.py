@@ -1,5 +1,6 @@
 """A scene becomes a sensor in one call, which goes on where it stopped."""
 
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -37,6 +38,9 @@ def test_a_scene_becomes_a_sensor_in_one_call_and_stays_one(tmp_path):
     with pytest.raises(LabelMismatch, match="asked for is cnn at 4 pixels"):
         activetouch.make_sensor(replace(scene, input_size=4), tmp_path, **SIZES)
     _only_a_readable_model_is_written(tmp_path)
+    shutil.rmtree(tmp_path / "training")  # as the second of these errors says
+    longer = activetouch.make_sensor(scene, tmp_path, **{**SIZES, "epochs": 3})
+    assert longer.reader.card.training.startswith("3 epochs")
 
 
 def _only_a_readable_model_is_written(folder):
@@ -64,6 +68,9 @@ def test_the_images_of_a_pad_of_any_size_fit_its_network(edge):
 def test_what_cannot_become_a_sensor_is_refused_before_anything_is_recorded(tmp_path):
     with pytest.raises(TooFewObjects):
         activetouch.make_sensor("coarse", tmp_path, **{**SIZES, "test": 0})
+    coarse = SCENES["coarse"].scene
+    with pytest.raises(TooFewObjects, match="one shape, cube"):
+        activetouch.make_sensor(replace(coarse, shapes={"cube": coarse.shapes["cube"]}), tmp_path, **SIZES)
     with pytest.raises(BadArgument, match="--input-size must divide the 4 pixels"):
         activetouch.make_sensor(replace(SCENES["coarse"], input_size=5), tmp_path, **SIZES)
     assert not list(tmp_path.iterdir())

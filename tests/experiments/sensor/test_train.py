@@ -58,6 +58,7 @@ def test_a_trained_classifier_knows_what_it_was_trained_on(data, tmp_path, capsy
     assert "epoch 2: training loss" in said
     assert "TrainingRecipe(" not in said + card.training
     assert "EpochReport(" not in said
+    assert "epoch 1 " not in said  # no bar is left of an epoch that is done
 
 
 def test_a_reader_of_randomised_touches_is_for_the_plain_scene_and_knows_stiffness(tmp_path):
@@ -220,6 +221,11 @@ def test_a_learning_curve_gives_every_part_as_many_steps(data, tmp_path):
     assert (tmp_path / "learning_curve.svg").exists()
 
 
+def test_a_learning_curve_is_of_plain_classifiers(data, tmp_path):
+    with pytest.raises(BadArgument, match=r"--change\.embedding is for training by contrast"):
+        LearningCurve("coarse", data, change=Changes(embedding=8), out=tmp_path).run()
+
+
 def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
     sizes = []
 
@@ -229,6 +235,13 @@ def test_a_timed_batch_is_full_even_of_few_images(tmp_path):
 
     Frontier((tmp_path,), rounds=2)._time([Counting()], np.zeros((3, 4, 4), np.uint8), 8)
     assert sizes == [8, 8, 8]
+
+
+def test_the_frontier_refuses_a_network_that_tells_shapes_only_with_hypotheses(data, tmp_path):
+    card = replace(card_for(read_split(data, "train"), "cnn", 4, ("a", "b"), ("p",)), embedding=8)
+    new_classifier(card, seed=0).save(tmp_path / "embeds.safetensors")
+    with pytest.raises(BadArgument, match=r"train --recipe large.*embeds\.safetensors"):
+        Frontier((tmp_path / "embeds.safetensors",), "coarse", data, rounds=1, out=tmp_path).run()
 
 
 @pytest.mark.slow
