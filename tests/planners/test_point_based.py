@@ -151,6 +151,35 @@ def test_scores_say_why_it_stopped():
     assert last.scores["value_confirm"] >= last.scores["value_reject"]
 
 
+@pytest.mark.parametrize(
+    ("num_objects", "composition"),
+    [(3, "distinct"), (3, "independent"), (3, Counts({"shape_0": 1, "shape_1": 2, "shape_2": 2}))],
+)
+def test_its_values_of_answers_follow_from_the_exact_belief(num_objects, composition):
+    model = random_model(np.random.default_rng(1), 3, sharpness=2.0)
+    problem = problem_of(model, num_objects, composition)
+    decider, rng = PointBased(model.outcome_table(), CorrelatedRepeats(0.3), rounds=(50, 100)), np.random.default_rng(0)
+    for number in range(30):
+        scene = SceneBelief(problem, model)
+        arrangement = sample_arrangement(problem, np.random.default_rng(number))
+        for index in range(num_objects):
+            untouched = decider.decide(InformationState.of(problem, 0, scene, index), rng)
+            answers = untouched.scores["value_confirm"], untouched.scores["value_reject"]
+            if not isinstance(untouched.action, Probe):
+                assert untouched.scores["value"] == pytest.approx(max(answers))
+                assert isinstance(untouched.action, Confirm) == (answers[0] > answers[1])
+            poses = rng.integers(len(POSES), size=rng.integers(1, 4)).tolist()
+            scene.update(index, model.sample(arrangement[index], poses, rng))
+            touched = decider.decide(InformationState.of(problem, 0, scene, index), rng)
+            action, scores = touched.action, touched.scores
+            assert scores["value_confirm"] == pytest.approx(2.0 * scores["target_prob"] - 1.0)
+            if isinstance(action, Probe):
+                values = [scores[f"value_{pose}"] for pose in POSES]
+                assert values[action.pose] == max(*values, scores["value_confirm"], scores["value_reject"])
+        if not isinstance(composition, Counts):  # whose hidden states are not exact
+            assert scores["value_reject"] == pytest.approx(1.0 - 2.0 * scene.prob_present(0))
+
+
 def test_free_touches_are_planned_for_and_end():
     model = random_model(np.random.default_rng(0), sharpness=1.0)
     problem = problem_of(model, 2, touch_cost=0.0, touch_limit=20)
