@@ -20,9 +20,11 @@ class Turned:
         self.first = rng.normal(size=(K, N, D)).astype(np.float32)
 
     def views(self, num_hypotheses):
+        assert num_hypotheses == N
         return Views(np.zeros(P, np.int64), (np.arange(P)[:, None] + np.arange(N)) % N)
 
     def in_pose(self, num_hypotheses, pose):
+        assert num_hypotheses == N
         return np.roll(self.first, -pose, axis=1)
 
     def __call__(self, num_hypotheses):
@@ -85,7 +87,7 @@ def test_a_table_that_does_not_fit_the_references_is_refused(turned, rng):
     other = RigidBodyModel(tuple("abc"), turned, N, 1.0, references, logits, groups=(0,) * (P - 1))
     with pytest.raises(ValueError, match="groups"):
         _ = other.views
-    for groups, same in (([1], [[0]]), ([0], [[1]]), ([0, 0], [[0]]), ([0], [])):
+    for groups, same in (([1], [[0]]), ([0], [[1]]), ([0], [[-1]]), ([0, 0], [[0]]), ([0], [])):
         with pytest.raises(ValueError, match=r"groups|same"):
             Views(np.array(groups), np.array(same, int))
     views, outcomes = Views(np.array([0]), np.array([[0]])), np.ones((1, 1, 1, 1), np.float32)
