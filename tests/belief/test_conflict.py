@@ -118,6 +118,17 @@ def test_calibration_touches_that_are_all_the_same(number):
     assert np.isfinite(other.log_bets).all()
 
 
+@pytest.mark.parametrize("extreme", [np.inf, -np.inf, 1e300])
+def test_calibration_misfits_of_any_size_leave_a_test_of_finite_numbers(extreme):
+    embeddings, misfits = sequences(np.random.default_rng(0), 60, 4)
+    misfits[::3] = extreme
+    test = ConflictTest.fit(embeddings, misfits, np.arange(60) % 2)
+    for array in (test.quantiles, test.correlations, test.usual_misfit.medians, test.usual_misfit.widths):
+        assert np.isfinite(array).all()
+    *_, usual = followed(test, np.zeros((4, D)), np.full(4, extreme))
+    assert usual.p_values[1] > 0.01  # a third of the calibration objects are like it
+
+
 @pytest.mark.parametrize("number", [1, 2, 19])
 def test_a_few_objects_make_no_test(number):
     assert ConflictTest.fit(*sequences(np.random.default_rng(0), number), np.zeros(number, int)) is None
