@@ -7,6 +7,7 @@ import pytest
 
 from belief import BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.categorical import Belief
+from belief.errors import InvalidArgument
 from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
 from belief.observation_model.calibration_data import LabelledTouches
@@ -153,6 +154,12 @@ def test_objects_touched_in_one_pose_say_nothing_about_the_likeness_of_poses(rng
 def test_what_is_no_model_is_refused(kernel, references, words):
     with pytest.raises(ValueError, match=words):
         ActionKernelModel(("a", "b"), kernel, references)
+
+
+@pytest.mark.parametrize("setting", [{"repeats": 0}, {"repeats": 1.5}, {"law": "all"}])
+def test_a_setting_out_of_range_is_refused(setting):
+    with pytest.raises(InvalidArgument, match=next(iter(setting))):
+        ActionKernelModel(("a", "b"), np.zeros((1, 1)), np.zeros((1, 1, 2)), **setting)
 
 
 def test_sessions_may_have_any_labels_but_as_many_as_touches(rng):

@@ -371,6 +371,13 @@ def test_what_evidence_holds_cannot_be_overwritten(world, rng):
         assert not array.flags.writeable
 
 
+def test_outcomes_that_no_reference_has_are_as_likely_as_a_tenth_of_a_touch_makes_them(world, rng):
+    model = world.model(rng)
+    alike = replace(model, reference_logits=np.zeros_like(model.reference_logits))  # of 60 touches in each pose
+    probs = np.sort(alike.outcome_table(5).probs, axis=2)
+    np.testing.assert_allclose(probs[..., :4], 0.1 / 5 / 60.1)
+
+
 def test_arrays_that_do_not_fit_are_refused(world):
     references, logits = np.zeros((P, 5, D)), np.zeros((P, 5, K))
     for arguments, words in (
