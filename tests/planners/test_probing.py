@@ -1,3 +1,4 @@
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
@@ -103,12 +104,17 @@ def test_given_the_shape_only_poses_that_are_alike_come_at_random_and_others_do_
     assert {alike.choose(info(), rng).action.pose for _ in range(40)} == {0, 1, 2}
     assert {alike.choose(info(1, 2), rng).action.pose for _ in range(10)} == {0}
     assert {TargetInformationGain(TABLE, given="shape").choose(info(), rng).action.pose for _ in range(10)} == {2}
+    rounded = OutcomeTable([[[0.9, 0.1], [0.1, 0.9]], [[0.9 + 1e-13, 0.1 - 1e-13], [0.1, 0.9]], [[0.5, 0.5]] * 2])
+    nearly = TargetInformationGain(rounded, given="shape")
+    assert {nearly.choose(info(), rng).action.pose for _ in range(40)} == {0, 1}
 
 
 @pytest.mark.parametrize("setting", [{"depth": 3}, {"hypotheses": 0}, {"outcomes": -1}, {"given": "size"}])
 def test_settings_out_of_range_are_refused(setting):
-    with pytest.raises(InvalidArgument, match=next(iter(setting))):
-        TargetInformationGain(TABLE, **setting)
+    for selector in (TargetInformationGain, ShapeInformationGain):
+        if setting.keys() <= {field.name for field in fields(selector)}:
+            with pytest.raises(InvalidArgument, match=next(iter(setting))):
+                selector(TABLE, **setting)
 
 
 def test_where_one_touch_is_blind_the_best_pair_is_found():

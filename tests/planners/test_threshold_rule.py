@@ -48,5 +48,10 @@ def test_a_frame_at_both_thresholds_neither_confirms_nor_rejects():
     assert ThresholdRule(high=0.25, low=0.25, num_consecutive=1).stop(state) is None
 
 
+@pytest.mark.parametrize(("high", "low"), [(1.0, 0.0), (0.0, 0.0), (1.0, 1.0), (0.5, 0.5)])
+def test_thresholds_at_the_ends_and_equal_ones_are_thresholds(high, low):
+    assert ThresholdRule(high=high, low=low).stop(info()) is None
+
+
 def test_the_papers_rule_ignores_the_fused_belief():
     assert ThresholdRule().stop(info(0.5, posterior=0.999999)) is None
