@@ -371,6 +371,14 @@ def test_what_evidence_holds_cannot_be_overwritten(world, rng):
         assert not array.flags.writeable
 
 
+def test_a_table_with_a_generator_of_ones_own_is_made_anew_and_not_kept(world, rng):
+    model = world.model(rng)
+    assert model.default_outcomes == 12
+    table, drawn = model.outcome_table(), model.outcome_table(rng=np.random.default_rng(0))
+    assert model.outcome_table(12) is table is not drawn
+    np.testing.assert_array_equal(drawn.probs, table.probs)
+
+
 def test_outcomes_that_no_reference_has_are_as_likely_as_a_tenth_of_a_touch_makes_them(world, rng):
     model = world.model(rng)
     alike = replace(model, reference_logits=np.zeros_like(model.reference_logits))  # of 60 touches in each pose
