@@ -78,6 +78,9 @@ def test_a_repeat_aware_policy_has_the_values_of_the_recursion(weights, discount
                 most = value_with_repeats(problem, np.array(prior), weights[touches:])
                 found = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches)  # no object was rejected before
                 assert most - 0.05 <= found <= most + 1e-9
+                nothing = policy.probe_values(0, np.array([*prior, 0.0, 0.0, 0.0]), touches, np.full(2, 1e-12))
+                later = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches + 1)  # after a touch that showed nothing
+                assert nothing == pytest.approx(discount * later - 0.03)
 
 
 def test_four_touches_of_the_largest_tables_are_not_refused():
