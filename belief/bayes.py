@@ -257,9 +257,10 @@ def _quick_probs(prior: Floats, likelihood: Floats) -> tuple[Floats, NDArray[np.
     negative = not (prior.min() >= 0.0 and likelihood.min() >= 0.0)  # or NaN
     likelihood *= prior
     total, prior_total = likelihood.sum(axis=0), prior.sum(axis=0)
-    sound = (total >= _LEAST_TOTAL) & (total < np.inf) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
+    evidence = total / prior_total
+    sound = (total >= _LEAST_TOTAL) & (evidence < np.inf) & (np.abs(prior_total - 1.0) <= SUM_TOLERANCE)
     likelihood /= total
-    return total / prior_total, sound & (not negative)
+    return evidence, sound & (not negative)
 
 
 def _careful_logs(prior: Floats, likelihood: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:

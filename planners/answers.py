@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from numbers import Real
 from typing import Any
@@ -52,21 +53,16 @@ Decision(Confirm()) or Decision(Reject())
 
 
 def _pose(pose: Any, problem: SearchProblem, who: str) -> int:
+    if not isinstance(pose, bool):
+        with suppress(TypeError):  # it is no integer of any type
+            pose = operator.index(pose)
     try:
-        return index_of("pose", problem.pose_labels, operator.index(pose) if _is_index(pose) else pose)
+        return index_of("pose", problem.pose_labels, pose)
     except (InvalidArgument, UnknownName) as error:
         raise BadDecision(
             f"{who} Probe({pose!r}); a pose is an integer in [0, {problem.num_poses}), or one of "
             f"{list(problem.pose_labels)}"
         ) from error
-
-
-def _is_index(pose: Any) -> bool:
-    """Whether it is an integer of any type except bool."""
-    try:
-        return not isinstance(pose, bool) and operator.index(pose) is not None
-    except TypeError:
-        return False
 
 
 def _with_plain_scores(decision: Decision, who: str) -> Decision:

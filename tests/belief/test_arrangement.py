@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.special import gammaln, softmax
 
 from belief import ImpossibleObservation
 from belief.arrangement import (
@@ -197,6 +198,25 @@ def test_what_is_refused_is_what_has_too_many_multisets():
     assert num_states([9] * 6, 54) == 10**6
     with pytest.raises(ValueError, match=r"45 objects from a bag of 63 in 7 shapes .* Use fewer"):
         num_states([9] * 7, 45)
+
+
+def test_what_is_asked_of_too_many_multisets_is_refused_not_computed():
+    for ask in (log_arrangement_marginals, lambda weights: prob_shape_absent(weights, None, 0, np.ones(21, np.bool_))):
+        with pytest.raises(ValueError, match=r"21 objects from a bag of 21 in 21 shapes .* Use fewer"):
+            ask(np.eye(21))
+
+
+@pytest.mark.parametrize("counts", [(600, 700), (1200, 1200), (550, 550)])
+@pytest.mark.parametrize("advantage", [-0.3, 0.01, 5.0])
+def test_marginals_of_a_thousand_alike_objects_of_two_shapes_are_binomial_sums(counts, advantage):
+    """There are more than 1e308 arrangements. All objects are alike, so one has the first shape in the mean share."""
+    number, (some, others) = 1100, counts
+    first = np.arange(max(0, number - others), min(number, some) + 1)
+    choose = gammaln(number + 1) - gammaln(first + 1) - gammaln(number - first + 1)
+    draws = gammaln(some + 1) - gammaln(some - first + 1) + gammaln(others + 1) - gammaln(others - number + first + 1)
+    expected = softmax(choose + draws + advantage * first) @ first / number
+    marginals = arrangement_marginals(np.tile([advantage, 0.0], (number, 1)), counts)
+    np.testing.assert_allclose(marginals, np.tile([expected, 1.0 - expected], (number, 1)), rtol=1e-9)
 
 
 @given(bags(), st.data())

@@ -361,3 +361,45 @@ def test_what_overflowed_comes_back():
     for step in [[0.0, -1.7e308]] * 3 + [[-1.7e308, 0.0]] * 2:
         log_probs, _ = update(log_probs, np.tile(step, (20, 1)))
     assert np.exp(log_probs).tolist() == [[0.0, 1.0]] * 20
+
+
+@pytest.mark.parametrize("total", [0.9985, 1.0015])
+@pytest.mark.parametrize(
+    ("prior", "likelihood"),
+    [([0.3, 0.5, 0.2], [0.1, 0.7, 0.4]), ([0.0, 0.6, 0.4], [1.0, 1e-200, 3e-200])],  # the second needs care
+)
+def test_a_prior_that_nearly_sums_to_one_answers_as_its_normalised_form(prior, likelihood, total):
+    product = np.multiply(prior, likelihood)
+    with np.errstate(divide="ignore"):
+        log_prior, log_likelihood = np.log(np.multiply(prior, total)), np.log(likelihood)
+    for copies in (1, 3):
+        for found in (
+            update_probs(np.tile(np.multiply(prior, total), (copies, 1)), likelihood),
+            map(np.exp, update(np.tile(log_prior, (copies, 1)), log_likelihood)),
+            map(np.exp, update(log_prior, log_likelihood)),
+        ):
+            posterior, evidence = map(np.atleast_1d, found)
+            np.testing.assert_allclose(posterior, np.broadcast_to(product / product.sum(), posterior.shape), rtol=1e-9)
+            np.testing.assert_allclose(evidence, product.sum(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("rule", [update, update_probs])
+def test_what_a_prior_rules_out_stays_ruled_out_in_every_block(rule, rng):
+    num_rows = 20_000  # several blocks
+    prior = rng.dirichlet(np.ones(2), num_rows)
+    prior[::3] = [1.0, 0.0]
+    likelihood = rng.random((num_rows, 2))
+    likelihood[1::3, 0] = 0.0
+    product = prior * likelihood
+    with np.errstate(divide="ignore"):
+        posterior = (
+            np.exp(update(np.log(prior), np.log(likelihood))[0]) if rule is update else rule(prior, likelihood)[0]
+        )
+    np.testing.assert_allclose(posterior, product / product.sum(axis=1, keepdims=True), rtol=1e-12)
+
+
+def test_the_evidence_of_equal_likelihoods_is_finite_however_large(rng):
+    for num_shapes in (1, 3, 20):
+        for prior in rng.dirichlet(np.ones(num_shapes), 100):
+            evidence = update_probs(prior, np.full(num_shapes, LARGEST))[1]
+            assert LARGEST * (1.0 - 1e-12) <= evidence <= LARGEST

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from belief import Belief
+from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.errors import InvalidArgument, UnknownName
 
 
@@ -16,6 +16,18 @@ def test_update_leaves_the_old_belief_as_it_was():
     assert prior.probs.tolist() == [0.5, 0.5]
     with pytest.raises(ValueError, match="read-only"):
         prior.log_probs[0] = 0.0
+
+
+def test_a_belief_is_read_only_however_it_was_made(model):
+    labels, given = model.shape_labels, np.log(np.full(4, 0.25))
+    tracker = BeliefTracker(Belief.uniform(labels), model)
+    tracker.update(Touch(0, np.zeros(4)))
+    scene = SceneBelief(SearchProblem(labels, ("p0", "p1", "p2"), 2), model)
+    made = [Belief(labels, given), Belief.from_probs(labels, [0.25] * 4), Belief.uniform(labels).update([0.0] * 4)]
+    for belief in (*made, tracker.belief, scene.belief(0), scene.update(1, [Touch(0, np.zeros(4))])):
+        with pytest.raises(ValueError, match="read-only"):
+            belief.log_probs[0] = 0.0
+    given[0] = 7.0  # the caller's own
 
 
 def test_entropy_of_a_uniform_belief_is_log_k():

@@ -8,6 +8,7 @@ from scipy.stats import binomtest
 
 from belief.conflict import MOST_TOUCHES, ConflictTest, log_conflict, stranger_probability
 from belief.novelty import Novelty
+from belief.usual_misfit import UsualMisfit
 
 D, THRESHOLD = 5, np.log(1 / 0.02)
 
@@ -117,6 +118,17 @@ def test_calibration_touches_that_are_all_the_same(number):
     assert np.isfinite(other.log_bets).all()
 
 
+@pytest.mark.parametrize("extreme", [np.inf, -np.inf, 1e300])
+def test_calibration_misfits_of_any_size_leave_a_test_of_finite_numbers(extreme):
+    embeddings, misfits = sequences(np.random.default_rng(0), 60, 4)
+    misfits[::3] = extreme
+    test = ConflictTest.fit(embeddings, misfits, np.arange(60) % 2)
+    for array in (test.quantiles, test.correlations, test.usual_misfit.medians, test.usual_misfit.widths):
+        assert np.isfinite(array).all()
+    *_, usual = followed(test, np.zeros((4, D)), np.full(4, extreme))
+    assert usual.p_values[1] > 0.01  # a third of the calibration objects are like it
+
+
 @pytest.mark.parametrize("number", [1, 2, 19])
 def test_a_few_objects_make_no_test(number):
     assert ConflictTest.fit(*sequences(np.random.default_rng(0), number), np.zeros(number, int)) is None
@@ -144,6 +156,45 @@ def test_json_gives_the_same_test(test_of_200):
         followed(test_of_200, embeddings, misfits), followed(again, embeddings, misfits), strict=True
     ):
         np.testing.assert_array_equal(here.log_bets, there.log_bets)
+
+
+def plain_test(scores, correlation=0.0):
+    """A test with these calibration scores of both kinds, ``(2, T, S)``, whose misfits are in nats."""
+    length, number = scores.shape[1:]
+    novelty = Novelty.fit(np.zeros((number, D)), np.zeros(number, int))
+    usual = UsualMisfit(np.zeros((length, 0)), np.zeros((length, 1)), np.ones((length, 1)))
+    return ConflictTest(novelty, usual, np.zeros(length), np.full(2, correlation), scores, number)
+
+
+def test_p_values_count_the_calibration_objects_that_score_at_least_as_high_or_as_low(rng):
+    scores = np.sort(rng.normal(size=(2, 1, 30)).round(1))  # some are equal
+    for kind, values in enumerate(scores[:, 0]):
+        for score in (-9.0, *values, *(values + 0.05), 9.0):
+            expected = (1 + (values >= score - 1e-4).sum()) / 31, (1 + (values <= score + 1e-4).sum()) / 31
+            assert plain_test(scores).p_values(kind, 0, score) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.9])
+def test_a_misfit_that_the_earlier_ones_predict_best_is_the_most_usual(correlation):
+    """The prediction is that of least squares, where any two scores of an object have this correlation."""
+    state, earlier = plain_test(np.tile(np.linspace(-14.5, 14.5, 30), (2, 6, 1)), correlation).start(), []
+    state = state.update(np.zeros(D), 99.0)  # the first touch has no misfit
+    for surprise in (4.0, -2.0, 5.0, 0.0, 0.0):
+        number = len(earlier)
+        covariance = (1.0 - correlation) * np.eye(number + 1) + correlation
+        predicted = np.linalg.solve(covariance[:-1, :-1], covariance[:-1, -1]) @ np.array(earlier)
+        earlier.append(float(predicted) + surprise)
+        state = state.update(np.zeros(D), earlier[-1])
+        assert state.p_values[1] == pytest.approx((1 + 15 - surprise) / 31)  # as many are as high
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 1.0])
+@pytest.mark.parametrize("length", [3, 6])
+def test_the_correlation_of_misfits_is_what_touches_of_an_object_share(share, length, rng):
+    alone, shared = rng.normal(size=(10_000, length)), rng.normal(size=(10_000, 1))
+    misfits = np.sqrt(share) * shared + np.sqrt(1.0 - share) * alone
+    test = ConflictTest.fit(np.zeros((10_000, length, 1)), misfits, np.zeros(10_000, int))
+    assert test.correlations[1] == pytest.approx(min(share, 0.9), abs=0.04)  # four standard errors
 
 
 def test_novelty_is_comparable_between_shapes():

@@ -56,5 +56,11 @@ def test_a_count_beyond_the_limit_is_not_counted_out():
     assert num_multisets((1,) * 20, 20, limit=2**20) == 2**20
 
 
+@pytest.mark.parametrize("num_shapes", [63, 64, 65, 128, 300])
+def test_a_count_beyond_every_integer_is_beyond_the_limit(num_shapes):
+    assert num_multisets((1,) * num_shapes, num_shapes, limit=2**20) > 2**20
+    assert num_multisets((2**40,) * num_shapes, num_shapes, limit=2**20) > 2**20
+
+
 def test_many_alike_objects_need_no_deep_recursion():
     assert layers((1500, 1500), 1200)[-1].used.shape == (2, 1201)

@@ -232,7 +232,9 @@ def test_the_interval_holds_the_value_and_turns_over_with_the_groups(known, nove
 
 def test_perfect_order_in_a_sample_is_no_proof_of_perfection():
     # 30 disjoint pairs all in order: the exact binomial bound is .025^(1/30).
-    assert auroc_interval(np.arange(30), 100 + np.arange(50)) == (1.0, pytest.approx(0.025 ** (1 / 30)), 1.0)
+    bound = 0.025 ** (1 / 30)
+    assert auroc_interval(np.arange(30), 100 + np.arange(50)) == (1.0, pytest.approx(bound), 1.0)
+    assert auroc_interval(100 + np.arange(50), np.arange(30)) == (0.0, 0.0, pytest.approx(1.0 - bound))
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,8 @@ def test_sequences_without_touches_or_of_unequal_length_are_refused(sequences):
         (np.zeros(2, int), np.zeros((2, 3)), r"need poses \(S, n\)"),
         (np.zeros((1, 2), int), np.zeros((1, 3, 2)), r"need poses \(S, n\)"),
         (np.zeros((1, 2), int), np.zeros((1, 2, 0)), r"need poses \(S, n\)"),
+        (np.zeros((1, 2), int), np.zeros((1, 2)), r"need poses \(S, n\)"),
+        (np.zeros((1, 2), int), np.zeros((1, 2, 3, 1)), r"need poses \(S, n\)"),
         (np.zeros((1, 2)), np.zeros((1, 2, 2)), "poses must be integers"),
         (np.zeros((1, 2), bool), np.zeros((1, 2, 2)), "poses must be integers"),
         (np.array([[0, -1]]), np.zeros((1, 2, 2)), "touch 1 of sequence 0 has pose -1"),
@@ -149,3 +151,9 @@ def test_what_is_no_number_or_no_object_is_refused(shapes, ids, message):
 def test_shapes_out_of_range_are_refused(shapes, message):
     with pytest.raises(ValueError, match=message):
         LabelledTouches.of([Touch(0, np.zeros(3))] * 2, shapes, None)
+
+
+def test_lists_become_arrays_of_their_numbers():
+    batch = TouchBatch([[0, 1]], [[[1, 2], [3, 4]]], [[[5], [6]]])
+    assert (batch.poses.dtype, batch.logits.dtype, batch.features.dtype) == (np.int64, np.float64, np.float64)
+    assert TouchBatch([[0]], [[[1, 2]]], np.zeros((1, 1, 3), np.float32)).features.dtype == np.float32

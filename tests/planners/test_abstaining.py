@@ -9,7 +9,7 @@ from belief import Belief, Composition, Confirm, Probe, Reject, SceneBelief, Sce
 from belief.errors import ActiveTouchError, BrokenContract, InvalidArgument
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import Decision, InformationState, Outcome, check_decider, make_decider, search, search_lockstep
-from planners.abstaining import ANSWER, CONFLICT, REASONS, Abstaining
+from planners.abstaining import ANSWER, CONFLICT, REASONS, Abstaining, answer_prob
 from planners.answers import BadDecision
 
 
@@ -203,3 +203,16 @@ def test_a_decider_that_is_unsure_itself_is_followed(model):
     episode = search(SyntheticWorld(model, (0, 1, 2, 3)), Abstaining(Always(Unsure(), own=1.0)), problem, 0, model, 1)
     assert episode.outcome is Outcome.UNSURE
     assert episode.steps[-1].decision.scores == {"own": 1.0, CONFLICT: 0.0}
+
+
+def test_i_do_not_know_is_no_answer_about_the_last_object_either(model, rng):
+    info = state(model, object_index=1)
+    assert answer_prob(Unsure(), info) is None
+    decision = Abstaining(Always(Unsure(), own=1.0)).decide(info, rng)
+    assert decision == Decision(Unsure(), {"own": 1.0, CONFLICT: 0.0})
+
+
+def test_any_e_value_above_one_may_be_the_suspicion(model, rng):
+    decider = Abstaining(Always(Confirm()), promise=0.0, suspicion=1.1)
+    assert decider.decide(state(model, math.log(1.09)), rng).action == Confirm()
+    assert decider.decide(state(model, math.log(1.11)), rng).action == Unsure()

@@ -81,11 +81,12 @@ def test_unsure_is_an_answer_only_of_a_search_that_has_it(model):
     assert (episode.outcome, episode.num_touches, len(episode.steps)) == (Outcome.UNSURE, 0, 1)
 
 
-def test_numbers_of_numpy_are_numbers_and_are_written_down_as_such(model):
+@pytest.mark.parametrize("pose", [np.int64(2), np.uint8(2), np.array(2), "p2"])
+def test_numbers_of_numpy_are_numbers_and_are_written_down_as_such(pose, model):
     class Numpy:
         def decide(self, info, rng):
             done = len(info.history) > 1
-            return Decision(Reject() if done else Probe(np.int64(2)), {"value": np.float32(0.5), "touches": 2})
+            return Decision(Reject() if done else Probe(pose), {"value": np.float32(0.5), "touches": 2})
 
     episode = play(Numpy(), model)
     assert episode.num_touches == 8

@@ -3,10 +3,16 @@
 import numpy as np
 import pytest
 
+from belief import SearchProblem
 from belief.errors import InvalidArgument
+from belief.observation_model import OutcomeTable
+from belief.observation_model.tabular import TabularModel
 from belief.synthetic import SyntheticWorld, random_model
+from planners import search
+from planners.decider import SequentialDecider
 from planners.identification import identify
 from planners.probing import GivenOrder, RandomOrder, ShapeInformationGain
+from planners.stopping import PosteriorThresholds
 
 POSES = ("a", "b", "c")
 
@@ -46,3 +52,27 @@ def test_information_gain_needs_fewer_touches_than_a_random_order(model):
 def test_a_threshold_out_of_range_is_refused(model, threshold):
     with pytest.raises(InvalidArgument, match="threshold must be in"):
         identify(SyntheticWorld(model, [1]), RandomOrder(), model, POSES, 0, threshold)
+
+
+def test_it_names_the_first_object_of_a_world_wherever_a_search_has_left_it():
+    model = TabularModel(tuple("abcd"), OutcomeTable(np.eye(4)[None]))
+    world = SyntheticWorld(model, [2, 0, 1])
+    world.advance()
+    named = identify(world, RandomOrder(), model, ("p",), 0, 1.0)
+    assert (named.truth, named.named, named.is_certain, named.poses) == (2, 2, True, (0,))  # no second touch
+
+
+def test_its_touches_are_those_of_a_search_with_its_seed(model):
+    class Recording(SyntheticWorld):
+        def touch(self, pose, rng):
+            touch = super().touch(pose, rng)
+            felt.append(touch.logits)
+            return touch
+
+    felt = []
+    identify(Recording(model, [1, 2]), GivenOrder(("c", "a", "b")), model, POSES, 3, 1.0, max_touches=6)
+    named, felt = np.array(felt), []
+    problem = SearchProblem(model.shape_labels, POSES, 2, "independent")
+    decider = SequentialDecider(PosteriorThresholds(1.0, 0.0, 6), GivenOrder(("c", "a", "b")))
+    search(Recording(model, [1, 2]), decider, problem, 0, model, 3)
+    np.testing.assert_array_equal(named, felt[:6])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from belief import SearchProblem
+from belief import Belief, SearchProblem, Touch
 from belief.observation_model import OutcomeTable
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.synthetic import SyntheticWorld, random_model
-from planners import search
+from planners import InformationState, search
 from planners.decider import SequentialDecider
 from planners.identification import identify
 from planners.naming_plan import NamingPlan
@@ -35,15 +35,45 @@ def value_of_touch(plan, belief, counts, pose):
     return total - 1.0
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.5])
-def test_the_values_are_those_of_the_best_plan(correlation, rng):
+def kernel_of(*between):
+    """Correlations of touches in poses 0 and 1, 0 and 2, 1 and 2; half as much of two in one pose."""
+    kernel = np.eye(3) * between[0] / 2
+    kernel[np.triu_indices(3, 1)] = between
+    return np.maximum(kernel, kernel.T)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "repeats"),
+    [
+        (np.zeros((3, 3)), 1),
+        (kernel_of(0.5, 0.5, 0.5), 1),
+        (kernel_of(0.9, 0.0, 0.3), 1),
+        (kernel_of(0.1, 0.9, 0.0), 2),
+    ],
+)
+def test_the_values_are_those_of_the_best_plan(kernel, repeats, rng):
     probs = rng.dirichlet(np.full(2, 0.3), size=(3, 3))
-    plan = NamingPlan(OutcomeTable(probs), np.full((3, 3), correlation), 1, 0.9, 3)
+    plan = NamingPlan(OutcomeTable(probs), kernel, repeats, 0.9, 3)
     belief = np.full(3, 1 / 3)
     exact = [value_of_touch(plan, belief, (0, 0, 0), pose) for pose in range(3)]
     found = plan.touch_values(belief, (0, 0, 0))
     assert (found <= np.array(exact) + 1e-6).all()  # the value of a plan is a lower bound
-    assert found.max() == pytest.approx(max(exact), abs=1e-3)
+    assert found.max() == pytest.approx(max(exact), abs=1e-3 if repeats == 1 else 0.1)
+
+
+def test_touches_that_count_for_nothing_change_no_value(rng):
+    plan = NamingPlan(OutcomeTable(rng.dirichlet(np.ones(2), size=(3, 3))), kernel_of(0.4, 0.2, 0.1), 1, 0.9, 4)
+    problem, belief = SearchProblem(tuple("abc"), tuple("pqr"), 1, "independent"), Belief.uniform(tuple("abc"))
+    once, often = (
+        plan.choose(InformationState(problem, 0, belief, tuple(Touch(0, np.zeros(3)) for _ in range(number))), rng)
+        for number in (1, 5)
+    )
+    assert once == often
+
+
+def test_certainty_may_be_wanted(rng):
+    plan = NamingPlan(OutcomeTable(np.eye(2)[None]), np.zeros((1, 1)), threshold=1.0)
+    assert plan.touch_values(np.array([0.5, 0.5]), (0,)) == pytest.approx([-1.0])
 
 
 def test_a_touch_that_tells_nothing_new_has_no_value():

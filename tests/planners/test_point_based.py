@@ -98,17 +98,24 @@ def test_independent_objects_of_very_many_shapes_are_planned_for_exactly():
         assert decider.decide(InformationState(problem, 100, Belief.from_probs(labels, probs)), rng).action == action
 
 
-def test_a_belief_by_target_has_the_exact_marginals():
-    model = random_model(np.random.default_rng(2), 4)
-    problem = problem_of(model, 4)
-    scene = SceneBelief(problem, model)
-    rng = np.random.default_rng(0)
-    scene.update(0, model.sample(1, [0, 1], rng))
-    scene.update(1, model.sample(2, [2], rng))
-    belief = belief_by_target(problem, scene, 2, 1).reshape(2, 4)
-    assert belief.sum(axis=0) == pytest.approx(scene.marginals()[1])
-    assert belief[1].sum() == pytest.approx(scene.marginals()[0, 2])
-    assert belief[1, 2] == 0.0  # there is one target only
+@pytest.mark.parametrize("num_targets", [1, 2, 3])
+def test_a_belief_by_target_has_the_exact_marginals_and_says_whether_a_target_was_rejected(num_targets):
+    model = random_model(np.random.default_rng(1), sharpness=2.0)
+    problem = problem_of(model, 4, Counts({"shape_0": 2, "shape_1": 1, "shape_2": num_targets}))
+    for number in range(20):
+        scene, rng = SceneBelief(problem, model), np.random.default_rng(number)
+        arrangement = sample_arrangement(problem, rng)
+        for index, shape in enumerate(arrangement):
+            scene.update(index, model.sample(shape, rng.integers(3, size=rng.integers(4)).tolist(), rng))
+        for index in range(4):
+            unmissed, missed = belief_by_target(problem, scene, 2, index).reshape(2, 4)
+            np.testing.assert_allclose(unmissed + missed, scene.belief(index).probs, atol=1e-12)
+            assert min(unmissed.min(), missed.min()) >= 0.0
+            before = np.array([scene.belief(earlier).prob(2) for earlier in range(index)])
+            # One target is here or there, not in two places; several are taken as independent of each other.
+            expected = before.sum() if num_targets == 1 else 1.0 - np.prod(1.0 - before)
+            assert missed.sum() == pytest.approx(expected, abs=1e-9)
+            assert num_targets > 1 or missed[2] == 0.0
 
 
 @pytest.mark.parametrize("counts", [{"shape_0": 1, "shape_1": 5}, {"shape_0": 3}, {"shape_1": 2, "shape_2": 2}])
@@ -149,6 +156,35 @@ def test_scores_say_why_it_stopped():
     last = episode.steps[-1].decision
     assert isinstance(last.action, Confirm)
     assert last.scores["value_confirm"] >= last.scores["value_reject"]
+
+
+@pytest.mark.parametrize(
+    ("num_objects", "composition"),
+    [(3, "distinct"), (3, "independent"), (3, Counts({"shape_0": 1, "shape_1": 2, "shape_2": 2}))],
+)
+def test_its_values_of_answers_follow_from_the_exact_belief(num_objects, composition):
+    model = random_model(np.random.default_rng(1), 3, sharpness=2.0)
+    problem = problem_of(model, num_objects, composition)
+    decider, rng = PointBased(model.outcome_table(), CorrelatedRepeats(0.3), rounds=(50, 100)), np.random.default_rng(0)
+    for number in range(30):
+        scene = SceneBelief(problem, model)
+        arrangement = sample_arrangement(problem, np.random.default_rng(number))
+        for index in range(num_objects):
+            untouched = decider.decide(InformationState.of(problem, 0, scene, index), rng)
+            answers = untouched.scores["value_confirm"], untouched.scores["value_reject"]
+            if not isinstance(untouched.action, Probe):
+                assert untouched.scores["value"] == pytest.approx(max(answers))
+                assert isinstance(untouched.action, Confirm) == (answers[0] > answers[1])
+            poses = rng.integers(len(POSES), size=rng.integers(1, 4)).tolist()
+            scene.update(index, model.sample(arrangement[index], poses, rng))
+            touched = decider.decide(InformationState.of(problem, 0, scene, index), rng)
+            action, scores = touched.action, touched.scores
+            assert scores["value_confirm"] == pytest.approx(2.0 * scores["target_prob"] - 1.0)
+            if isinstance(action, Probe):
+                values = [scores[f"value_{pose}"] for pose in POSES]
+                assert values[action.pose] == max(*values, scores["value_confirm"], scores["value_reject"])
+        if not isinstance(composition, Counts):  # whose hidden states are not exact
+            assert scores["value_reject"] == pytest.approx(1.0 - 2.0 * scene.prob_present(0))
 
 
 def test_free_touches_are_planned_for_and_end():

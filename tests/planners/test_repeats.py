@@ -64,6 +64,15 @@ def test_the_correlation_of_plda_is_that_of_touches_beyond_their_object():
     assert 0.1 < plda(5.0, 0.3, 0.7).repeat_correlation < 0.3
 
 
+@pytest.mark.parametrize("direction", range(3))
+def test_only_the_direction_in_which_shapes_differ_counts_and_no_common_offset(direction):
+    repeated, model = np.array([0.2, 0.5, 0.9]), plda(0.0, 0.5, 0.5)
+    parts = Components(*(np.stack([np.diag(part)] * 4) for part in (np.zeros(3), repeated, 1.0 - repeated)))
+    means = np.array([40.0, -7.0, 9.0]) + np.linspace(-1.0, 1.0, 8).reshape(2, 4, 1) * np.eye(3)[direction]
+    found = PLDAModel(model.shape_labels, model.embedding, means, parts).repeat_correlation
+    assert found == pytest.approx(repeated[direction])
+
+
 def test_shapes_that_feel_alike_have_no_repeats_to_discount():
     model = plda(1.0, 1.0, 1.0)
     alike = PLDAModel(model.shape_labels, model.embedding, np.zeros_like(model.means), model.components)

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from belief import Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Unsure
+from belief import Belief, Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Unsure
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import ConfusionModel
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from planners import DECIDERS, Decision, Episode, Outcome, make_decider, search, search_lockstep
+from planners.episode import Step
 from planners.registry import NEED_FILES
 
 SIMULATIONS = 20  # enough to be legal, too few to be good
@@ -164,6 +165,37 @@ def test_a_search_that_ends_unsure_is_no_success_and_survives_json(model):
         assert one.steps[-1].decision.action == Unsure()
         assert (one.success, one.is_answered, one.confirmed_shape, one.num_touches) == (False, False, None, 1)
         assert one.reward(problem) == pytest.approx(-0.52)
+
+
+@pytest.mark.parametrize(
+    ("action", "outcome", "arrangement", "is_right"),
+    [
+        (Confirm(), Outcome.CONFIRMED, (0, 1), True),
+        (Confirm(), Outcome.CONFIRMED, (1, 0), False),
+        (Confirm(), Outcome.CONFIRMED, (1, 2), False),
+        (Reject(), Outcome.EXHAUSTED, (1, 0), False),
+        (Reject(), Outcome.EXHAUSTED, (1, 2), True),
+        (Probe(0), Outcome.TRUNCATED, (1, 0), False),
+        (Probe(0), Outcome.TRUNCATED, (1, 2), False),  # it did not say that there is no target
+    ],
+)
+def test_only_a_confirmed_target_or_a_rightly_stated_absence_is_right(action, outcome, arrangement, is_right):
+    problem = SearchProblem(("a", "b", "c"), ("p",), 2, Composition.INDEPENDENT)
+    step = Step(0, Belief.uniform(problem.shape_labels), Decision(action), None)
+    episode = Episode((0,), 0, arrangement, (step,), outcome)
+    assert episode.success == is_right
+    assert episode.reward(problem) == (1.0 if is_right else -1.0)
+
+
+def test_a_world_that_does_not_make_all_touches_is_refused(model):
+    worlds = [SyntheticWorld(model, (3, 1, 0, 2))] * 2
+    decider = make_decider("information_gain", model.outcome_table())
+
+    def one_too_few(requests):
+        return [request.world.touch(request.pose, request.rng) for request in requests[1:]]
+
+    with pytest.raises(ValueError, match="shorter"):
+        search_lockstep(worlds, decider, problem_for(model), [0, 0], model, [(1,), (2,)], one_too_few)
 
 
 def test_finding_nothing_is_right_when_the_target_is_absent():

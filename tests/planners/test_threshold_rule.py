@@ -37,7 +37,20 @@ def action(decision):
 )
 def test_the_papers_rule_looks_at_the_last_two_frames(frames, expected):
     rule = ThresholdRule(high=0.9, low=0.1, max_touches=4)
-    assert action(rule.stop(info(*frames))) == expected
+    decision = rule.stop(info(*frames))
+    assert action(decision) == expected
+    if decision is not None:
+        assert decision.scores == pytest.approx({"frame_prob": frames[-1], "target_prob": 0.25})
+
+
+def test_a_frame_at_both_thresholds_neither_confirms_nor_rejects():
+    state = InformationState(PROBLEM, 0, Belief.uniform(PROBLEM.shape_labels), (Touch(0, np.zeros(4)),))
+    assert ThresholdRule(high=0.25, low=0.25, num_consecutive=1).stop(state) is None
+
+
+@pytest.mark.parametrize(("high", "low"), [(1.0, 0.0), (0.0, 0.0), (1.0, 1.0), (0.5, 0.5)])
+def test_thresholds_at_the_ends_and_equal_ones_are_thresholds(high, low):
+    assert ThresholdRule(high=high, low=low).stop(info()) is None
 
 
 def test_the_papers_rule_ignores_the_fused_belief():

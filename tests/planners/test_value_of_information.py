@@ -200,14 +200,36 @@ def test_a_perfect_pose_is_worth_what_counting_says(composition, touch_cost):
     assert values.tolist() == pytest.approx([1 / 3 * (1 - touch_cost) + 2 / 3 * (second - touch_cost), second, 1.0])
 
 
-def test_one_test_is_worth_what_recursion_over_outcomes_says():
+@pytest.mark.parametrize("others", [1, 3, 9])
+def test_one_test_is_worth_what_recursion_over_outcomes_says(others):
     # With one pose and two outcomes thresholds on the posterior are optimal; 2 000 sequences err by about .01.
     table = OutcomeTable([[[0.8, 0.2], [0.2, 0.8]]])
-    problem = one_object(2, 1, 0.02, touch_limit=9)
-    expected = value(table, np.array([0.5, 0.5]), np.zeros(1, int), 9, 0.02, CorrelatedRepeats(0.0))
+    problem = SearchProblem(("a", "b"), ("p",), 1, Counts({"a": 1, "b": others}), 0.02, touch_limit=9)
+    prior = np.array([1.0, others]) / (1 + others)
+    expected = value(table, prior, np.zeros(1, int), 9, 0.02, CorrelatedRepeats(0.0))
     assert ContinuationValue.of(problem, 0, table).values[0, 0] == pytest.approx(expected, abs=0.03)
-    dearer = ContinuationValue.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
-    assert dearer < expected - 0.05  # repeats tell less
+    if others == 1:
+        dearer = ContinuationValue.of(problem, 0, table, CorrelatedRepeats(0.5)).values[0, 0]
+        assert dearer < expected - 0.05  # repeats tell less
+
+
+@pytest.mark.parametrize("touch_cost", [0.02, 0.3, 0.9])
+@pytest.mark.parametrize(
+    "composition",
+    ["distinct", "independent", Counts({"a": 2, "b": 2}), Counts({"a": 3}), Counts({"a": 1, "b": 5})],
+)
+def test_a_perfect_pose_is_touched_once_or_not_at_all_whichever_is_worth_more(composition, touch_cost):
+    problem = SearchProblem(tuple("abc"), ("p",), 3, composition, touch_cost)
+    found = ContinuationValue.of(problem, 0, OutcomeTable(np.eye(3)[None])).values
+    expected = np.array([[1.0, -1.0]] * 4)
+    for index in (2, 1, 0):
+        for missed in (0, 1):
+            chance, after = target_chances(problem, 0)[index, missed], expected[index + 1]
+            untouched = max(2.0 * chance - 1.0, chance * after[1] + (1.0 - chance) * after[missed])
+            touched = chance + (1.0 - chance) * after[missed] - touch_cost
+            expected[index, missed] = max(untouched, touched)
+    np.testing.assert_allclose(found[1:], expected[1:], atol=1e-12)
+    assert found[0, 0] == pytest.approx(expected[0, 0], abs=1e-12)  # before the first object none was missed
 
 
 def test_the_rest_is_worth_somewhat_more_than_searches_return():

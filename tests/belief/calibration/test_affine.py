@@ -19,6 +19,7 @@ from belief.calibration import (
 )
 from belief.calibration.affine import AffineCalibration
 from belief.calibration.softmax_regression import SoftmaxRegression
+from belief.files import sealed_json
 
 AFFINE = {name: kind for name, kind in CALIBRATIONS.items() if issubclass(kind, AffineCalibration)}
 every_affine = pytest.mark.parametrize("calibration", [kind() for kind in AFFINE.values()], ids=list(AFFINE))
@@ -244,6 +245,9 @@ def test_another_number_of_shapes_than_fitted_is_refused(calibration, rng):
         fitted.objective(np.zeros((1, 2)), [0])
     with pytest.raises(ValueError, match="fitted for 3 shapes"):
         fitted.to_json(["cube", "cone"])
+    two = {"calibration": fitted.name, "shape_labels": ["cube", "cone"], **fitted.to_fields()}
+    with pytest.raises(ValueError, match="parameters for 3 shapes, and names 2"):
+        type(fitted).from_json(sealed_json(two), ["cube", "cone"])
     text = fitted.to_json(["cube", "cone", "ball"]).replace(', "ball"', "").replace('"ball"', '"cone"')
     with pytest.raises(ValueError, match="not the calibration that was asked for"):
         type(fitted).from_json(text, ["cube", "cone", "ball"])

@@ -111,6 +111,14 @@ def test_mass_bins_hold_as_many_rows_each(rng):
     assert counts.max() <= 11
 
 
+@pytest.mark.parametrize("binning", ["width", "mass"])
+def test_columns_have_bins_of_their_own(binning, rng):
+    columns = rng.random((50, 3)) ** [1, 3, 9]  # of unlike quantiles
+    found = bin_index(columns, 7, binning)
+    for column, own in zip(columns.T, found.T, strict=True):
+        np.testing.assert_array_equal(own, bin_index(column, 7, binning))
+
+
 def test_equal_confidences_share_a_mass_bin():
     index = bin_index(np.array([0.4] * 7 + [0.9] * 3), 5, "mass")
     assert len(set(index[:7])) == 1
@@ -125,17 +133,19 @@ def test_labels_drawn_from_the_predictions_are_nearly_calibrated(rng, binning):
     assert metrics.expected_calibration_error(probs, labels, binning=binning) < 0.02
 
 
-def test_the_debiased_error_is_the_mean_product_of_the_gaps_of_two_rows(rng):
+@pytest.mark.parametrize("num_bins", [6, 25, 40])  # of ten rows, of two or three, and of one or two
+def test_the_debiased_error_is_the_mean_product_of_the_gaps_of_two_rows(num_bins, rng):
     # Gaps of different rows are independent: the product of two estimates the square of their mean without bias.
     probs, labels = draw(rng, 60)
     confidence, correct = probs.max(axis=1), probs.argmax(axis=1) == labels
-    index = bin_index(confidence, 6, "mass")
+    index = bin_index(confidence, num_bins, "mass")
     square = 0.0
-    for b in range(6):
+    for b in range(num_bins):
         gaps = (confidence - correct)[index == b]
-        square += len(gaps) / 60 * np.mean([x * y for x, y in permutations(gaps, 2)])
+        if len(gaps) > 1:
+            square += len(gaps) / 60 * np.mean([x * y for x, y in permutations(gaps, 2)])
     expected = np.sign(square) * np.sqrt(abs(square))
-    assert metrics.debiased_calibration_error(probs, labels, num_bins=6) == pytest.approx(expected)
+    assert metrics.debiased_calibration_error(probs, labels, num_bins) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("true_share", [0.8, 0.7, 1.0])

@@ -123,7 +123,7 @@ def test_multiplying_dependent_touches_is_seen_where_the_average_hides_it(rng):
         ([np.nan], [1], [1], "got nan in row 0"),
         ([0.5], [2], [1], "got 2 in row 0"),
         ([0.5], [np.nan], [1], "got nan in row 0"),
-        ([0.5], [1], [-1], "integers ≥ 0"),
+        ([0.5, 0.5], [1, 1], [2, -1], "integers ≥ 0"),
         ([0.5], [1], [1.0], "integers ≥ 0"),
     ],
 )

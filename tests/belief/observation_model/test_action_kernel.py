@@ -1,14 +1,17 @@
 """Touches that are correlated between poses: the law of their weights, the evidence, and the fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from belief import BeliefTracker, SceneBelief, SearchProblem, Touch
 from belief.categorical import Belief
+from belief.errors import InvalidArgument
 from belief.observation_model import check_observation_model, read_observation_model
 from belief.observation_model.action_kernel import ActionKernelModel, touch_weights
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.kernel_fit import fit_kernel, sequence_losses, sequences
+from belief.observation_model.kernel_fit import fit_kernel, likeness, sequence_losses, sequences
 from belief.observation_model.repeat_discount import effective_touches
 
 LABELS = ("mug", "ball", "can")
@@ -126,6 +129,19 @@ def test_ratios_of_any_size_stay_finite():
     assert np.isfinite(evidence.log_likelihood).all()
 
 
+def test_a_constant_added_to_the_ratios_of_a_reference_changes_no_table(model, rng):
+    moved = replace(model, references=model.references + rng.uniform(-300.0, 300.0, (*model.references.shape[:2], 1)))
+    np.testing.assert_allclose(moved.outcome_table().probs, model.outcome_table().probs, atol=1e-9)
+
+
+def test_objects_touched_in_one_pose_say_nothing_about_the_likeness_of_poses(rng):
+    data = [*correlated(rng)]
+    single = [Touch(pose, 3.0 * rng.normal(size=3)) for pose in rng.integers(3, size=60)]
+    more = [[*data[0], *single], [*data[1], *rng.integers(3, size=60)], [*data[2], *range(1000, 1060)]]
+    expected, found = (likeness(LabelledTouches.of(*some, LABELS)) for some in (data, more))
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("kernel", "references", "words"),
     [
@@ -138,6 +154,12 @@ def test_ratios_of_any_size_stay_finite():
 def test_what_is_no_model_is_refused(kernel, references, words):
     with pytest.raises(ValueError, match=words):
         ActionKernelModel(("a", "b"), kernel, references)
+
+
+@pytest.mark.parametrize("setting", [{"repeats": 0}, {"repeats": 1.5}, {"law": "all"}])
+def test_a_setting_out_of_range_is_refused(setting):
+    with pytest.raises(InvalidArgument, match=next(iter(setting))):
+        ActionKernelModel(("a", "b"), np.zeros((1, 1)), np.zeros((1, 1, 2)), **setting)
 
 
 def test_sessions_may_have_any_labels_but_as_many_as_touches(rng):

@@ -1,5 +1,7 @@
 """The calibrated ratio: Bayes' rule read backwards, and what repeats are worth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +11,7 @@ from belief import Touch
 from belief.calibration import CALIBRATIONS, TemperatureScaling
 from belief.observation_model import OutcomeTable, RatioModel, SignatureModel, read_observation_model
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.repeat_discount import effective_touches, fit_correlation, repeats
+from belief.observation_model.repeat_discount import effective_touches, fit_correlation, new_shares, repeats
 from belief.observation_model.selection import log_posteriors
 from belief.touch_batch import TouchBatch
 
@@ -214,3 +216,35 @@ def test_what_cannot_be_is_refused(change, message):
     names = ("shape_labels", "calibration", "training_prior", "correlation", "references", "status")
     with pytest.raises(ValueError, match=message):
         RatioModel(**{**{name: getattr(model, name) for name in names}, **change})
+
+
+def test_groups_of_repeats_are_those_of_loops_over_objects_and_poses(rng):
+    objects, poses = rng.integers(5, size=60), rng.choice(3, 60, p=[0.8, 0.15, 0.05])  # groups of many sizes
+    data = LabelledTouches.of([Touch(int(pose), np.zeros(3)) for pose in poses], objects % 3, objects, LABELS, 3)
+    expected = {}
+    for index, pair in enumerate(zip(objects.tolist(), poses.tolist(), strict=True)):
+        expected.setdefault(pair, []).append(index)
+    expected = sorted((rows[:12], pair[0] % 3) for pair, rows in expected.items() if len(rows) > 1)
+    found = repeats(data)
+    assert (found.rows >= -1).all()
+    assert sorted(([i for i in rows if i >= 0], k) for rows, k in zip(*map(np.ndarray.tolist, found), strict=True)) == (
+        expected
+    )
+
+
+@pytest.mark.parametrize(("correlation", "drift"), [(0.0, 0.0), (0.4, 0.0), (0.4, 0.1), (1.0, 1.0)])
+def test_a_new_touch_is_worth_by_how_much_it_raises_the_effective_number(correlation, drift, rng):
+    def effective(counts):
+        return effective_touches(sum(effective_touches(number, correlation) for number in counts), drift)
+
+    counts = rng.integers(4, size=(3, 4, 5))
+    shares = new_shares(counts, correlation, drift)
+    for index in np.ndindex(counts.shape):
+        before, after = counts[index[:-1]], counts[index[:-1]] + (np.arange(5) == index[-1])
+        assert shares[index] == pytest.approx(min(effective(after) - effective(before), 1.0), abs=1e-12)
+
+
+def test_a_constant_added_to_the_logits_of_a_reference_changes_no_table(rng):
+    model = ratio()
+    moved = replace(model, references=model.references + rng.uniform(-300.0, 300.0, (2, 200, 1)))
+    np.testing.assert_allclose(moved.outcome_table().probs, model.outcome_table().probs, atol=1e-9)

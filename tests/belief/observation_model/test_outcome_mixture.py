@@ -54,6 +54,22 @@ def test_with_all_hypotheses_the_table_is_the_sum_over_them(rng, number):
     np.testing.assert_allclose(both.sum(axis=4)[:, :, :, 0], mixture.table.probs.swapaxes(0, 1), atol=1e-6)
 
 
+@pytest.mark.parametrize("new", [None, np.array([1.0, 0.6, 0.0])])
+def test_two_touches_are_sums_over_hypotheses_and_linear_in_the_factors(new, rng):
+    weights, probs = rng.dirichlet(np.ones(N), K), rng.dirichlet(np.ones(M), (P, K, N))
+    mixture, some = OutcomeMixture(weights, probs, new), probs
+    if new is not None:  # the last outcome is that a touch tells nothing new
+        nothing = np.broadcast_to(1.0 - new[:, None, None, None], (P, K, N, 1))
+        some = np.concatenate([probs * new[:, None, None, None], nothing], axis=-1)
+    np.testing.assert_allclose(mixture.table.probs, np.einsum("ki,pkim->pkm", weights, some), atol=1e-6)
+    both = two_touches(mixture)
+    np.testing.assert_allclose(both, np.einsum("ki,pkim,qkin->kpmqn", weights, some, some), atol=1e-6)
+    for factors in rng.normal(size=(4, 1, K)):
+        expected = np.einsum("jk,kmqn->jmqn", factors, both[:, 1])
+        np.testing.assert_allclose(mixture.two_touches(1, factors), expected, atol=1e-6)
+        np.testing.assert_allclose(mixture.two_touches(1, -np.abs(factors)), -mixture.two_touches(1, np.abs(factors)))
+
+
 def test_few_hypotheses_stand_for_many(rng):
     model = model_of(rng, num_hypotheses=2000, sharpness=1.0)
     evidence = after(model, some_touches(model, rng, 2))

@@ -58,12 +58,14 @@ def test_a_table_cannot_be_changed(model):
     assert table.probs.max() == 0.5
 
 
-@given(tables())
-def test_information_is_that_of_the_joint_distribution(table):
-    joint = table.probs / table.num_shapes
-    independent = joint.sum(axis=1, keepdims=True) * joint.sum(axis=2, keepdims=True)
-    ratio = np.divide(joint, independent, out=np.ones_like(joint), where=joint > 0.0)
-    np.testing.assert_allclose(table.information(), (joint * np.log(ratio)).sum(axis=(1, 2)), atol=1e-12)
+@given(tables(), st.integers(0, 2**32 - 1))
+def test_information_is_that_of_the_joint_distribution(table, seed):
+    given_ = np.random.default_rng(seed).dirichlet(np.ones(table.num_shapes))
+    for prior, asked in ((given_, given_), (np.full(table.num_shapes, 1.0 / table.num_shapes), None)):
+        joint = table.probs * prior[:, None]
+        independent = joint.sum(axis=1, keepdims=True) * joint.sum(axis=2, keepdims=True)
+        ratio = np.divide(joint, independent, out=np.ones_like(joint), where=joint > 0.0)
+        np.testing.assert_allclose(table.information(asked), (joint * np.log(ratio)).sum(axis=(1, 2)), atol=1e-12)
 
 
 @given(tables(), st.integers(1, 5))

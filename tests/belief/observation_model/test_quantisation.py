@@ -5,9 +5,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from scipy.special import softmax
 
 from belief.observation_model import OutcomeTable, information_of_touch
-from belief.observation_model.quantisation import cluster, nearest, smoothed, tabulate
+from belief.observation_model.log_weights import bounded_softmax
+from belief.observation_model.quantisation import cluster, drawn, nearest, smoothed, tabulate
 
 
 def log_posteriors(rng, n=300, num_shapes=3, sharpness=2.0):
@@ -84,3 +86,21 @@ def test_a_table_of_many_poses_takes_the_memory_of_one_pose(rng):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 50e6
+
+
+def test_touches_are_drawn_as_often_as_their_weights_say_whatever_these_sum_to(rng):
+    weights, poses = np.array([[1.0, 0.0, 3.0], [2.0, 2.0, 0.0]]), np.tile([0, 1], (20_000, 1))
+    found = drawn(weights, poses, np.random.default_rng(0))
+    for pose in (0, 1):
+        shares = np.bincount(found[:, pose], minlength=3) / 20_000
+        np.testing.assert_allclose(shares, weights[pose] / 4, atol=0.02)  # over five standard errors
+    for scale in (1e-200, 7.0, 1e200):
+        np.testing.assert_array_equal(drawn(scale * weights, poses, np.random.default_rng(0)), found)
+
+
+@pytest.mark.parametrize("offset", [0.0, -1e4, 1e4])
+def test_a_bounded_softmax_ignores_an_offset_and_leaves_its_argument_alone(offset):
+    scores = np.array([[0.0, 0.0, -30.0], [3.0, -2.0, 1.0]], np.float32)
+    given = scores + np.float32(offset)
+    np.testing.assert_allclose(bounded_softmax(given), softmax(scores, axis=1), rtol=1e-5)
+    np.testing.assert_array_equal(given, scores + np.float32(offset))

@@ -339,6 +339,53 @@ def test_touches_without_their_embedding_are_refused(world, rng, features):
         world.model(rng).start().update(Touch(0, np.zeros(K), features))
 
 
+def test_a_touch_that_does_not_fit_the_shapes_is_refused_by_itself_and_in_a_batch(world, rng):
+    model, fine = world.model(rng), world.touch(0, 1, 2, rng)
+    for wrong in (
+        Touch(0, np.zeros(K + 1), fine.features),
+        Touch(P, fine.logits, fine.features),
+        Touch(0, fine.logits, np.zeros(D + 1)),
+    ):
+        messages = set()
+        for ask in (model.start().update, lambda touch: model.log_likelihood([touch])):
+            with pytest.raises(ValueError, match=r"touch|shapes") as error:
+                ask(wrong)
+            messages.add(str(error.value))
+        assert len(messages) == 1
+
+
+def test_as_many_hypotheses_are_effective_as_share_the_weight(world, rng):
+    evidence = world.model(rng).start()
+    assert evidence.diagnostics.effective_hypotheses.tolist() == [N] * K
+    for number in (1, 3, 10):
+        weights = np.full((K, N), -1e3)
+        weights[:, 5 : 5 + number] = 0.0
+        found = replace(evidence, log_weights=weights).diagnostics
+        assert found.effective_hypotheses == pytest.approx([number] * K)
+        assert found.most_likely.tolist() == [5] * K
+
+
+def test_what_evidence_holds_cannot_be_overwritten(world, rng):
+    evidence = replace(world.model(rng), correlation=0.4).start().update(world.touch(0, 1, 2, rng))
+    for array in (evidence.log_weights, evidence.log_likelihood, evidence.in_pose[2][1]):
+        assert not array.flags.writeable
+
+
+def test_a_table_with_a_generator_of_ones_own_is_made_anew_and_not_kept(world, rng):
+    model = world.model(rng)
+    assert model.default_outcomes == 12
+    table, drawn = model.outcome_table(), model.outcome_table(rng=np.random.default_rng(0))
+    assert model.outcome_table(12) is table is not drawn
+    np.testing.assert_array_equal(drawn.probs, table.probs)
+
+
+def test_outcomes_that_no_reference_has_are_as_likely_as_a_tenth_of_a_touch_makes_them(world, rng):
+    model = world.model(rng)
+    alike = replace(model, reference_logits=np.zeros_like(model.reference_logits))  # of 60 touches in each pose
+    probs = np.sort(alike.outcome_table(5).probs, axis=2)
+    np.testing.assert_allclose(probs[..., :4], 0.1 / 5 / 60.1)
+
+
 def test_arrays_that_do_not_fit_are_refused(world):
     references, logits = np.zeros((P, 5, D)), np.zeros((P, 5, K))
     for arguments, words in (

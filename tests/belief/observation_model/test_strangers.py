@@ -1,5 +1,6 @@
 """Strangers in the belief: their likelihood, their next touch, and searches among them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from scipy.special import softmax
 
 from belief import Belief, Counts, SceneBelief, SearchProblem, Touch
+from belief.conflict import ConflictTest
+from belief.errors import InvalidArgument
 from belief.observation_model.outcome_mixture import OutcomeMixture
 from belief.observation_model.strangers import StrangerEvidence, StrangerModel
 
@@ -94,3 +97,22 @@ def test_the_next_touch_of_a_stranger_is_that_of_the_known_shapes_that_are_possi
 def test_a_stranger_needs_a_name_of_its_own():
     with pytest.raises(ValueError, match="cube"):
         StrangerModel(Known(), "cube")
+
+
+def test_touches_and_tables_of_known_shapes_are_those_of_the_known_model(body, rng):
+    embeddings, truth = rng.normal(size=(40, 3, 4)), np.arange(40) % 4
+    known = replace(body, conflict=ConflictTest.fit(embeddings, np.zeros((40, 3)), truth))
+    model = StrangerModel(known)
+    for ours, theirs in zip(
+        model.sample(3, [0, 2], np.random.default_rng(1)),
+        known.sample(3, [0, 2], np.random.default_rng(1)),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(ours.features, theirs.features)
+    with pytest.raises(InvalidArgument, match="stranger"):
+        model.sample(4, [0], rng)
+    with pytest.raises(ValueError, match="5"):
+        model.sample(5, [0], rng)
+    probs, expected = model.outcome_table().probs, known.outcome_table().probs
+    np.testing.assert_array_equal(probs[:, :4], expected)
+    np.testing.assert_allclose(probs[:, 4], expected.mean(axis=1))

@@ -20,9 +20,11 @@ class Turned:
         self.first = rng.normal(size=(K, N, D)).astype(np.float32)
 
     def views(self, num_hypotheses):
+        assert num_hypotheses == N
         return Views(np.zeros(P, np.int64), (np.arange(P)[:, None] + np.arange(N)) % N)
 
     def in_pose(self, num_hypotheses, pose):
+        assert num_hypotheses == N
         return np.roll(self.first, -pose, axis=1)
 
     def __call__(self, num_hypotheses):
@@ -85,7 +87,7 @@ def test_a_table_that_does_not_fit_the_references_is_refused(turned, rng):
     other = RigidBodyModel(tuple("abc"), turned, N, 1.0, references, logits, groups=(0,) * (P - 1))
     with pytest.raises(ValueError, match="groups"):
         _ = other.views
-    for groups, same in (([1], [[0]]), ([0], [[1]]), ([0, 0], [[0]]), ([0], [])):
+    for groups, same in (([1], [[0]]), ([0], [[1]]), ([0], [[-1]]), ([0, 0], [[0]]), ([0], [])):
         with pytest.raises(ValueError, match=r"groups|same"):
             Views(np.array(groups), np.array(same, int))
     views, outcomes = Views(np.array([0]), np.array([[0]])), np.ones((1, 1, 1, 1), np.float32)
@@ -103,3 +105,21 @@ def test_one_certain_hypothesis_among_many_poses(turned, rng):
     assert np.isfinite(table).all()
     body = evidence.diagnostics.most_likely[0]
     np.testing.assert_allclose(table[5, 0], shared.shared_outcomes(40)[0, 0, (body + 5) % N], atol=1e-5)
+
+
+def test_a_fitted_model_shares_touches_of_each_group_of_poses(turned, rng):
+    """Pose 0 is a group, and the other poses are one; the first number of an embedding says of which pose it is."""
+    turned.groups = (0, *[1] * (P - 1))
+    poses, shapes, ids = np.tile(np.arange(P), 30), np.arange(30 * P) // P % K, np.arange(30 * P) // P
+    felt = rng.normal(size=(30 * P, D))
+    felt[:, 0] = poses
+    touches = [Touch(int(pose), rng.normal(size=K), row) for pose, row in zip(poses, felt, strict=True)]
+    model = RigidBodyModel.fit(touches, shapes, ids, embed=turned, num_hypotheses=N)
+    assert model.groups == turned.groups
+    first, others = model.references[..., 0]
+    assert set(first) == {0.0}
+    assert set(others) == set(range(1, P))
+    for group, members in enumerate((range(1), range(1, P))):  # touches of the data with their own logits
+        logits = {tuple(np.float16(t.features)): np.float16(t.logits) for t in touches if t.pose in members}
+        for reference, own in zip(model.references[group], model.reference_logits[group], strict=True):
+            np.testing.assert_array_equal(logits[tuple(np.float16(reference))], own)

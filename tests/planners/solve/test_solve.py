@@ -52,6 +52,37 @@ def test_the_finite_horizon_value_is_that_of_the_recursion(max_touches, discount
         assert finite_horizon_value(problem, max_touches) == pytest.approx(expected, abs=1e-9)
 
 
+def value_with_repeats(problem, joint, weights):
+    """The same where touch t gives an outcome with probability ``weights[t]``, and no touch follows the last."""
+    sign = np.where(np.arange(len(joint)) == problem.target, 1.0, -1.0)
+    best = abs(joint @ sign)
+    if weights:
+        nothing = (1.0 - weights[0]) * value_with_repeats(problem, joint, weights[1:])
+        for table in problem.outcome_probs:
+            worth = sum(value_with_repeats(problem, joint * column, weights[1:]) for column in table.T)
+            best = max(best, problem.discount * (weights[0] * worth + nothing) - problem.touch_cost * joint.sum())
+    return best
+
+
+@pytest.mark.parametrize("weights", [(), (1.0,), (1.0, 1.0, 0.5, 0.25), (1.0, 0.3, 0.0, 1.0)])
+@pytest.mark.parametrize("discount", [1.0, 0.9])
+def test_a_repeat_aware_policy_has_the_values_of_the_recursion(weights, discount):
+    for target in range(2):
+        table = random_table(target, 2, 3, 3)
+        prior = np.array([0.5, 0.3, 0.2])
+        problem = SearchTouchProblem(table, 1, "independent", target, 0.03, prior, discount)
+        policy = solve(problem, rounds=(50, 100), repeat_weights=weights)
+        assert policy.initial_value == pytest.approx(value_with_repeats(problem, problem.prior, weights), abs=5e-3)
+        for touches in range(len(weights) + 2):
+            for prior in ([0.5, 0.3, 0.2], [0.2, 0.5, 0.3], [0.3, 0.1, 0.6]):
+                most = value_with_repeats(problem, np.array(prior), weights[touches:])
+                found = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches)  # no object was rejected before
+                assert most - 0.05 <= found <= most + 1e-9
+                nothing = policy.probe_values(0, np.array([*prior, 0.0, 0.0, 0.0]), touches, np.full(2, 1e-12))
+                later = policy.value(0, [*prior, 0.0, 0.0, 0.0], touches + 1)  # after a touch that showed nothing
+                assert nothing == pytest.approx(discount * later - 0.03)
+
+
 def test_four_touches_of_the_largest_tables_are_not_refused():
     problem = uniform(random_table(0, 8, 4, 12), touch_cost=0.3)
     assert 0.0 <= finite_horizon_value(problem, 3) <= 1.0
@@ -354,6 +385,23 @@ def test_where_an_outcome_lasts_as_rarely_it_costs_as_much_more():
     dear = ObjectBound(table, np.arange(3), TouchCosts(0.08), np.random.default_rng(0))
     arguments = np.full(3, 1 / 3), np.array([1.0, -1.0, -1.0]), np.array([-1.0, 1.0, 1.0])
     assert rare(*arguments) == pytest.approx(dear(*arguments), abs=2e-4)
+
+
+@pytest.mark.parametrize("weights", [(1.0,), (1.0, 0.5, 0.25), (0.5, 0.5)])
+def test_costs_after_some_touches_have_the_weights_that_follow(weights):
+    costs = TouchCosts(0.1, 0.9, weights)
+    for touches, more in itertools.product(range(5), range(5)):
+        assert (
+            costs.after(touches).weight(more)
+            == costs.weight(touches + more)
+            == [*weights, *[weights[-1]] * 9][touches + more]
+        )
+
+
+@pytest.mark.parametrize("numbers", [(np.inf, 1.0), (np.nan, 1.0), (-0.1, 1.0), (0.1, 0.0), (0.1, 1.1), (0.1, np.nan)])
+def test_what_is_no_cost_or_discount_is_refused(numbers):
+    with pytest.raises(InvalidArgument, match="finite cost ≥ 0 and a discount"):
+        TouchCosts(*numbers)
 
 
 @pytest.mark.parametrize("weights", [(), (0.5, 0.6), (1.1,), (0.5, -0.1), (np.nan,)])

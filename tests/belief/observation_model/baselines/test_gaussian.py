@@ -53,6 +53,13 @@ def test_fitting_recovers_what_made_the_data(rng):
     np.testing.assert_allclose(found.covariances * unit**2, source.covariances, atol=0.25)
 
 
+def test_fitting_in_an_embedding_of_ones_own_keeps_it_and_its_unit_changes_nothing(rng):
+    touches, shapes = collected(random_gaussian(rng), rng, 300)
+    own, default = (GaussianModel.fit(touches, shapes, embedding=embedding) for embedding in (WIDE, None))
+    assert own.embedding is WIDE
+    np.testing.assert_allclose(own.means * WIDE.unit, default.means * default.embedding.unit, rtol=1e-6)
+
+
 def test_pooling_goes_from_quadratic_to_linear_discriminant_analysis(rng):
     touches, shapes = collected(random_gaussian(rng), rng, 600)
     own, some, one = (GaussianModel.fit(touches, shapes, pooling=pooling) for pooling in (0.0, 200.0, np.inf))
