@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
-from scipy.special import expit
+from scipy.special import betaincinv, expit
 
 from belief.calibration.inputs import finite_logits
 from belief.frozen import FrozenArrays
@@ -27,6 +27,7 @@ from belief.problem import Floats
 from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
 from belief.validation import as_real, unmasked
 
+_ROUNDING = 1e-20  # largest variance of an AUROC that is taken as zero
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
 
 
@@ -153,7 +154,7 @@ def auroc_interval(
     """AUROC with a confidence interval for independent rows, whose scores may depend on each other within a row.
 
     The variance is that of DeLong et al. (1988) with scores averaged within rows (Obuchowski 1997), on the logit scale.
-    For an AUROC of 0 or 1 that variance is zero, and the bound is the exact binomial one for min(n, m) pairs of rows.
+    Where it is zero, as for an AUROC of 0 or 1, the interval is the exact binomial one for min(n, m) pairs of rows.
 
     Args:
         known_scores: one score per row, ``(n,)``, or several, ``(n, T)``, such as one per touch of an object; n ≥ 2.
@@ -175,9 +176,11 @@ def auroc_interval(
     require_fraction("confidence", confidence)
     value, tail = auroc(known, novel), (1.0 - confidence) / 2
     variance = _row_means(novel, known).var(ddof=1) / len(novel) + _row_means(known, novel).var(ddof=1) / len(known)
-    if value in (0.0, 1.0):
-        bound = tail ** (1.0 / min(len(known), len(novel)))
-        return (value, bound, 1.0) if value else (value, 0.0, 1.0 - bound)
+    if variance < _ROUNDING:
+        right, wrong = np.array([value, 1.0 - value]) * min(len(known), len(novel))
+        low = betaincinv(right, wrong + 1.0, tail) if right else 0.0
+        high = betaincinv(right + 1.0, wrong, 1.0 - tail) if wrong else 1.0
+        return value, float(low), float(high)
     centre = np.log(value) - np.log1p(-value)
     reach = normal_quantile(confidence) * np.sqrt(variance) / (value * (1.0 - value))
     return value, float(expit(centre - reach)), float(expit(centre + reach))

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import binomtest, norm
 
 from belief.out_of_distribution import MahalanobisScore, auroc, auroc_interval, energy_score
 
@@ -235,6 +235,15 @@ def test_perfect_order_in_a_sample_is_no_proof_of_perfection():
     bound = 0.025 ** (1 / 30)
     assert auroc_interval(np.arange(30), 100 + np.arange(50)) == (1.0, pytest.approx(bound), 1.0)
     assert auroc_interval(100 + np.arange(50), np.arange(30)) == (0.0, 0.0, pytest.approx(1.0 - bound))
+
+
+def test_ties_everywhere_leave_an_interval_as_wide_as_that_of_as_many_throws_of_a_coin():
+    expected = binomtest(10, 20).proportion_ci(0.95, method="exact")
+    assert auroc_interval(np.ones((20, 3)), np.ones(30)) == (
+        0.5,
+        pytest.approx(expected.low),
+        pytest.approx(expected.high),
+    )
 
 
 @pytest.mark.parametrize(
