@@ -5,7 +5,7 @@ If a fraction ψ of the episodes is discordant and the success rates differ by �
 
     n = (z_{α/2} √ψ + z_β √(ψ - δ²))² / δ²                                           (Connor 1987)
 
-episodes. For a mean of paired differences with standard deviation s it is n = ((z_{α/2} + z_β) s / δ)².
+episodes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri
 
-from belief.statistics.inputs import checked_values, require_fraction
+from belief.statistics.inputs import require_fraction
 from belief.statistics.mcnemar import McNemar
 
 LEVEL, POWER = 0.05, 0.8
@@ -41,27 +41,8 @@ def episodes_for_success(pairs: McNemar, level: float = LEVEL, power: float = PO
         return None
     discordant = (pairs.first_only + pairs.second_only) / pairs.num_episodes
     fewest = math.floor(-math.log2(level)) + 1  # the mid-p value of n discordant episodes is at least 2^-n
-    n = _whole((z_level * math.sqrt(discordant) + z_power * math.sqrt(discordant - delta**2)) / delta)
-    return max(n, fewest)
-
-
-def episodes_for_mean(differences: Sequence[float], level: float = LEVEL, power: float = POWER) -> int | None:
-    """Total number of paired episodes for which a test detects the observed mean difference with a given power.
-
-    The result, at least 1, is None if the mean difference is zero, or for fewer than two pairs. ``level`` is the
-    two-sided α.
-
-    Raises:
-        ValueError: ``level`` or ``power`` is not in (0, 1), or a difference is no number, not finite or beyond ±1e150.
-
-    >>> episodes_for_mean([1.0, 0.0, 1.0, -1.0])
-    116
-    """
-    z_level, z_power = _quantiles(level, power)
-    values = checked_values("differences", differences)
-    if len(values) < 2 or (mean := float(values.mean())) == 0.0:
-        return None
-    return _whole((z_level + z_power) * float(values.std(ddof=1)) / abs(mean))
+    root = (z_level * math.sqrt(discordant) + z_power * math.sqrt(discordant - delta**2)) / delta
+    return max(math.ceil(max(root, 0.0) ** 2), fewest)
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -82,7 +63,3 @@ def _quantiles(level: float, power: float) -> tuple[float, float]:
     require_fraction("level", level)
     require_fraction("power", power)
     return -float(ndtri(level / 2)), float(ndtri(power))
-
-
-def _whole(root: float) -> int:
-    return max(math.ceil(max(root, 0.0) ** 2), 1)

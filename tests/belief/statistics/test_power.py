@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from belief.statistics import McNemar, mcnemar_test
-from belief.statistics.power import episodes_for_mean, episodes_for_success, holm
+from belief.statistics.power import episodes_for_success, holm
 
 
 def pairs(first_only, second_only, n):
@@ -60,19 +60,6 @@ def test_mcnemar_on_drawn_episodes_agrees_with_the_exact_power(rng):
 def test_no_difference_seen_gives_no_number():
     assert episodes_for_success(pairs(3, 3, 100)) is None
     assert episodes_for_success(pairs(0, 0, 100)) is None
-    assert episodes_for_mean([0.5, -0.5]) is None
-    assert episodes_for_mean([0.5]) is None
-    assert episodes_for_mean([]) is None
-
-
-def test_differences_that_are_all_alike_need_one_episode():
-    assert episodes_for_mean([0.2, 0.2, 0.2]) == 1
-
-
-def test_a_mean_difference_needs_what_the_textbook_says():
-    # Mean 1, standard deviation 2: (1.96 + .8416)² · 4 = 31.4 pairs.
-    values = np.array([-1.0, 3.0] * 5000)
-    assert episodes_for_mean(values) == 32
 
 
 @given(st.integers(1, 50), st.integers(0, 50))
@@ -101,22 +88,12 @@ def test_correction_never_lowers_a_p_value_and_keeps_their_order(values):
 )
 def test_a_level_or_a_power_that_is_none_is_refused(wrong):
     [name] = wrong
-    for number in (lambda: episodes_for_success(pairs(3, 3, 100), **wrong), lambda: episodes_for_mean([], **wrong)):
-        with pytest.raises(ValueError, match=rf"{name} must lie in \(0, 1\)"):
-            number()
+    with pytest.raises(ValueError, match=rf"{name} must lie in \(0, 1\)"):
+        episodes_for_success(pairs(3, 3, 100), **wrong)
 
 
 def test_less_power_never_needs_more_episodes():
     powers = (0.9, 0.5, 0.1, 0.025, 0.02, 1e-3, 1e-9)
-    for numbers, least in (
-        ([episodes_for_success(pairs(30, 10, 1000), power=power) for power in powers], 5),
-        ([episodes_for_mean([1.0, 0.0, 1.0, -1.0], power=power) for power in powers], 1),
-    ):
-        assert numbers == sorted(numbers, reverse=True)
-        assert numbers[-1] == least
-
-
-@pytest.mark.parametrize("differences", [[1.0, np.nan], [1.0, np.inf], ["1", "2"]])
-def test_differences_that_are_no_numbers_are_refused(differences):
-    with pytest.raises(ValueError, match="differences must be"):
-        episodes_for_mean(differences)
+    numbers = [episodes_for_success(pairs(30, 10, 1000), power=power) for power in powers]
+    assert numbers == sorted(numbers, reverse=True)
+    assert numbers[-1] == 5
