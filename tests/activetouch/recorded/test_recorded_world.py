@@ -46,6 +46,34 @@ def test_a_split_by_object_shares_no_object_and_tests_each_once(rng):
     assert sorted(tested) == list(range(6))
 
 
+def with_few(rng, num_objects, few, many):
+    """Objects that are hard to tell apart, of which the first half has fewer sessions."""
+    whole = drawn(rng, num_objects, many, actions=3)
+    kept = (whole.sessions < few) | (whole.objects >= num_objects // 2)
+    rows = 0.3 * whole.features[kept] + rng.normal(size=(kept.sum(), 6))
+    columns = (column[kept] for column in (whole.actions, whole.objects, whole.sessions))
+    return RecordedTouches(rows, *columns, whole.action_names, whole.object_names)
+
+
+def test_where_three_sessions_of_an_object_leave_none_to_calibrate_on_nothing_is_calibrated_on(rng):
+    touches = with_few(rng, 6, 3, 5)
+    split = by_session(touches.for_task("objects"))
+    assert split.calibration.size == 0
+    assert len(split.train) == 3 * (3 * 2 + 3 * 4)
+    assert len(split.test) == 3 * 6
+    assert "3 of 6 objects have only 3 sessions of an action" in check_recorded(touches)[0]
+    assert by_session(with_few(rng, 6, 4, 5).for_task("objects")).calibration.size == 3 * 6
+
+
+@pytest.mark.parametrize(("few", "many"), [(3, 5), (4, 20)])
+def test_objects_with_fewer_sessions_are_not_named_more_often(few, many, rng):
+    touches = with_few(rng, 40, few, many).for_task("objects")
+    split = by_session(touches)
+    labels, named = touches.labels[split.test], read(touches, split).test_ratios.argmax(axis=1)
+    share = np.mean([(named[labels == label] < 20).mean() for label in range(40)])
+    assert share < 0.6  # they are half of all
+
+
 @pytest.mark.parametrize("task", ["objects", "categories"])
 def test_the_reader_reads_and_states_what_it_reads(task, rng):
     touches = drawn(rng, sessions=15).for_task(task)
@@ -106,6 +134,14 @@ def test_discriminants_are_those_of_scikit_learn(rng):
     mine = LinearDiscriminants(0.0).fit(rows, labels).decision_function(rows)
     theirs = LinearDiscriminantAnalysis(solver="lsqr").fit(rows, labels).decision_function(rows)
     np.testing.assert_allclose(mine - mine[:, :1], theirs - theirs[:, :1], atol=1e-5)
+
+
+def test_discriminants_without_a_prior_do_not_prefer_what_was_touched_more(rng):
+    labels = np.repeat([0, 1], [90, 10])
+    rows = rng.normal(size=(100, 1)) + 2.0 * labels[:, None]
+    with_prior, without = (LinearDiscriminants(0.0, False, prior).fit(rows, labels) for prior in (True, False))
+    change = with_prior.decision_function(rows) - without.decision_function(rows)
+    np.testing.assert_allclose(change[:, 0] - change[:, 1], np.log(9.0))
 
 
 def bank(sessions=3):
