@@ -56,8 +56,8 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
         )
     if uncalibrated:
         remarks.append(
-            f"{len(uncalibrated)} of {len(np.unique(objects))} objects have only {_SESSIONS} sessions of an action, none "
-            "of them to calibrate on: the calibration of all is by cross-validation over the sessions learned from"
+            f"{len(uncalibrated)} of {len(np.unique(objects))} objects have only {_SESSIONS} sessions of an action, "
+            "none of them to calibrate on: the calibration of all is by cross-validation over the sessions learned from"
         )
     constant = int((np.ptp(rows, axis=0) == 0.0).sum())
     if constant:

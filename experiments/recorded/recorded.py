@@ -40,7 +40,6 @@ DECIDERS = (
     "information_gain(max_touches={max_touches})",
     FIXED,
     "random_poses(max_touches={max_touches})",
-    "random_confirm",
 )
 _CACHED = ("sdh2",)
 _WIDTH = 136  # of the tables [characters]
@@ -114,12 +113,7 @@ class Recorded:
         for note in (*notes, *remarks):
             console.print(f"- {note}")
         measured = measure(chosen, self)
-        if self.scenes and not measured.main.found:
-            most = max(len(np.unique(fold.bank.labels)) for fold in measured.main.folds)
-            remark = (
-                f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
-                f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
-            )
+        if self.scenes and (remark := self._too_few(measured.main)):
             console.print(f"- {remark}")
             remarks = (*remarks, remark)
         from experiments.recorded.report import write_report  # loads matplotlib
@@ -145,6 +139,22 @@ class Recorded:
         write_npz(kept, touches)
         return touches, notes
 
+    def _too_few(self, part: Part) -> str:
+        """What to say if a split tests too few labels for searches; empty if each tests enough."""
+        numbers = [len(np.unique(fold.bank.labels)) for fold in part.folds]
+        able, most = sum(number >= self.objects for number in numbers), max(numbers)
+        if able == len(numbers):
+            return ""
+        if able:
+            return (
+                f"there are searches among {self.objects} objects in {able} of {len(numbers)} splits only; the others "
+                f"test fewer different {self.task}"
+            )
+        return (
+            f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
+            f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
+        )
+
     def _facts(self, chosen: TaskTouches, notes: tuple[str, ...]) -> dict[str, Any]:
         source = chosen.source
         return {
@@ -159,7 +169,9 @@ class Recorded:
             "threshold": self.threshold,
             "objects": self.objects,
             "scenes": self.scenes,
+            "deciders": list(self.deciders),
             "folds": self.folds,
+            "random_splits": self.random_splits,
             "rounds": self.rounds,
             "max_touches": self.max_touches,
             "seed": self.seed,
