@@ -126,16 +126,24 @@ class Reproduce:
         if "table1" in parts:
             self._table1()
         if "figure3" in parts and columns is not None:
-            draw_figure3(self._confusion(), columns, self.out / "figure3.svg")
+            confusion = self._confusion()
+            if confusion is not None or not all(column.missing for column in columns):
+                draw_figure3(confusion, columns, self.out / "figure3.svg")
         self._write()
 
     def _check(self, parts: Sequence[str]) -> None:
         """Check all arguments before any work."""
+        from experiments.paper.table2 import PAPER
+
         check_arguments(self)
         for extra in ("train", "rl") if self.from_nothing else ("train",) if "table1" in parts else ():
             require_extra(extra)
+        if self.table is not None and self.parts != type(self).parts:
+            raise BadArgument(f"give either --table {self.table} or --parts {' '.join(self.parts)}")
         for scene in self.scenes:
-            named_scene(scene)
+            shapes = named_scene(scene).scene.shape_labels
+            if missing := [shape for shape in PAPER["PPO"] if shape not in shapes]:
+                raise BadArgument(f"--scenes must have the paper's shapes; {scene} has no {', '.join(missing)}")
         for decider in self.deciders:
             find_decider(decider)
         if "table1" in parts:
