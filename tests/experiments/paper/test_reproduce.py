@@ -24,6 +24,7 @@ from experiments.paper.reproduce import DEVIATIONS, Reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows
 from experiments.paper.table1 import Result
 from experiments.paper.table2 import PAPER, Column, search_columns, table
+from experiments.sensor.train import Changes
 
 ROOT = Path(__file__).parents[3]
 TINY = ["--parts", "table2", "figure2", "figure3", "--scenes", "coarse", "--deciders", "threshold", "random_confirm"]
@@ -85,6 +86,10 @@ def test_where_all_deciders_lack_their_policies_each_is_named_and_nothing_is_pla
     Reproduce(("table2", "figure3"), **settings, out=tmp_path).run()
     assert "ppo_posterior, many is not available" in (tmp_path / "table2.md").read_text()
     assert not (tmp_path / "figure3.svg").exists()
+    assert "searches are the shipped ones" in (tmp_path / "table2.md").read_text()
+    (tmp_path / "table2.md").write_text("of an earlier run, from nothing")
+    Reproduce(("figure2",), images=WindowPlan(1, 1, 1), **settings, out=tmp_path).run()
+    assert "shipped" not in (tmp_path / "reproduce.md").read_text()
 
 
 @pytest.mark.parametrize(
@@ -92,6 +97,7 @@ def test_where_all_deciders_lack_their_policies_each_is_named_and_nothing_is_pla
     [
         ({"scenes": ("coarse", "keyed")}, "keyed has no sphere, cylinder, cone"),
         ({"table": 1, "parts": ("figure2",)}, "give either --table 1 or --parts figure2"),
+        ({"change": Changes(patience=2)}, "patience 2 would choose an epoch by the images that Table 1 tests on"),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_any_work(settings, words, tmp_path):
