@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,9 +9,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from activetouch.extras import require_extra
-from activetouch.recorded import RecordedTouches, TaskTouches, check_recorded, read_recorded
+from activetouch.recorded import TaskTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
-from activetouch.recorded.npz_format import read_npz, write_npz
 from activetouch.recorded.splits import by_session
 from belief.files import require_writable
 from experiments.command_line.arguments import (
@@ -41,7 +38,6 @@ DECIDERS = (
     FIXED,
     "random_poses(max_touches={max_touches})",
 )
-_CACHED = ("sdh2",)
 _WIDTH = 136  # of the tables [characters]
 
 
@@ -74,7 +70,8 @@ class Recorded:
     scenes: CountOrNone = 10
     """Scenes per split, each with a search for each object; 0 for no searches."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
-    """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches."""
+    """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
+    {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
     folds: Annotated[int, Within(2, 100)] = 5
     """Folds of objects for categories and shapes."""
     random_splits: Count = 3
@@ -97,7 +94,7 @@ class Recorded:
                 find_decider(name.replace("{max_touches}", str(self.max_touches)))  # raises UnknownName
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
-        touches, notes = self._touches(out)
+        touches, notes = read_recorded(self.data, self.format)
         remarks = check_recorded(touches, self.task)
         chosen = touches.for_task(self.task)
         if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
@@ -123,21 +120,6 @@ class Recorded:
         for table in tables:
             wide.print(table.rich())
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
-
-    def _touches(self, out: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
-        """The touches; those of formats that take long to decode from a file in the run folder, if it is up to date."""
-        if self.format not in _CACHED:
-            return read_recorded(self.data, self.format)
-        files = sorted(path for path in self.data.rglob("*") if path.is_file())
-        state = [
-            (str(path.relative_to(self.data)), (found := path.stat()).st_size, found.st_mtime_ns) for path in files
-        ]
-        kept = out / f"touches-{hashlib.sha256(json.dumps(state).encode()).hexdigest()[:16]}.npz"
-        if kept.is_file():
-            return read_npz(kept)
-        touches, notes = read_recorded(self.data, self.format)
-        write_npz(kept, touches)
-        return touches, notes
 
     def _too_few(self, part: Part) -> str:
         """What to say if a split tests too few labels for searches; empty if each tests enough."""
