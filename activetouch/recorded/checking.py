@@ -7,7 +7,7 @@ import numpy as np
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches
 
-_SESSIONS, _OBJECTS = 3, 3
+_SESSIONS, _OBJECTS = 4, 3  # of three sessions none is left to calibrate on
 
 
 def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str, ...]:
@@ -27,7 +27,6 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
     """
     chosen = touches.for_task(task)
     objects, names = chosen.objects, touches.object_names
-    uncalibrated = set()
     for thing in np.unique(objects).tolist():
         for action, action_name in enumerate(touches.action_names):
             count = len(np.unique(chosen.sessions[(objects == thing) & (chosen.actions == action)]))
@@ -35,10 +34,9 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
             if count < needed:
                 raise BadRecording(
                     f"the object {names[thing]} has {count} sessions of the action {action_name}; {task} need at least "
-                    f"{needed} of each action" + (", to learn from and to test on" if needed > 1 else "")
+                    f"{needed} of each action"
+                    + (", to learn from, to calibrate on and to test on" if needed > 1 else "")
                 )
-            if count == needed > 1:
-                uncalibrated.add(thing)
     if task != "objects":
         owners = {label: len(np.unique(objects[chosen.labels == k])) for k, label in enumerate(chosen.label_names)}
         few = {label: count for label, count in owners.items() if count < _OBJECTS}
@@ -53,11 +51,6 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
     if copies:
         remarks.append(
             f"{copies} touches have exactly the features of an earlier touch; copies leak from training into tests"
-        )
-    if uncalibrated:
-        remarks.append(
-            f"{len(uncalibrated)} of {len(np.unique(objects))} objects have only {_SESSIONS} sessions of an action, "
-            "none of them to calibrate on: the calibration of all is by cross-validation over the sessions learned from"
         )
     constant = int((np.ptp(rows, axis=0) == 0.0).sum())
     if constant:

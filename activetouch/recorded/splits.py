@@ -35,9 +35,6 @@ class Split(FrozenArrays):
 def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> Split:
     """Each object's first sessions to learn from, later ones to calibrate on, the last ones to test on (3 : 1 : 1).
 
-    Three sessions of an action leave none to calibrate on. Where an object has so few, the sessions to calibrate on are
-    learned from as well, those of all objects. Otherwise a calibration on the other objects would not know this one.
-
     Args:
         touches: of a task whose labels are objects.
         rng: draws another order of each object's sessions: the control that shows what the order of recording hides.
@@ -53,13 +50,9 @@ def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> 
             ranks = np.unique(order[number[here]], return_inverse=True)[1]
             rank[own[here]] = ranks
             place[own[here]] = (ranks + 0.5) / (ranks.max() + 1)
-    pairs = np.stack([touches.objects, touches.actions])
-    calibrated = pairs[:, (place >= _LEARNED) & (place < _CALIBRATED)]
-    has_all = np.unique(calibrated, axis=1).shape == np.unique(pairs, axis=1).shape
-    learned = _LEARNED if has_all else _CALIBRATED
-    train = np.flatnonzero(place < learned)
-    calibration = np.flatnonzero((place >= learned) & (place < _CALIBRATED))
-    blocks = np.minimum((place[train] / learned * 3).astype(np.int64), 2)
+    train = np.flatnonzero(place < _LEARNED)
+    calibration = np.flatnonzero((place >= _LEARNED) & (place < _CALIBRATED))
+    blocks = np.minimum((place[train] / _LEARNED * 3).astype(np.int64), 2)
     return Split(train, calibration, np.flatnonzero(place >= _CALIBRATED), blocks)
 
 
