@@ -29,7 +29,7 @@ from experiments.recorded.fold import Fold, main_splits, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
 from experiments.recorded.leaks import controls
 from experiments.recorded.results import Measured, Part
-from planners.registry import find_decider
+from planners.registry import find_decider, trained_state
 
 DECIDERS = (
     "point_based",
@@ -91,7 +91,13 @@ class Recorded:
         require_extra("recorded")
         for name in self.deciders:
             if name != FIXED:
-                find_decider(name.replace("{max_touches}", str(self.max_touches)))  # raises UnknownName
+                given = name.replace("{max_touches}", str(self.max_touches))
+                find_decider(given)  # raises UnknownName
+                if trained_state(given) is not None or name == "best_order":
+                    raise BadArgument(
+                        f"--deciders {name} needs a file of a sensor's folder, and recorded touches have no sensor; "
+                        f'the order that is ranked on them is "{FIXED}"'
+                    )
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
         touches, notes = read_recorded(self.data, self.format)

@@ -224,6 +224,12 @@ def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):
         Recorded(tmp_path / "nowhere", "csv", deciders=("best fixed order", "point_base"), out=tmp_path).run()
 
 
+@pytest.mark.parametrize("decider", ["ppo", "ppo_gains", "best_order"])
+def test_a_decider_that_needs_a_sensor_is_refused_before_anything_is_read(decider, tmp_path):
+    with pytest.raises(BadArgument, match=f'{decider} needs a file .* is "best fixed order"'):
+        Recorded(tmp_path / "nowhere", "csv", deciders=(decider,), out=tmp_path).run()
+
+
 def test_deciders_of_one_name_are_told_apart(tmp_path, own):
     deciders = ("information_gain(confirm=0.6)", "information_gain(confirm=0.99)", "random_confirm")
     small = {"objects": 3, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": deciders}
