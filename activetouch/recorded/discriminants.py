@@ -23,6 +23,7 @@ class LinearDiscriminants:
         shrinkage: weight of the diagonal part, the mean variance, in the covariance; in [0, 1].
         is_heavy: whether labels have heavy tails, as Student's t distributions, instead of normal ones. Touches far
             from all labels then tell little; normal distributions overstate what such touches tell.
+        has_prior: whether labels with more touches are more probable. Without it, labels are equally probable.
 
     >>> rows = np.array([[0.0, 0.1], [0.1, 0.0], [1.0, 1.1], [1.1, 1.0]])
     >>> LinearDiscriminants(0.5).fit(rows, np.array([0, 0, 3, 3])).decision_function(rows).argmax(axis=1).tolist()
@@ -31,6 +32,7 @@ class LinearDiscriminants:
 
     shrinkage: float
     is_heavy: bool = False
+    has_prior: bool = True
     classes_: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), init=False)
 
     def fit(self, features: Floats, labels: NDArray[np.int64]) -> LinearDiscriminants:
@@ -44,7 +46,7 @@ class LinearDiscriminants:
         rest = features - means[number]
         covariance = shrunk_covariance(rest.T @ rest / len(rest), shrinkage=self.shrinkage)
         covariance[np.diag_indices_from(covariance)] += 1e-9
-        self._log_prior = np.log(counts / counts.sum())
+        self._log_prior = np.log(counts / counts.sum()) if self.has_prior else np.zeros(len(counts))
         self._factor = np.linalg.cholesky(covariance)
         self._means = np.linalg.solve(self._factor, means.T).T
         return self

@@ -3,6 +3,10 @@
 The classifiers are scikit-learn's; each action's is chosen by cross-validation, by the negative log-likelihood after
 temperature scaling. Features are standardised: for linear discriminants by their spread within labels, for kernel
 machines by their spread.
+
+Labels may have different numbers of touches. With at most 30 labels, the calibration learns their shares, and the
+ratios are without them. With more, it is a temperature, which would scale a share as well: then the classifiers take
+all labels as equally probable.
 """
 
 from __future__ import annotations
@@ -59,7 +63,7 @@ def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
 
     found = {
         f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": Kind(
-            partial(LinearDiscriminants, s, is_heavy), True
+            partial(LinearDiscriminants, s, is_heavy, num_labels <= _MANY_LABELS), True
         )
         for is_heavy in (False, True)
         for s in (0.1, 0.3, 0.6)
@@ -118,7 +122,7 @@ class RecordedReader:
     Attributes:
         classifiers: of each action.
         calibration: of the logits, per action.
-        log_prior: log share of each label among the calibration touches, ``(K,)``.
+        log_prior: log share of each label among the calibration touches, or equal shares for many labels, ``(K,)``.
         chosen: name of each action's kind of classifier.
     """
 
@@ -189,10 +193,11 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    kind = TemperatureScaling() if num_labels > _MANY_LABELS else StructuredMatrixScaling()
+    is_many = num_labels > _MANY_LABELS
+    kind = TemperatureScaling() if is_many else StructuredMatrixScaling()
     labels, actions = touches.labels[rows], touches.actions[rows]
     calibration = PerPose(kind, _POOLING).fit(logits, labels, actions, num_actions)
-    counts = np.bincount(labels, minlength=num_labels) + 0.5
+    counts = np.ones(num_labels) if is_many else np.bincount(labels, minlength=num_labels) + 0.5
     classifiers = learned(np.concatenate([split.train, split.calibration]))
     reader = RecordedReader(classifiers, calibration, np.log(counts / counts.sum()), tuple(chosen))
     ratios = calibration.predict_log_proba(logits, actions) - reader.log_prior

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
 
     Args:
         confusion: counts of (true shape, predicted shape); without it, (a) is left out.
-        columns: columns of Table 2; there is one panel per scene.
+        columns: columns of Table 2; there is one panel per scene that has results. A decider has one colour in all.
         path: file to write.
 
     Raises:
@@ -81,17 +82,20 @@ def draw_figure3(confusion: Sequence[Sequence[int]] | None, columns: Sequence[Co
     """
     played = [column for column in columns if not column.missing]
     scenes = list(dict.fromkeys(column.scene for column in played))
+    deciders = list(dict.fromkeys(column.decider for column in played))
     widths = [1.0] * (confusion is not None) + [1.5] * len(scenes)
     with figure((3.2 * sum(widths), 4.2), path) as drawn:
         panels = list(drawn.subplots(1, len(widths), squeeze=False, width_ratios=widths)[0])
         if confusion is not None:
             _confusion(panels.pop(0), confusion)
         for axes, scene in zip(panels, scenes, strict=True):
-            _success(axes, [column for column in played if column.scene == scene])
+            _success(axes, [column for column in played if column.scene == scene], deciders)
             axes.set_title(f"(b) searches, scene {scene}")
-        panels[0].set_ylabel("success")
-        handles, labels = panels[0].get_legend_handles_labels()
-        drawn.legend(handles, labels, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
+        for axes in panels[:1]:
+            axes.set_ylabel("success")
+        found = [zip(*reversed(axes.get_legend_handles_labels()), strict=True) for axes in panels]
+        handles = dict(chain.from_iterable(found))  # by label
+        drawn.legend(handles.values(), handles, loc="outside lower right", ncols=4, frameon=False, fontsize=8)
 
 
 def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
@@ -99,24 +103,26 @@ def _confusion(axes: Axes, confusion: Sequence[Sequence[int]]) -> None:
     labels = list(table1.PAPER)
     order = [_SHAPES.index(label) for label in labels]
     counts = np.array(confusion)[np.ix_(order, order)]
-    texts = [[f"{fraction:.2f}" for fraction in row] for row in counts / counts.sum(axis=1, keepdims=True)]
+    fractions = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    texts = [[f"{fraction:.2f}" for fraction in row] for row in fractions]
     for row, printed in enumerate(table1.PAPER.values()):
         texts[row][row] += f"\n(paper {printed.recall:.2f})"
     _matrix(axes, counts, texts, labels)
     axes.set(xlabel="predicted", ylabel="true", title="(a) classifier, split by image")
 
 
-def _success(axes: Axes, columns: Sequence[Column]) -> None:
+def _success(axes: Axes, columns: Sequence[Column], deciders: Sequence[str]) -> None:
     """Draw bars by target: the paper's (hatched), and ours with 95 % Wilson intervals."""
     targets = list(PAPER["PPO"])
-    width, x = 0.85 / (len(PAPER) + len(columns)), np.arange(len(targets))
+    width, x = 0.85 / (len(PAPER) + len(deciders)), np.arange(len(targets))
     first = -0.425 + width / 2
     for index, (name, printed) in enumerate(PAPER.items()):
         heights = [printed[target] for target in targets]
         place = x + first + index * width
         grey = str(0.6 + 0.3 * index)
         axes.bar(place, heights, 0.9 * width, color=grey, edgecolor="0.4", hatch="//", label=f"paper: {name}")
-    for index, column in enumerate(columns):
+    for column in columns:
+        index = deciders.index(column.decider)
         wins = np.array([column.successes[target] for target in targets])
         low, high = np.transpose([wilson_interval(int(n), column.trials) for n in wins])
         share, place = wins / column.trials, x + first + (len(PAPER) + index) * width

@@ -120,26 +120,38 @@ class Reproduce:
         if {"table2", "figure3"} & {*parts}:
             sensors = {scene: self._sensor(scene) for scene in self.scenes}
             columns = search_columns(sensors, self.deciders, self.episodes, self.seed, self.out / "searches", self.jobs)
-            write_text(self.out / "table2.md", table(columns).markdown() + "\n")
+            write_text(self.out / "table2.md", f"{self._origin}\n\n{table(columns).markdown()}\n")
             numbers = json.dumps([asdict(column) for column in columns], indent=1, default=dict)
             write_text(self.out / "table2.json", numbers + "\n")
         if "table1" in parts:
             self._table1()
         if "figure3" in parts and columns is not None:
-            draw_figure3(self._confusion(), columns, self.out / "figure3.svg")
+            confusion = self._confusion()
+            if confusion is not None or not all(column.missing for column in columns):
+                draw_figure3(confusion, columns, self.out / "figure3.svg")
         self._write()
 
     def _check(self, parts: Sequence[str]) -> None:
         """Check all arguments before any work."""
+        from experiments.paper.table2 import PAPER
+
         check_arguments(self)
         for extra in ("train", "rl") if self.from_nothing else ("train",) if "table1" in parts else ():
             require_extra(extra)
+        if self.table is not None and self.parts != type(self).parts:
+            raise BadArgument(f"give either --table {self.table} or --parts {' '.join(self.parts)}")
         for scene in self.scenes:
-            named_scene(scene)
+            shapes = named_scene(scene).scene.shape_labels
+            if missing := [shape for shape in PAPER["PPO"] if shape not in shapes]:
+                raise BadArgument(f"--scenes must have the paper's shapes; {scene} has no {', '.join(missing)}")
         for decider in self.deciders:
             find_decider(decider)
         if "table1" in parts:
-            self.change.of(RECIPES["paper"])
+            if self.change.of(RECIPES["paper"]).patience is not None:
+                raise BadArgument(
+                    f"--change.patience {self.change.patience} would choose an epoch by the images that Table 1 tests "
+                    "on; leave it out"
+                )
             require_input_size(self.input_size, SCENES["paper"].scene.image_shape[0], self.backbone)
             if self.images.objects < _MIN_OBJECTS:
                 raise BadArgument(
@@ -196,11 +208,15 @@ class Reproduce:
             ) from error
         return confusion
 
-    def _write(self) -> None:
-        """Write reproduce.md with all tables and figures in the folder, and print the tables."""
+    @property
+    def _origin(self) -> str:
+        """Where the sensors of Table 2 come from."""
         made = f"were trained from nothing in {self.out / 'from-nothing'}"
         shipped = "are the shipped ones; --from-nothing trains new ones"
-        origin = f"Sensors and policies of the searches {made if self.from_nothing else shipped}."
+        return f"Sensors and policies of the searches {made if self.from_nothing else shipped}."
+
+    def _write(self) -> None:
+        """Write reproduce.md with all tables and figures in the folder, and print the tables."""
         titles = {
             "table1": "Table 1: the classifier, split by image and by object",
             "table2": "Table 2: success of searches",
@@ -214,7 +230,7 @@ class Reproduce:
         drawn = [name for name in captions if (self.out / f"{name}.svg").exists()]
         figures = [f"**{captions[name]}**\n\n![{captions[name]}]({name}.svg)" for name in drawn]
         deviations = "**Deviations from the paper**\n\n" + "\n".join(f"- {line}" for line in DEVIATIONS)
-        text = "\n\n".join([origin, *pieces, *figures, deviations]) + "\n"
+        text = "\n\n".join([*pieces, *figures, deviations]) + "\n"
         write_text(self.out / "reproduce.md", text)
-        plain_console().print(Markdown("\n\n".join([origin, *pieces])))
+        plain_console().print(Markdown("\n\n".join(pieces)))
         print(f"wrote {self.out}/reproduce.md, and tables and figures beside it")

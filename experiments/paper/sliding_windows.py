@@ -63,8 +63,8 @@ def record_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int) -> To
     check_arguments(plan, "images.")
     scene = replace(scene, presentation=Resampled())
     tasks = [partial(_press, scene, plan, stream, number) for number in range(plan.objects * len(scene.shapes))]
-    parts = sorted(run_tasks(tasks, jobs, "sliding windows over presses"), key=lambda part: part.object_ids[0])
-    return TouchSet.join(parts)
+    parts = [part for part in run_tasks(tasks, jobs, "sliding windows over presses") if len(part.images)]
+    return TouchSet.join(sorted(parts, key=lambda part: part.object_ids[0]))
 
 
 def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder: Path) -> TouchSet:
@@ -103,8 +103,9 @@ def _press(scene: Scene, plan: WindowPlan, stream: int, number: int) -> TouchSet
         for index in np.linspace(0, len(windows) - 1, plan.images).round().astype(int) if windows else ():
             images.append(read_out(windows[index], scene.faults, rng))
             rows.append((thing.shape_index, number, press, contact.force, contact.depth))
-    shapes, object_ids, presses, forces, depths = np.array(rows).T
-    return TouchSet(np.stack(images), shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
+    shapes, object_ids, presses, forces, depths = np.reshape(rows, (-1, 5)).T
+    taken = np.reshape(images, (-1, *scene.image_shape)).astype(np.uint8)
+    return TouchSet(taken, shapes.astype(int), object_ids.astype(int), presses.astype(int), forces, depths)
 
 
 def split_by_image(touches: TouchSet, share: float, rng: np.random.Generator) -> tuple[TouchSet, TouchSet]:

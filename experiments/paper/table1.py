@@ -21,10 +21,10 @@ from activetouch.perception.recipe import TrainingRecipe
 from activetouch.perception.training import Trainer
 from activetouch.scene import Scene
 from belief.metrics import ShapeScore, shape_scores
-from belief.statistics import cluster_bootstrap
 from experiments.paper.sliding_windows import split_by_image, split_by_object
 from experiments.reporting.tables import Table, interval
 from experiments.sensor.baseline import nearest_image_guesses
+from experiments.sensor.scores import accuracy_of_objects
 from experiments.sensor.train import STATE_FILE, card_for, new_classifier, run_to_the_end
 
 Split = Callable[[TouchSet, float, np.random.Generator], tuple[TouchSet, TouchSet]]
@@ -48,10 +48,11 @@ class Result:
 
     Attributes:
         accuracy: fraction of images classified correctly.
-        interval: 95 % bootstrap interval of the accuracy over objects.
+        interval: 95 % interval of the accuracy over objects, see
+            :func:`~experiments.sensor.scores.accuracy_of_objects`.
         confusion: counts by (true shape, predicted shape).
         nearest: fraction of images whose nearest training image has the same shape.
-        nearest_interval: 95 % bootstrap interval of ``nearest`` over objects.
+        nearest_interval: 95 % interval of ``nearest`` over objects.
     """
 
     accuracy: float
@@ -127,12 +128,12 @@ def both_splits(training: Training, images: TouchSet, others: TouchSet, seed: in
 
 def _read(classifier: TouchClassifier, train: TouchSet, touches: TouchSet, rng: np.random.Generator) -> Result:
     labels = classifier.read(touches.images).labels
-    accuracy, low, high = cluster_bootstrap(labels == touches.shapes, touches.object_ids, rng)
+    accuracy, low, high = accuracy_of_objects(labels == touches.shapes, touches.object_ids, rng)
     num_shapes = len(classifier.card.shape_labels)
     confusion = np.zeros((num_shapes, num_shapes), int)
     np.add.at(confusion, (touches.shapes, labels), 1)
     copied = nearest_image_guesses(train, touches) == touches.shapes
-    nearest, *interval = cluster_bootstrap(copied, touches.object_ids, rng)
+    nearest, *interval = accuracy_of_objects(copied, touches.object_ids, rng)
     return Result(accuracy, (low, high), confusion.tolist(), nearest, (interval[0], interval[1]))
 
 

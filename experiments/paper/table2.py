@@ -65,7 +65,7 @@ def search_columns(
     """Play live searches with every decider in every scene; finished searches are kept.
 
     Args:
-        scenes: folder of the sensor by scene; None for the shipped one that has policies.
+        scenes: folder of the sensor by scene, all with the paper's shapes; None for the shipped one that has policies.
         deciders: names of the deciders; one without the policies that it needs is reported as missing.
         episodes: searches per target.
         seed: seed of the episodes.
@@ -76,26 +76,25 @@ def search_columns(
         UnknownName: there is no such scene or decider.
         CannotWrite: there is no room, or no permission.
     """
-    columns = []
+    columns: list[Column] = []
     for scene, sensor in scenes.items():
         setting = Setting(SceneChoice(scene), sensor=sensor if sensor is not None else independent_sensor(scene))
-        targets = [shape for shape in PAPER["PPO"] if shape in setting.problem.shape_labels]
+        targets = list(PAPER["PPO"])
         missing = {name: _missing(name, setting, targets) for name in deciders}
         able = tuple(name for name in deciders if not missing[name])
-        compare = Compare(
-            able, None, tuple(targets), episodes, seed, setting, out=folder / scene, bound=False, jobs=jobs
-        )
-        comparison = compare.play()
-        cells = comparison.cells
-        for name in deciders:
-            if missing[name]:
-                columns.append(Column(scene, name, {}, 0, missing=missing[name]))
-            else:
-                successes = {target: cells[name, target].successes for target in targets}
-                touches = cells[name, ALL].touches
-                columns.append(
-                    Column(scene, name, successes, episodes, touches, comparison.no_touch_baseline, comparison.oracle)
+        found = {name: Column(scene, name, {}, 0, missing=missing[name]) for name in deciders}
+        if able:
+            compare = Compare(
+                able, None, tuple(targets), episodes, seed, setting, out=folder / scene, bound=False, jobs=jobs
+            )
+            comparison = compare.play()
+            for name in able:
+                successes = {target: comparison.cells[name, target].successes for target in targets}
+                touches = comparison.cells[name, ALL].touches
+                found[name] = Column(
+                    scene, name, successes, episodes, touches, comparison.no_touch_baseline, comparison.oracle
                 )
+        columns += found.values()
     return columns
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from belief.observation_model.action_kernel import Law
-from experiments.recorded.identifying import FIXED, GAIN, PLAN, RANDOM
+from belief.problem import Floats
+from experiments.recorded.identifying import FIXED, GAIN, PLAN, RANDOM, Named
 from experiments.recorded.results import SHOWN, Part, stated_bins
 from experiments.reporting.style import INK, PALETTE, Picture
 
@@ -54,17 +56,22 @@ def pictures(part: Part, threshold: float) -> list[Picture]:
 def _progress(axes: Axes, part: Part) -> None:
     most = max(len(one.result.poses) for one in part.named)
     for decider, colour in _COLOURS.items():
-        chosen = [one.result for one in part.named if (one.decider, one.law) == (decider, "kernel")]
+        chosen = [one for one in part.named if (one.decider, one.law) == (decider, "kernel")]
         if not chosen:
             continue
         steps = np.arange(most + 1)
-        certain = [np.mean([one.is_certain and len(one.poses) <= step for one in chosen]) for step in steps]
-        right = [
-            np.mean([one.is_certain and one.is_right and len(one.poses) <= step for one in chosen]) for step in steps
-        ]
-        axes.step(steps, certain, where="post", color=colour, linewidth=2)
-        axes.step(steps, right, where="post", color=colour, linewidth=1.2, linestyle=":")
+        certain = [one for one in chosen if one.result.is_certain]
+        axes.step(steps, _shares(certain, chosen, steps), where="post", color=colour, linewidth=2)
+        right = [one for one in certain if one.result.is_right]
+        axes.step(steps, _shares(right, chosen, steps), where="post", color=colour, linewidth=1.2, linestyle=":")
     axes.set(xlabel="touches", ylabel="share of objects named", ylim=(0, 1.02), xlim=(0, most))
+
+
+def _shares(some: Sequence[Named], every: Sequence[Named], steps: np.ndarray) -> Floats:
+    """Share of the identifications that are some and took at most so many touches; every object counts equally."""
+    of_object = Counter(one.thing for one in every)
+    weights = [1.0 / of_object[one.thing] / len(of_object) for one in some]
+    return np.bincount([len(one.result.poses) for one in some], weights, len(steps)).cumsum()
 
 
 def _stopping(axes: Axes, part: Part, threshold: float) -> None:

@@ -136,22 +136,24 @@ def after_touches(fold: Fold, seed: int) -> tuple[list[AfterTouches], dict[Law, 
 
 
 def fewest_touches(fold: Fold, threshold: float, max_touches: int) -> Floats:
-    """For every session of a test object: the fewest touches after which any choice of actions could stop, ``(G,)``.
+    """For every test object: the fewest touches after which any choice of actions could stop, mean over its sessions.
 
     It is a lower bound on the touches of every decider with this belief, as it knows all outcomes in advance. Objects
     that no set of actions makes certain count with all actions, and no more than ``max_touches``, after which deciders
-    give up. Empty where actions can be repeated or are too many.
+    give up. Empty where actions can be repeated or are too many, or where a session lacks an action.
     """
-    size = len(fold.bank.action_names)
-    if (fold.bank.repeats > 1 and size > 1) or size > _MOST_ACTIONS:
+    size, data = len(fold.bank.action_names), fold.test_data
+    sessions = fold.touches.sessions_of(fold.split.test)
+    things = np.unique(np.stack([data.objects, sessions]), axis=1)[0]
+    ratios, _ = by_session(data, sessions)
+    if fold.bank.repeats > 1 or size > _MOST_ACTIONS or len(ratios) < len(things):
         return np.empty(0)
-    ratios, _ = by_session(fold.test_data, fold.touches.sessions_of(fold.split.test))
     kernel, fewest = fold.models["kernel"].kernel, np.full(len(ratios), float(size))
     for number in range(size - 1, 0, -1):
         for actions in combinations(range(size), number):
             certain = fused(ratios, kernel, actions).max(axis=1) >= np.log(threshold)
             fewest[certain] = number
-    return np.minimum(fewest, max_touches)
+    return np.asarray(np.bincount(things, np.minimum(fewest, max_touches)) / np.bincount(things))
 
 
 def _weights(poses: np.ndarray, kernel: Floats) -> Floats:

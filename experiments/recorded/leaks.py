@@ -14,11 +14,11 @@ from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
 from belief.files import write_text
-from belief.statistics import cluster_bootstrap
 from experiments.command_line.console import plain_console
 from experiments.recorded.fold import labelled, main_splits
 from experiments.recorded.order import by_session as table_by_session
 from experiments.reporting.tables import Table, Value, interval
+from experiments.sensor.scores import accuracy_of_objects
 
 ALL = "all features"
 
@@ -43,7 +43,7 @@ class Control:
 def controls(
     touches: TaskTouches, splits: list[Split], readings: list[Reading], main: str, seed: int, num_random: int
 ) -> list[Control]:
-    """The main reading, that of random splits, and those of the set's controls.
+    """The main reading, the most frequent label, the reading of random splits, and those of the set's controls.
 
     There are no random splits where no object has the three sessions of an action that they take.
 
@@ -55,7 +55,7 @@ def controls(
         seed: of random splits and intervals.
         num_random: number of random splits.
     """
-    found = [_control(touches, splits, readings, main, ALL, seed)]
+    found = [_control(touches, splits, readings, main, ALL, seed), _most_frequent(touches, splits, main, seed)]
     drawn = [by_session(touches, np.random.default_rng([seed, number])) for number in range(num_random)]
     name = "random sessions" if touches.task == "objects" else "random sessions of objects that were learned too"
     drawn = [split for split in drawn if len(split.test)]
@@ -66,6 +66,14 @@ def controls(
             _control(touches, splits, [read(touches, split, control) for split in splits], main, control, seed)
         )
     return found
+
+
+def _most_frequent(touches: TaskTouches, splits: list[Split], split_name: str, seed: int) -> Control:
+    """Always the label with the most touches: the best that a guess can be."""
+    rows = np.concatenate([split.test for split in splits])
+    right = touches.labels[rows] == np.bincount(touches.labels).argmax()
+    accuracy = accuracy_of_objects(right, touches.objects[rows], np.random.default_rng(seed))
+    return Control(split_name, "none: always the most frequent label", accuracy, None)
 
 
 def control_table(found: Sequence[Control], num_labels: int) -> Table:
@@ -124,6 +132,6 @@ def _control(
         owners.append(touches.objects[split.test])
         ratios, labels = table_by_session(data, touches.sessions_of(split.test))
         together.append(ratios.sum(axis=1).argmax(axis=1) == labels)
-    accuracy = cluster_bootstrap(np.concatenate(right), np.concatenate(owners), np.random.default_rng(seed))
+    accuracy = accuracy_of_objects(np.concatenate(right), np.concatenate(owners), np.random.default_rng(seed))
     every = np.concatenate(together)
     return Control(split_name, features, accuracy, float(every.mean()) if every.size else None)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,9 +9,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from activetouch.extras import require_extra
-from activetouch.recorded import RecordedTouches, TaskTouches, check_recorded, read_recorded
+from activetouch.recorded import TaskTouches, check_recorded, read_recorded
 from activetouch.recorded.formats import Format
-from activetouch.recorded.npz_format import read_npz, write_npz
 from activetouch.recorded.splits import by_session
 from belief.files import require_writable
 from experiments.command_line.arguments import (
@@ -32,7 +29,7 @@ from experiments.recorded.fold import Fold, main_splits, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
 from experiments.recorded.leaks import controls
 from experiments.recorded.results import Measured, Part
-from planners.registry import find_decider
+from planners.registry import find_decider, trained_state
 
 DECIDERS = (
     "point_based",
@@ -40,9 +37,7 @@ DECIDERS = (
     "information_gain(max_touches={max_touches})",
     FIXED,
     "random_poses(max_touches={max_touches})",
-    "random_confirm",
 )
-_CACHED = ("sdh2",)
 _WIDTH = 136  # of the tables [characters]
 
 
@@ -75,7 +70,8 @@ class Recorded:
     scenes: CountOrNone = 10
     """Scenes per split, each with a search for each object; 0 for no searches."""
     deciders: Annotated[tuple[str, ...], NotEmpty()] = DECIDERS
-    """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches."""
+    """Deciders of searches; "best fixed order" has posterior thresholds and the order ranked on calibration touches.
+    {max_touches} stands for --max-touches, or the number of different touches of an object if it is smaller."""
     folds: Annotated[int, Within(2, 100)] = 5
     """Folds of objects for categories and shapes."""
     random_splits: Count = 3
@@ -95,10 +91,16 @@ class Recorded:
         require_extra("recorded")
         for name in self.deciders:
             if name != FIXED:
-                find_decider(name.replace("{max_touches}", str(self.max_touches)))  # raises UnknownName
+                given = name.replace("{max_touches}", str(self.max_touches))
+                find_decider(given)  # raises UnknownName
+                if trained_state(given) is not None or name == "best_order":
+                    raise BadArgument(
+                        f"--deciders {name} needs a file of a sensor's folder, and recorded touches have no sensor; "
+                        f'the order that is ranked on them is "{FIXED}"'
+                    )
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
-        touches, notes = self._touches(out)
+        touches, notes = read_recorded(self.data, self.format)
         remarks = check_recorded(touches, self.task)
         chosen = touches.for_task(self.task)
         if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
@@ -114,12 +116,7 @@ class Recorded:
         for note in (*notes, *remarks):
             console.print(f"- {note}")
         measured = measure(chosen, self)
-        if self.scenes and not measured.main.found:
-            most = max(len(np.unique(fold.bank.labels)) for fold in measured.main.folds)
-            remark = (
-                f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
-                f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
-            )
+        if self.scenes and (remark := self._too_few(measured.main)):
             console.print(f"- {remark}")
             remarks = (*remarks, remark)
         from experiments.recorded.report import write_report  # loads matplotlib
@@ -130,20 +127,21 @@ class Recorded:
             wide.print(table.rich())
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
 
-    def _touches(self, out: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
-        """The touches; those of formats that take long to decode from a file in the run folder, if it is up to date."""
-        if self.format not in _CACHED:
-            return read_recorded(self.data, self.format)
-        files = sorted(path for path in self.data.rglob("*") if path.is_file())
-        state = [
-            (str(path.relative_to(self.data)), (found := path.stat()).st_size, found.st_mtime_ns) for path in files
-        ]
-        kept = out / f"touches-{hashlib.sha256(json.dumps(state).encode()).hexdigest()[:16]}.npz"
-        if kept.is_file():
-            return read_npz(kept)
-        touches, notes = read_recorded(self.data, self.format)
-        write_npz(kept, touches)
-        return touches, notes
+    def _too_few(self, part: Part) -> str:
+        """What to say if a split tests too few labels for searches; empty if each tests enough."""
+        numbers = [len(np.unique(fold.bank.labels)) for fold in part.folds]
+        able, most = sum(number >= self.objects for number in numbers), max(numbers)
+        if able == len(numbers):
+            return ""
+        if able:
+            return (
+                f"there are searches among {self.objects} objects in {able} of {len(numbers)} splits only; the others "
+                f"test fewer different {self.task}"
+            )
+        return (
+            f"there are no searches among {self.objects} objects: those that a split tests have at most {most} "
+            f"different {self.task}; give " + (f"--objects {most}" if most > 1 else "fewer --folds")
+        )
 
     def _facts(self, chosen: TaskTouches, notes: tuple[str, ...]) -> dict[str, Any]:
         source = chosen.source
@@ -159,7 +157,9 @@ class Recorded:
             "threshold": self.threshold,
             "objects": self.objects,
             "scenes": self.scenes,
+            "deciders": list(self.deciders),
             "folds": self.folds,
+            "random_splits": self.random_splits,
             "rounds": self.rounds,
             "max_touches": self.max_touches,
             "seed": self.seed,

@@ -39,7 +39,7 @@ def write_report(out: Path, measured: Measured, facts: Mapping[str, Any]) -> lis
         f"{', '.join(facts['actions'])}. Source: {facts['provenance']}; licence: {facts['licence']}.",
         "Classifiers by cross-validation, times chosen: "
         + "; ".join(f"{name} ({count})" for name, count in chosen.most_common())
-        + f". Best fixed order: {', '.join(main.folds[0].order)}.",
+        + f". Best fixed order{' of the first split' * (len(main.folds) > 1)}: {', '.join(main.folds[0].order)}.",
         *facts["notes"],
     ]
     sections = [
@@ -83,11 +83,13 @@ def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
     if len(facts["actions"]) == 1:
         sentences = [f"There is one action, so that deciders have nothing to choose among {facts['labels']} labels."]
     for law, words in (("none", "If touches count as independent"), ("kernel", "With fitted correlations")):
-        certain = [one.result for one in named if one.law == law and one.result.is_certain]
+        both = [one for one in named if one.law == law and one.decider in (RANDOM, GAIN)]
+        certain = [one.result for one in both if one.result.is_certain]
         if certain:
             stated, right = np.mean([one.stated for one in certain]), np.mean([one.is_right for one in certain])
             sentences.append(
-                f"{words}, the {len(certain)} stops that reach it state {stated:.3f} and are right in {right:.3f}."
+                f"{words}, the {len(certain)} stops of random order and information gain that reach it state "
+                f"{stated:.3f} and are right in {right:.3f}."
             )
     number, wrong = misread(measured.main)
     if wrong:

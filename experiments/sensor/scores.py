@@ -69,8 +69,8 @@ def accuracy_of_objects(
 ) -> tuple[float, float, float]:
     """Fraction of right touches, with a 95 % bootstrap interval that resamples objects.
 
-    If all touches are right, or none, the bootstrap would give a point. The interval is then the exact binomial one of
-    as many objects.
+    If all objects have one accuracy, for example where all touches are right, or where there is one object, the
+    bootstrap would give a point. The interval is then the exact binomial one of as many objects.
 
     Args:
         right: whether each touch is right, or the fraction that is, ``(n,)``.
@@ -82,7 +82,7 @@ def accuracy_of_objects(
     [1.0, 0.69, 1.0]
     """
     accuracy, low, high = cluster_bootstrap(right, objects, rng)
-    if low == high and accuracy in (0.0, 1.0):
+    if low == high:
         number = len(np.unique(objects))
         low, high = clopper_pearson_interval(round(accuracy * number), number)
     return accuracy, low, high

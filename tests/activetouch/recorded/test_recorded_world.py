@@ -46,6 +46,31 @@ def test_a_split_by_object_shares_no_object_and_tests_each_once(rng):
     assert sorted(tested) == list(range(6))
 
 
+def with_few(rng, num_objects, few, many):
+    """Objects that are hard to tell apart, of which the first half has fewer sessions."""
+    whole = drawn(rng, num_objects, many, actions=3)
+    kept = (whole.sessions < few) | (whole.objects >= num_objects // 2)
+    rows = 0.3 * whole.features[kept] + rng.normal(size=(kept.sum(), 6))
+    columns = (column[kept] for column in (whole.actions, whole.objects, whole.sessions))
+    return RecordedTouches(rows, *columns, whole.action_names, whole.object_names)
+
+
+@pytest.mark.parametrize("sessions", range(4, 12))
+def test_every_object_is_learned_calibrated_on_and_tested_on(sessions, rng):
+    touches = with_few(rng, 4, 4, sessions).for_task("objects")
+    split = by_session(touches)
+    for rows in (split.train, split.calibration, split.test):
+        assert len(np.unique(np.stack([touches.objects[rows], touches.actions[rows]]), axis=1).T) == 4 * 3
+
+
+def test_objects_with_fewer_sessions_are_not_named_more_often(rng):
+    touches = with_few(rng, 40, 4, 20).for_task("objects")
+    split = by_session(touches)
+    labels, named = touches.labels[split.test], read(touches, split).test_ratios.argmax(axis=1)
+    share = np.mean([(named[labels == label] < 20).mean() for label in range(40)])
+    assert share < 0.6  # they are half of all
+
+
 @pytest.mark.parametrize("task", ["objects", "categories"])
 def test_the_reader_reads_and_states_what_it_reads(task, rng):
     touches = drawn(rng, sessions=15).for_task(task)
@@ -108,6 +133,14 @@ def test_discriminants_are_those_of_scikit_learn(rng):
     np.testing.assert_allclose(mine - mine[:, :1], theirs - theirs[:, :1], atol=1e-5)
 
 
+def test_discriminants_without_a_prior_do_not_prefer_what_was_touched_more(rng):
+    labels = np.repeat([0, 1], [90, 10])
+    rows = rng.normal(size=(100, 1)) + 2.0 * labels[:, None]
+    with_prior, without = (LinearDiscriminants(0.0, False, prior).fit(rows, labels) for prior in (True, False))
+    change = with_prior.decision_function(rows) - without.decision_function(rows)
+    np.testing.assert_allclose(change[:, 0] - change[:, 1], np.log(9.0))
+
+
 def bank(sessions=3):
     things, actions, numbers = (a.ravel() for a in np.mgrid[:2, :2, :sessions])
     ratios = np.stack([100.0 * things + 10.0 * actions + numbers, np.zeros(len(things))], axis=1)
@@ -146,8 +179,8 @@ def test_a_bank_of_some_labels_has_their_logits():
 
 
 def test_a_set_that_cannot_be_split_is_refused(rng):
-    with pytest.raises(BadRecording, match="thing_0 has 2 sessions of the action action_0; objects need at least 3"):
-        check_recorded(drawn(rng, sessions=2))
+    with pytest.raises(BadRecording, match="thing_0 has 3 sessions of the action action_0; objects need at least 4"):
+        check_recorded(drawn(rng, sessions=3))
     with pytest.raises(BadRecording, match="at least 3 objects of each"):
         check_recorded(drawn(rng, num_objects=4), "categories")
     with pytest.raises(BadRecording, match="no labels for 'shapes'"):

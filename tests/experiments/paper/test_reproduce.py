@@ -6,19 +6,25 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+import warnings
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
+from activetouch.distributions import Uniform
 from activetouch.named_scenes import SCENES
 from belief.statistics import wilson_interval
+from experiments.command_line.arguments import BadArgument
 from experiments.paper import table1
-from experiments.paper.reproduce import DEVIATIONS
-from experiments.paper.sliding_windows import WindowPlan, kept_windows
+from experiments.paper.figures import draw_figure3
+from experiments.paper.reproduce import DEVIATIONS, Reproduce
+from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows
 from experiments.paper.table1 import Result
 from experiments.paper.table2 import PAPER, Column, search_columns, table
+from experiments.sensor.train import Changes
 
 ROOT = Path(__file__).parents[3]
 TINY = ["--parts", "table2", "figure2", "figure3", "--scenes", "coarse", "--deciders", "threshold", "random_confirm"]
@@ -42,6 +48,72 @@ def test_a_table_has_every_target_with_its_interval_and_says_what_is_missing():
     assert f"| 0.600 [{least:.3f}, {most:.3f}] | 7.2 | 0.25 | 9/10 |" in text
     assert "| ppo, coarse | – | – | – | – | – | – | – | – |" in text
     assert "ppo, coarse is not available: no policy, train one with: activetouch train-ppo." in text
+
+
+def test_a_decider_has_one_colour_in_every_scene(tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(
+        Axes, "bar", lambda self, x, height, width, color, label, **_: drawn.setdefault(label, []).append(color)
+    )
+    monkeypatch.setattr(Axes, "errorbar", lambda *_, **__: None)
+    successes = dict.fromkeys(PAPER["PPO"], 1)
+    columns = [Column("paper", name, successes, 2) for name in ("threshold", "ppo", "point_based")]
+    columns += [Column("many", "threshold", successes, 2), Column("many", "ppo", {}, 0, missing="no policy")]
+    columns += [Column("many", "point_based", successes, 2)]
+    draw_figure3(None, columns, tmp_path / "figure3.svg")
+    assert [len(set(drawn[name])) for name in ("threshold", "point_based")] == [1, 1]
+    assert drawn["threshold"][0] != drawn["point_based"][0]
+
+
+def test_a_legend_names_deciders_that_only_the_second_scene_has(tmp_path):
+    successes = dict.fromkeys(PAPER["PPO"], 1)
+    columns = [Column("paper", "threshold", successes, 2), Column("many", "point_based", successes, 2)]
+    draw_figure3(None, columns, tmp_path / "figure3.svg")
+    assert "point_based" in (tmp_path / "figure3.svg").read_text()
+
+
+def test_a_confusion_matrix_is_drawn_without_searches_and_with_a_shape_that_was_not_held_out(tmp_path):
+    confusion = [[2, 0, 0, 0], [0, 0, 0, 0], [1, 0, 1, 0], [0, 0, 0, 3]]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        draw_figure3(confusion, [Column("many", "ppo", {}, 0, missing="no policy")], tmp_path / "figure3.svg")
+    assert "nan" not in (tmp_path / "figure3.svg").read_text()
+
+
+@pytest.mark.mujoco
+def test_where_all_deciders_lack_their_policies_each_is_named_and_nothing_is_played(tmp_path):
+    settings = {"scenes": ("many",), "deciders": ("ppo", "ppo_posterior"), "episodes": 1, "jobs": 1}
+    Reproduce(("table2", "figure3"), **settings, out=tmp_path).run()
+    assert "ppo_posterior, many is not available" in (tmp_path / "table2.md").read_text()
+    assert not (tmp_path / "figure3.svg").exists()
+    assert "searches are the shipped ones" in (tmp_path / "table2.md").read_text()
+    (tmp_path / "table2.md").write_text("of an earlier run, from nothing")
+    Reproduce(("figure2",), images=WindowPlan(1, 1, 1), **settings, out=tmp_path).run()
+    assert "shipped" not in (tmp_path / "reproduce.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"scenes": ("coarse", "keyed")}, "keyed has no sphere, cylinder, cone"),
+        ({"table": 1, "parts": ("figure2",)}, "give either --table 1 or --parts figure2"),
+        ({"change": Changes(patience=2)}, "patience 2 would choose an epoch by the images that Table 1 tests on"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_any_work(settings, words, tmp_path):
+    with pytest.raises(BadArgument, match=words):
+        Reproduce(**settings, out=tmp_path).run()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.mujoco
+def test_objects_that_miss_the_pad_have_no_images():
+    scene = SCENES["paper"].scene
+    wide = replace(scene, variation=replace(scene.variation, offset=Uniform(-0.06, 0.06)))
+    touches = record_windows(wide, WindowPlan(objects=2, presses=1, images=2), 0, 1)
+    counts = np.bincount(touches.object_ids, minlength=8)
+    assert set(counts.tolist()) == {0, 2}
+    assert touches.images.shape == (counts.sum(), 128, 128, 3)
 
 
 @pytest.mark.mujoco

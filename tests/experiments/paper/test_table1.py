@@ -1,6 +1,7 @@
 """The paper's Table 1: what the splits share, and the command from nothing to its files."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.training import Trainer
 from belief.errors import CorruptFile
 from belief.metrics import shape_scores
+from belief.statistics import clopper_pearson_interval
 from experiments.command_line.arguments import BadArgument
 from experiments.paper.reproduce import Reproduce
 from experiments.paper.sliding_windows import WindowPlan, kept_windows, record_windows, split_by_image, split_by_object
-from experiments.paper.table1 import PAPER, Result, table
+from experiments.paper.table1 import PAPER, Result, _read, table
 from experiments.sensor.train import Changes
 
 pytestmark = [pytest.mark.mujoco, pytest.mark.torch]
@@ -91,6 +93,14 @@ def test_the_table_holds_the_scores_of_the_confusion_matrix():
     assert f"| cube | 0.77 / 0.80 / 0.78 (144) | {cube.precision:.2f} / 0.80 / {cube.f1:.2f} (10) |" in text
     assert "| accuracy | 0.81 | 0.700 [0.600, 0.800] |" in text
     assert " |  | 0.400 [0.300, 0.500] |" in text
+
+
+def test_a_classifier_that_is_always_right_has_no_interval_of_width_zero(images):
+    reads = SimpleNamespace(labels=images.shapes)
+    knows = SimpleNamespace(read=lambda _: reads, card=SimpleNamespace(shape_labels=tuple(PAPER)))
+    result = _read(knows, images, images, np.random.default_rng(0))
+    assert (result.accuracy, result.nearest) == (1.0, 1.0)
+    assert result.interval == result.nearest_interval == clopper_pearson_interval(20, 20)
 
 
 @pytest.mark.slow

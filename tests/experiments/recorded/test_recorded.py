@@ -2,16 +2,26 @@
 
 import json
 import os
+import re
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from activetouch.recorded import RecordedTouches
+from activetouch.recorded.reader import read
+from activetouch.recorded.splits import by_object
 from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.press.leak import Leak, RecordedSet
+from experiments.recorded.figures import _shares
+from experiments.recorded.identifying import RANDOM, Named
+from experiments.recorded.leaks import controls
 from experiments.recorded.recorded import Recorded
+from experiments.recorded.results import touches_of
 from planners.episode import Episode, Outcome
+from planners.identification import Identification
 
 BTS3 = Path(__file__).parents[2] / "fixtures" / "bts3"
 
@@ -45,10 +55,58 @@ def test_a_csv_gives_a_comparison_of_deciders(own):
     }
     assert touches["information gain"] < touches["random order"]
     names = [row[0] for row in result["tables"]["searches"]]
-    assert names == ["information_gain", "best fixed order", "random_confirm", "oracle: all recordings of all objects"]
+    found = ["information_gain", "best fixed order", "random_confirm"]
+    assert names == [*found, "oracle: all recordings of all objects", "no touch: a guess"]
+    assert result["tables"]["searches"][-1] == ["no touch: a guess", "0.333", "0", "-0.333", None]
     success = {row[0]: float(row[1].split()[0]) for row in result["tables"]["searches"]}
     assert success["information_gain"] > success["random_confirm"]
     assert (own / "report.html").read_text().count("<svg") >= 3
+
+
+def test_shares_of_few_objects_have_no_interval_of_width_zero(own):
+    tables = json.loads((own / "results.json").read_text())["tables"]
+    cells = [row[1] for row in tables["searches"]] + [row[2] for row in tables["controls"]]
+    cells += [row[5] for row in tables["identification"]] + [row[3] for row in tables["stops"]]
+    cells += [row[2] for row in tables["after_touches"]] + [row[i] for row in tables["correlation"] for i in (4, 6)]
+    widths = [float(high) - float(low) for cell in cells for low, high in re.findall(r"\[(.*), (.*)\]", cell)]
+    assert sum(cell.startswith("1.000 [") for cell in cells) > 3
+    assert min(widths) > 0.0
+
+
+def test_the_verdict_is_about_the_stops_of_the_table(own):
+    result = json.loads((own / "results.json").read_text())
+    for words, law in (("independent", "none"), ("correlations", "kernel by likeness")):
+        number = sum(row[4] for row in result["tables"]["stops"] if row[0] == law)
+        [sentence] = [one for one in result["verdict"] if words in one and "stops" in one]
+        assert f"the {number} stops of random order and information gain" in sentence
+
+
+def test_the_results_hold_every_setting(own):
+    result = json.loads((own / "results.json").read_text())
+    names = {field.name for field in fields(Recorded)} - {"data", "out"}
+    assert names <= result.keys()
+
+
+def test_the_most_frequent_label_is_a_baseline_of_the_controls(rng):
+    columns = np.arange(18) % 2, np.arange(18) // 2
+    names = tuple(f"thing{thing}" for thing in range(9))
+    categories = ("can", *("mug",) * 5, *("can",) * 3)  # 4 cans, 5 mugs
+    touches = RecordedTouches(
+        rng.normal(size=(18, 3)), np.zeros(18), columns[1], columns[0], ("press",), names, {"categories": categories}
+    ).for_task("categories")
+    splits = by_object(touches, 3)
+    found = controls(touches, splits, [read(touches, split) for split in splits], "unseen objects", 0, 1)
+    [most] = [one for one in found if "most frequent" in one.features]
+    assert most.accuracy[0] == pytest.approx(5 / 9)
+    assert most.accuracy[1] < 5 / 9 < most.accuracy[2]
+
+
+def test_every_object_counts_equally_whatever_its_number_of_identifications():
+    made = [(0, 3), (1, 1), (1, 1), (1, 1)]
+    named = [Named(RANDOM, "kernel", thing, Identification(0, 0, 0.95, (0,) * n, True)) for thing, n in made]
+    assert touches_of(named, RANDOM, "kernel")[0].tolist() == [3.0, 1.0]
+    assert _shares(named, named, np.arange(4)).tolist() == [0.0, 0.5, 0.5, 1.0]
+    assert _shares([], named, np.arange(4)).tolist() == [0.0] * 4
 
 
 def test_the_searches_are_recorded_as_episodes(own):
@@ -93,6 +151,44 @@ def test_the_bound_on_touches_is_below_those_of_every_decider(tmp_path, rng):
     assert touches.pop("bound: outcomes known in advance") <= min(touches.values()) <= 2.0
 
 
+def test_the_bound_counts_every_object_equally(tmp_path, rng):
+    lines = ["object,action,session,x,y"]
+    for thing in range(4):
+        is_hard = thing > 1  # two that are alike, of which more was recorded
+        for session in range(25 if is_hard else 5):
+            for action in ("press", "rub"):
+                x, y = (0.0, 0.0) if is_hard else (60.0, 60.0 * (2 * thing - 1))
+                lines.append(f"thing{thing},{action},{session},{x + rng.normal()},{y + rng.normal()}")
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    Recorded(tmp_path, "csv", scenes=0, rounds=1, random_splits=1, out=tmp_path / "run").run()
+    table = json.loads((tmp_path / "run" / "results.json").read_text())["tables"]["identification"]
+    rows = {row[1]: float(row[2].split()[0]) for row in table if row[0] == "in order of recording"}
+    assert rows["bound: outcomes known in advance"] <= rows["information gain"] < 1.75
+
+
+def test_there_is_no_bound_where_an_action_can_be_repeated(tmp_path, rng):
+    lines = ["object,session,x"]
+    lines += [f"thing{thing},{session},{rng.normal()}" for thing in range(3) for session in range(15)]
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    Recorded(tmp_path, "csv", scenes=0, rounds=1, random_splits=1, out=tmp_path / "run").run()
+    table = json.loads((tmp_path / "run" / "results.json").read_text())["tables"]["identification"]
+    assert not any("bound" in row[1] for row in table)
+
+
+def test_splits_without_searches_are_said(tmp_path, rng, capsys):
+    lines = ["object,session,category,x"]
+    for thing in range(9):
+        kind = "can" if thing < 3 else "mug"
+        lines += [f"thing{thing},{session},{kind},{rng.normal() + 5 * (thing < 3)}" for session in range(2)]
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    small = {"objects": 2, "scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",), "folds": 6}
+    Recorded(tmp_path, "csv", "categories", out=tmp_path / "run", **small).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert "searches among 2 objects in 3 of 6 splits only" in result["notes"][-1]
+    assert result["tables"]["searches"][0][-1] == 3 * 2
+    assert "in 3 of 6 splits only" in capsys.readouterr().out
+
+
 def test_a_threshold_that_a_guess_reaches_is_refused(own, tmp_path):
     with pytest.raises(BadArgument, match=r"above 0\.167, the probability of each of the 6 objects .*got 0.1"):
         Recorded(own.parent, "csv", threshold=0.1, out=tmp_path).run()
@@ -126,6 +222,12 @@ def test_sets_that_may_not_be_here_are_searched_where_they_are(name, task, tmp_p
 def test_an_unknown_decider_is_refused_before_anything_is_read(tmp_path):
     with pytest.raises(UnknownName, match="point_based"):
         Recorded(tmp_path / "nowhere", "csv", deciders=("best fixed order", "point_base"), out=tmp_path).run()
+
+
+@pytest.mark.parametrize("decider", ["ppo", "ppo_gains", "best_order"])
+def test_a_decider_that_needs_a_sensor_is_refused_before_anything_is_read(decider, tmp_path):
+    with pytest.raises(BadArgument, match=f'{decider} needs a file .* is "best fixed order"'):
+        Recorded(tmp_path / "nowhere", "csv", deciders=(decider,), out=tmp_path).run()
 
 
 def test_deciders_of_one_name_are_told_apart(tmp_path, own):

@@ -192,12 +192,14 @@ def test_scores_of_a_classifier_that_knows_are_perfect_and_of_one_that_does_not_
     assert guesses.nll == pytest.approx(np.log(4), abs=0.02)  # scaled down until nothing is claimed
 
 
-@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("value", [0.0, 0.5, 1.0])
 def test_the_accuracy_of_objects_that_are_all_alike_has_no_interval_of_width_zero(value, rng):
     objects = np.arange(10).repeat(6)
     assert accuracy_of_objects(np.full(60, value), objects, rng) == (
         *(value, *clopper_pearson_interval(round(10 * value), 10)),
     )
+    accuracy, low, high = accuracy_of_objects(np.array([1.0, 1.0, 0.0]), np.zeros(3), rng)  # of one object
+    assert low < accuracy < high
     right = (objects > 0).astype(float)
     assert accuracy_of_objects(right, objects, np.random.default_rng(0)) == cluster_bootstrap(
         right, objects, np.random.default_rng(0)
