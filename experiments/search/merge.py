@@ -54,7 +54,8 @@ class Merge:
 def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     """Copy all intact shards of run folders into one, and write its ``run.json`` and ``episodes.jsonl``.
 
-    Of two shards with the same key, the one with more episodes is kept. Shards of earlier versions of a decider are not
+    Of two shards with the same key, the one with more episodes is kept. The run has the largest number of episodes of
+    all, so that its report leaves none out. Shards of earlier versions of a decider are not
     copied.
 
     Args:
@@ -86,7 +87,8 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     players = {name: dict(sorted(players[name].items())) for name in sorted(players)}
     deciders = [name for name in players if name not in (ORACLE, BOUND)]
     targets = list(dict.fromkeys(target for name in deciders for target in players[name]))
-    changes = {"deciders": deciders, "targets": targets, "part": "1/1", "out": str(out)}
+    episodes = max(run["arguments"]["episodes"] for run in runs)
+    changes = {"deciders": deciders, "targets": targets, "episodes": episodes, "part": "1/1", "out": str(out)}
     # Before the first shard: without it, an interrupted merge leaves shards that any other run would take as its own.
     target_folder.write_run({**runs[0], "made_by": players, "arguments": {**runs[0]["arguments"], **changes}})
     for folder in folders:

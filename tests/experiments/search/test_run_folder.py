@@ -20,13 +20,14 @@ TIME = Seconds(1.0, 2.0, 3.0, 40)
 SHARD = Shard(LINES, TIME, "v1")
 
 
-def a_run(path, keys=(KEY,), identity=None, shard=SHARD):
+def a_run(path, keys=(KEY,), identity=None, shard=SHARD, episodes=100):
     """A folder with some shards."""
     folder = RunFolder(path)
     players = {}
     for key in keys:
         players.setdefault(key.decider, {})[key.target] = shard.made_by
-    folder.open(identity or {"seed": 1}, {"deciders": ["threshold"], "targets": ["hex-nut"]}, players)
+    arguments = {"deciders": ["threshold"], "targets": ["hex-nut"], "episodes": episodes}
+    folder.open(identity or {"seed": 1}, arguments, players)
     for key in keys:
         folder.write(key, shard)
     return folder
@@ -211,6 +212,13 @@ def test_merging_takes_every_whole_shard_once(tmp_path):
     assert (tmp_path / "c" / "episodes.jsonl").read_text() == "".join(LINES * 3)
     assert RunFolder(tmp_path / "c").read_run()["arguments"]["targets"] == ["hex-nut"]
     assert torn.exists()
+
+
+def test_the_report_of_merged_runs_leaves_out_no_episodes(tmp_path):
+    a_run(tmp_path / "a", episodes=25)
+    a_run(tmp_path / "b", [ShardKey("threshold", "hex-nut", 0), KEY], episodes=100)
+    merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
+    assert RunFolder(tmp_path / "c").read_run()["arguments"]["episodes"] == 100
 
 
 def test_merging_again_or_into_one_of_them_changes_nothing(tmp_path):
