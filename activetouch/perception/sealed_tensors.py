@@ -74,8 +74,16 @@ def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
 
 def _header(metadata: Mapping[str, str] | None, kind: str) -> dict[str, Any]:
     if not metadata or kind not in metadata:
-        raise ValueError(f"it is no {kind} file; its header has {sorted(metadata or {}) or 'nothing'}")
+        found = ", ".join(sorted(metadata or {})) or "another program's tensors"
+        raise _OtherKind(
+            f"holds {found}, not {kind}. A training writes a checkpoint, classifier.safetensors, a "
+            "reader, reader.safetensors, and its state, state.safetensors"
+        )
     return unsealed_json(metadata[kind])
+
+
+class _OtherKind(Exception):
+    """A file is of another kind than is asked for."""
 
 
 @contextmanager
@@ -83,6 +91,8 @@ def _damage(path: Path) -> Iterator[None]:
     """What libraries say of a file that they cannot read, as our error."""
     try:
         yield
+    except _OtherKind as error:
+        raise CorruptFile(f"{path} {error}") from error
     except KeyError as error:
         raise CorruptFile(f"{path} is damaged: it has no {error}") from error
     except FileNotFoundError as error:

@@ -44,7 +44,7 @@ def test_the_same_classifier_is_the_same_file(tmp_path):
 
 
 def test_a_reader_is_no_checkpoint():
-    with pytest.raises(CorruptFile, match=r"is no activetouch-classifier-5 file; its header has.*reader"):
+    with pytest.raises(CorruptFile, match=r"holds activetouch-reader-1, not activetouch-classifier-5"):
         TouchClassifier.load(MODELS / "gel" / READER_FILE)
 
 

@@ -176,7 +176,7 @@ def test_a_truncated_reader_is_a_clear_error(tmp_path):
 
 def test_a_foreign_file_is_a_clear_error(tmp_path):
     save_file({"weight": np.zeros(3, np.float32)}, tmp_path / "foreign.safetensors")
-    with pytest.raises(CorruptFile, match="is no activetouch-reader-1 file; its header has nothing"):
+    with pytest.raises(CorruptFile, match="holds another program's tensors, not activetouch-reader-1"):
         TactileReader.load(tmp_path / "foreign.safetensors")
 
 
