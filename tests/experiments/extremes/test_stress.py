@@ -18,7 +18,7 @@ from experiments.extremes.stress import AREAS, NotRobust, Stress, cases_of
 
 _EXTREMES = Path(__file__).parents[2] / "extremes"
 # The arguments are gone through, more strictly, in test_arguments.
-CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases_of(area) if not case.is_slow]
+CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases_of(area)]
 # Words, bases and results that have no extremes of their own, and what is met through a table.
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
@@ -44,9 +44,7 @@ def test_there_are_more_than_a_hundred_cases_and_none_twice():
 
 
 def test_every_public_name_of_belief_is_put_to_the_test():
-    product = Path(cases_of.__code__.co_filename).parent
-    files = [*_EXTREMES.glob("test_*.py"), *product.glob("stress_*.py")]
-    text = "".join(path.read_text() for path in files)
+    text = "".join(path.read_text() for path in _EXTREMES.glob("test_*.py"))
     packages = (belief, belief.calibration, belief.metrics, belief.observation_model, belief.statistics)
     names = {name for package in packages for name in package.__all__} - WORDS
     assert not {name for name in names if not re.search(rf"\b{name}\b", text)}
