@@ -13,6 +13,7 @@ import belief.calibration
 import belief.metrics
 import belief.observation_model
 import belief.statistics
+from experiments.command_line.arguments import BadArgument
 from experiments.extremes.cases import Verdict, answers, equal_to, judge, refuses, such_that
 from experiments.extremes.stress import AREAS, NotRobust, Stress, cases_of
 
@@ -90,6 +91,11 @@ def test_the_report_has_every_case_and_its_verdict_and_progress_is_shown(tmp_pat
     html = (tmp_path / "report.html").read_text()
     assert html.count("clear error") >= len(rows)
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)|<script[^>]*src""", html)
+
+
+def test_no_area_is_refused(tmp_path):
+    with pytest.raises(BadArgument, match="--areas"):
+        Stress(areas=(), out=tmp_path).run()
 
 
 def test_a_failure_is_reported_and_raised(tmp_path, monkeypatch):
