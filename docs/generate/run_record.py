@@ -24,7 +24,7 @@ from experiments.search.run_folder import versions
 
 ROOT = Path(__file__).parent.parent.parent
 RECORDS = ROOT / "docs" / "records"
-CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks")
+CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks", "examples")
 PROGRAMS = {"python": [sys.executable], "activetouch": [sys.executable, "-m", "experiments.cli"]}
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PROGRESS = "━"  # in the lines of a progress bar
