@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +21,7 @@ import deciders
 import mujoco
 import numpy as np
 from mujoco_tactile import NativeSensor
+from rounds import time_in_rounds
 
 from activetouch import SHAPES
 from activetouch.placement import Placement
@@ -37,18 +37,6 @@ from planners import make_decider
 PEERS = ("pomdp-py", "inferactively-pymdp", "scikit-learn", "netcal", "probmetrics", "jax", "torch")
 Calls = dict[str, Callable[[int], Any]]
 OURS, NUM_OUTCOMES, DEPTH = "activetouch", 8, 0.002
-
-
-def time_in_rounds(calls: Calls, rounds: int, per_round: int) -> dict[str, np.ndarray]:
-    """Milliseconds of the processor per call, of every case and round; one more round is run first and dropped."""
-    found: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(rounds + 1):
-        for name, call in calls.items():
-            started = time.process_time()
-            for index in range(per_round):
-                call(index)
-            found[name].append(1e3 * (time.process_time() - started) / per_round)
-    return {name: np.array(times[1:]) for name, times in found.items()}
 
 
 def has(package: str) -> bool:
