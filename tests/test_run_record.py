@@ -1,10 +1,16 @@
 """A record holds what its command found, and nothing older."""
 
+import json
 import os
+from dataclasses import asdict
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.setting import Setting
 
 _SPEC = spec_from_file_location("run_record", Path(__file__).parent.parent / "docs" / "generate" / "run_record.py")
 
@@ -42,3 +48,13 @@ def test_a_command_that_fails_leaves_no_record(run_record, tmp_path):
     with pytest.raises(SystemExit, match="failed with status 3"):
         run_record.main("a/b", [], ["python", "-c", "raise SystemExit(3)"])
     assert not (tmp_path / "records").exists()
+
+
+def test_a_comparison_with_settings_that_its_record_would_not_name_is_refused(tmp_path):
+    spec = spec_from_file_location("records", Path(__file__).parent.parent / "docs" / "generate" / "records.py")
+    records = module_from_spec(spec)
+    spec.loader.exec_module(records)
+    arguments = asdict(Compare(targets=("cone",), seed=1, setting=Setting(SceneChoice("coarse"), touch_cost=0.05)))
+    (tmp_path / "run.json").write_text(json.dumps({"arguments": arguments, "identity": {}}, default=str))
+    with pytest.raises(SystemExit, match=r"other settings: targets \['cone'\], touch_cost 0\.05$"):
+        records.record(tmp_path)
