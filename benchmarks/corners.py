@@ -93,6 +93,8 @@ def main() -> None:
     parser.add_argument("--widths", type=float, nargs="+", default=[1.0], help="of the pad, relative to the scene's")
     parser.add_argument("--figure", type=Path, help="of the savings by width")
     arguments = parser.parse_args()
+    if arguments.figure is not None:
+        arguments.figure.parent.mkdir(parents=True, exist_ok=True)
     scene, points = SCENES["keyed"].scene, []
     for width in arguments.widths:
         rng, pad = np.random.default_rng(arguments.seed), scene.pad
@@ -108,7 +110,7 @@ def main() -> None:
             error = 1.96 * least.std(ddof=1) / np.sqrt(len(least))
             saved.append(1.0 - least.mean() / others.mean())
             print(
-                f"  {name}: at least {least.mean():.2f} ± {error:.2f} touches, {least.min():.0f} to {least.max():.0f}; "
+                f"  {name}: at least {least.mean():.2f} ± {error:.2f} touches, {least.min():.2f} to {least.max():.2f}; "
                 f"in random order {others.mean():.2f}, of which a choice can save {saved[-1]:.0%}"
             )
         points.append((np.mean(shown), *saved))

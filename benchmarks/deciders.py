@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from timed import Timed
 
 from activetouch.sensor_files import load_observation_model
 from belief import SearchProblem
@@ -24,10 +25,8 @@ from belief.observation_model import OutcomeTable
 from belief.observation_model.tabular import TabularModel
 from belief.statistics import paired_bootstrap, wilson_interval
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from benchmarks.timed import Timed
 from experiments.sensor_choice import independent_sensor
 from planners import DECIDERS, Decider, Episode, make_decider, search_lockstep
-from planners.pomdp_py_adapter import Pouct, RandomRollout
 from planners.registry import NEED_FILES
 from planners.solve import SearchTouchProblem, solve
 
@@ -70,8 +69,15 @@ def deciders(table: OutcomeTable, episodes: int, trees: Sequence[int]) -> list[t
             found.append(
                 (f"{name} {simulations}", number, lambda n=name, s=simulations: make_decider(n, table, simulations=s))
             )
-    found.append(("pouct 1000, random rollouts", trees[1], lambda: Pouct(table, 1000, RandomRollout)))
+    found.append(("pouct 1000, random rollouts", trees[1], lambda: with_random_rollouts(table)))
     return [entry for entry in found if entry[1]]
+
+
+def with_random_rollouts(table: OutcomeTable) -> Decider:
+    """Tree search with pomdp-py's own rollouts."""
+    from planners.pomdp_py_adapter import Pouct, RandomRollout  # pomdp-py may not be installed
+
+    return Pouct(table, 1000, RandomRollout)
 
 
 def play(table: OutcomeTable, decider: Decider, episodes: int, seed: int) -> tuple[list[Episode], SearchProblem]:

@@ -3,16 +3,14 @@
     python -m benchmarks.difficulty --searches 300 --out runs/difficulty          (some minutes each variant)
 
 Every variant is a search among four objects, whose shapes are drawn independently from a list. All deciders play the
-same searches and stop by the same rule. Writes ``difficulty.csv`` and ``difficulty.png``. A variant that is in the CSV
-already is not played again.
+same searches and stop by the same rule. Draws ``difficulty.png``, again after each variant.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +26,7 @@ from activetouch.world import touch_many
 from belief import SearchProblem, Touch
 from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.views import Views
-from belief.statistics import paired_bootstrap, wilson_interval
+from belief.statistics import wilson_interval
 from belief.synthetic import sample_arrangement
 from benchmarks.choice import spread, with_places
 from experiments.search.bound import RevealedBody, revealed_body
@@ -176,25 +174,14 @@ def play(
 
 @dataclass(frozen=True)
 class Row:
-    """Results of one decider in one variant; intervals are 95 %, savings are of the chosen places."""
+    """Mean touches of a decider in a variant, and the fraction that chosen places save, with its 95 % interval."""
 
     variant: str
     decider: str
-    searches: int
-    success: float
-    success_low: float
-    success_high: float
     touches: float
-    saved: float
-    saved_low: float
-    saved_high: float
     fewer: float
     fewer_low: float
     fewer_high: float
-    mean_return: float
-    no_touch: float
-    bound: float
-    bound_error: float
 
 
 def measure(sensor: TactileSensor, name: str, searches: int, seed: int, stop: str) -> list[Row]:
@@ -206,7 +193,6 @@ def measure(sensor: TactileSensor, name: str, searches: int, seed: int, stop: st
     bounds = [revealed_body(problem, model, target) for target in range(problem.num_shapes)]
     bound = RevealedBody.over_targets(bounds)
     assert bound is not None, "touches cost something"
-    best_of_one = float(np.mean(np.maximum(problem.prior_probs, problem.prior_absent_probs)))
     rows: list[Row] = []
     chosen = np.zeros(0)
     for decider_name, decider in deciders(model, variant, stop):
@@ -214,14 +200,12 @@ def measure(sensor: TactileSensor, name: str, searches: int, seed: int, stop: st
         touches = np.array([episode.num_touches for episode in episodes], float)
         chosen = chosen if chosen.size else touches
         right = sum(episode.success for episode in episodes)
-        saved = paired_bootstrap(touches, chosen, np.random.default_rng(seed))
         drawn = np.random.default_rng(seed).integers(searches, size=(2000, searches))
         shares = 1.0 - chosen[drawn].sum(axis=1) / touches[drawn].sum(axis=1)
-        fewer = (1.0 - chosen.sum() / touches.sum(), *np.quantile(shares, [0.025, 0.975]))
+        fewer = (float(1.0 - chosen.sum() / touches.sum()), *map(float, np.quantile(shares, [0.025, 0.975])))
         returns = float(np.mean([episode.reward(problem) for episode in episodes]))
         rates = (right / searches, *wilson_interval(right, searches))
-        numbers = (*rates, touches.mean(), *saved, *map(float, fewer), returns, best_of_one, *bound)
-        rows.append(Row(name, decider_name, searches, *map(float, numbers)))
+        rows.append(Row(name, decider_name, float(touches.mean()), *fewer))
         print(
             f"{name:20} {decider_name:16} success {rates[0]:.3f} [{rates[1]:.3f}, {rates[2]:.3f}]  touches "
             f"{touches.mean():6.2f}  fewer {fewer[0]:6.1%} [{fewer[1]:.1%}, {fewer[2]:.1%}]  return {returns:.3f} of "
@@ -252,7 +236,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
 
 def main() -> None:
-    """Play, print, write and draw."""
+    """Play, print and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--searches", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
@@ -261,20 +245,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/difficulty"))
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    path, rows = arguments.out / "difficulty.csv", list[Row]()
-    if path.is_file():
-        with path.open(newline="") as file:
-            for line in csv.DictReader(file):
-                words = (line["variant"], line["decider"], int(line["searches"]))
-                rows.append(Row(*words, *(float(line[field.name]) for field in fields(Row)[3:])))
-    sensor = TactileSensor.shipped("keyed")
+    sensor, rows = TactileSensor.shipped("keyed"), list[Row]()
     for name in arguments.variants:
-        if name not in {row.variant for row in rows}:
-            rows += measure(sensor, name, arguments.searches, arguments.seed, arguments.stop)
-        with path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, [field.name for field in fields(Row)])
-            writer.writeheader()
-            writer.writerows(asdict(row) for row in rows)
+        rows += measure(sensor, name, arguments.searches, arguments.seed, arguments.stop)
         draw(rows, arguments.out / "difficulty.png")
 
 

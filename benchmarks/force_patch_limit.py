@@ -51,9 +51,10 @@ Ints = NDArray[np.int64]
 NEIGHBOURS = (1, 3, 5, 9, 15, 25, 51, 101)
 """Numbers of neighbours that are tried."""
 
-_IN_WINDOW = ("force", "along", "across", "force change", "force bend", "along change", "across change")
-NUMBERS = (*_IN_WINDOW, "sideways force", "depth")
+_DRAWN = ("force", "along", "across", "force change", "force bend", "along change", "across change")
+NUMBERS = (*_DRAWN, "sideways force", "depth")
 """Numbers of a press [N, m], with the contact point folded. No image shows the last two."""
+_WHOLE = "force, contact point, course of both"
 
 VIEWS: Mapping[str, tuple[str, ...]] = {
     "force alone": ("force",),
@@ -63,15 +64,12 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
     "force and contact point": ("force", "along", "across"),
     "force, contact point, change of the force": ("force", "along", "across", "force change"),
     "force, contact point, course of the force": NUMBERS[:5],
-    "force, contact point, course of both": NUMBERS[:7],
+    _WHOLE: _DRAWN,
     "the same and the sideways force (not in the image)": NUMBERS[:8],
     "force and depth (depth is not in the image)": ("force", "depth"),
     "force, contact point, and depth (depth is not in the image)": ("force", "along", "across", "depth"),
 }
 """Inputs of readers; ``radius`` is the length of (along, across)."""
-
-IN_THE_IMAGE = tuple(name for name, columns in VIEWS.items() if not {"depth", "sideways force"} & set(columns))
-"""Inputs that consist of numbers from which an image is drawn; the image need not show them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +202,6 @@ def read_by_neighbours(known: PressNumbers, choice: PressNumbers, test: PressNum
 
 
 _TOUCHES_PER_TASK = 50
-_WHOLE = IN_THE_IMAGE[-1]
 
 
 @dataclass(frozen=True)
@@ -229,7 +226,6 @@ class NearestNeighbours:
             right = readers[-1].guesses == test.shapes
             views[name] = {
                 **share(right),
-                "in_the_image": name in IN_THE_IMAGE,
                 "num_neighbours": readers[-1].num_neighbours,
                 "upper": readers[-1].upper,
                 "curve": [float(np.mean(reader.guesses == test.shapes)) for reader in readers],
@@ -238,13 +234,10 @@ class NearestNeighbours:
             }
         creep = test.view(("along change", "across change")).any(axis=1)
         numbers = {
-            "estimator": "few numbers",
             "sizes": sizes,
             "views": views,
-            "limit": {"at_most": views[_WHOLE]["upper"]},
             "classifier": share(classifier),
             "creep_shows": share(creep),
-            "median": dict(zip(NUMBERS, np.median(test.values, axis=0).tolist(), strict=True)),
         }
         title = "Bayes-optimal accuracy of one touch, from the numbers behind the images"
         return Findings(title, _number_sentences(study, numbers), _number_tables(numbers), numbers)
@@ -344,16 +337,13 @@ class CloseReader:
 
     epochs: int = 30
 
-    def learn(
-        self, known: Floats, shapes: Ints, seed: int, tick: Callable[[int], None] = lambda _: None
-    ) -> Callable[[Floats], Floats]:
+    def learn(self, known: Floats, shapes: Ints, seed: int) -> Callable[[Floats], Floats]:
         """Train on known touches.
 
         Args:
             known: one row per touch, ``(N, D)``.
             shapes: shapes of the touches, ``(N,)``.
             seed: seed of weights and order.
-            tick: called with the number of touches of each step.
 
         Returns:
             Function from rows ``(M, D)`` to log probabilities ``(M, K)``.
@@ -380,7 +370,6 @@ class CloseReader:
                 nn.functional.nll_loss(network(rows[batch]), labels[batch]).backward()
                 optimizer.step()
                 schedule.step()
-                tick(len(batch))
         network.eval()
 
         def read(asked: Floats) -> Floats:
@@ -452,13 +441,11 @@ class PixelReader:
         parts = [np.isin(train.object_ids, some) for some in objects]
         views: dict[str, Any] = {}
         with progress_bar() as progress:
-            total = self.reader.epochs * len(PIXEL_VIEWS) * sum(int(rows.sum()) for rows in parts)
-            bar = progress.add_task("training readers", total=total)
             for name, columns in PIXEL_VIEWS.items():
                 curve = []
-                for rows in parts:
+                for rows in progress.track(parts, description=f"readers of {name}"):
                     seen, shapes = known[rows, columns], train.shapes[rows]
-                    read = self.reader.learn(seen, shapes, study.seed, lambda n: progress.advance(bar, n))
+                    read = self.reader.learn(seen, shapes, study.seed)
                     right = read(asked[:, columns]).argmax(axis=1) == study.shapes
                     curve.append(float(right.mean()))
                 views[name] = {
@@ -468,10 +455,8 @@ class PixelReader:
                     "above_classifier": paired_difference(right, classifier, study.seed),
                 }
         numbers: dict[str, Any] = {
-            "estimator": "close-up",
             "sizes": [int(rows.sum()) for rows in parts],
             "views": views,
-            "limit": {"at_least": views[WHOLE_SPOT]["value"]},
             "classifier": share(classifier),
         }
         return Findings("Accuracy from every pixel", _pixel_sentences(study, numbers), _pixel_tables(numbers), numbers)

@@ -32,6 +32,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/hypotheses.png"))
     arguments = parser.parse_args()
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
     variant = VARIANTS["cubes"]
     sensor, model, shapes = prepared(TactileSensor.shipped("keyed"), variant)
     problem = SearchProblem(variant.shapes, sensor.scene.pose_labels, 4, "independent", touch_limit=4 * 26)

@@ -1,6 +1,7 @@
 """Test whether touches in different poses are independent given the shape, as outcome tables assume.
 
-Run: python benchmarks/independence.py paper           (needs data/paper-repeats: see docs/calibration.md)
+Run: activetouch collect --scene paper --plan.train 0 --plan.repeats 2 --plan.test 300 --out data/paper-repeats
+     python benchmarks/independence.py paper
 
 It compares recorded objects of the test split, touched once in every pose, with objects whose touches are drawn from
 the outcome table of the shipped observation model, as plans and bounds assume. Accuracy on recorded objects is lower if

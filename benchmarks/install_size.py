@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,8 @@ def main(arguments: list[str]) -> None:
     with tempfile.TemporaryDirectory() as holder:
         scratch = Path(holder).resolve()
         pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+        # Setuptools would also pack files that an earlier build left here.
+        shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)
         subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", holder, str(ROOT)], check=True)
         [wheel] = scratch.glob("*.whl")
         print(f"{wheel.name}: {wheel.stat().st_size / 1e6:.0f} MB")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +21,7 @@ import deciders
 import mujoco
 import numpy as np
 from mujoco_tactile import NativeSensor
+from rounds import time_in_rounds
 
 from activetouch import SHAPES
 from activetouch.placement import Placement
@@ -39,18 +39,6 @@ Calls = dict[str, Callable[[int], Any]]
 OURS, NUM_OUTCOMES, DEPTH = "activetouch", 8, 0.002
 
 
-def time_in_rounds(calls: Calls, rounds: int, per_round: int) -> dict[str, np.ndarray]:
-    """Milliseconds of the processor per call, of every case and round; one more round is run first and dropped."""
-    found: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(rounds + 1):
-        for name, call in calls.items():
-            started = time.process_time()
-            for index in range(per_round):
-                call(index)
-            found[name].append(1e3 * (time.process_time() - started) / per_round)
-    return {name: np.array(times[1:]) for name, times in found.items()}
-
-
 def has(package: str) -> bool:
     """Whether a distribution is installed."""
     try:
@@ -64,13 +52,13 @@ def measure_beliefs() -> None:
     number = beliefs.BATCH
     rng = np.random.default_rng(0)
     prior, outcomes = rng.dirichlet(np.ones(4), size=number), rng.integers(NUM_OUTCOMES, size=number)
-    table = rng.dirichlet(np.ones(NUM_OUTCOMES), size=4).T  # p(outcome | shape), (outcome, shape)
-    likelihood = table[outcomes]
-    logs = np.log(prior), np.log(likelihood)
-    one: Calls = {OURS: lambda i: update(logs[0][i], logs[1][i])}
-    batch: Calls = {OURS: lambda _: update_probs(prior, likelihood)}
+    table = rng.dirichlet(np.ones(NUM_OUTCOMES), size=4).T.copy()  # p(outcome | shape), (outcome, shape)
+    log_prior, log_table = np.log(prior), np.log(table)
+    one: Calls = {OURS: lambda i: update(log_prior[i], log_table[outcomes[i]])}
+    found = np.empty_like(prior)  # likelihoods, looked up in the table within the time, as by the others
+    batch: Calls = {OURS: lambda _: update_probs(prior, np.take(table, outcomes, axis=0, out=found, mode="clip"))}
     if has("pomdp-py"):
-        one["pomdp-py, histogram"] = beliefs.histogram_update(prior, likelihood)
+        one["pomdp-py, histogram"] = beliefs.histogram_update(prior, table[outcomes])
     if has("inferactively-pymdp"):
         one["pymdp, jit"], batch["pymdp, jit and vmap"] = pymdp_updates(table, prior, outcomes)
     print("\nBayes update, one belief over four shapes")

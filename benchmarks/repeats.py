@@ -1,6 +1,7 @@
 """Measure the benefit of discounting repeated touches: searches among recorded objects with many touches per pose.
 
-Run: python benchmarks/repeats.py                      (needs data/coarse-repeats: see docs/calibration.md)
+Run: activetouch collect --scene coarse --plan.train 0 --plan.repeats 6 --out data/coarse-repeats
+     python benchmarks/repeats.py
 
 Touches are recorded touches of test objects; a second touch in a pose is that of the next round. Repeats are therefore
 correlated as in live searches. Beliefs come from the shipped observation model, which discounts repeats. Deciders

@@ -1,4 +1,4 @@
-"""Time several cases in interleaved rounds, so that a change of the machine's speed affects all of them."""
+"""Processor time of several cases in interleaved rounds, so that the machine's changes of speed affect all of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 def time_in_rounds(
     cases: Mapping[str, Callable[[int], object]], rounds: int, per_round: int
 ) -> dict[str, NDArray[np.float64]]:
-    """Milliseconds per call of every case and round.
+    """Milliseconds of the processor per call of every case and round.
 
     Args:
         cases: functions of a running number, by name.
@@ -22,9 +22,9 @@ def time_in_rounds(
     milliseconds: dict[str, list[float]] = {name: [] for name in cases}
     for round_ in range(rounds + 1):
         for name, function in cases.items():
-            started = time.perf_counter()
+            started = time.process_time()
             for index in range(per_round):
                 function(index)
             if round_ > 0:  # the first round warms up
-                milliseconds[name].append(1e3 * (time.perf_counter() - started) / per_round)
+                milliseconds[name].append(1e3 * (time.process_time() - started) / per_round)
     return {name: np.array(times) for name, times in milliseconds.items()}

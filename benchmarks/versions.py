@@ -22,7 +22,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -125,15 +126,18 @@ def press_all() -> None:
 
 
 def compare_images(before: Path) -> None:
-    found: list[list[list[str]]] = []
+    """Print how far forces and images of the same presses agree, in every scene that both versions have."""
+    found: list[dict[str, list[tuple[float, str]]]] = []
     for folder in (before, HERE):
-        command = [sys.executable, __file__, "--press-all"]
+        command, pressed = [sys.executable, __file__, "--press-all"], defaultdict(list)
         output = subprocess.run(command, check=True, capture_output=True, text=True, env=environment(folder)).stdout
-        found.append([line.split() for line in output.splitlines()])
-    for scene in dict.fromkeys(name for name, *_ in found[1]):
-        pairs = [(one, other) for one, other in zip(*found, strict=True) if other[0] == scene]
-        same = sum(one[2] == other[2] for one, other in pairs)
-        worst = max(abs(float(other[1]) / float(one[1]) - 1.0) for one, other in pairs if float(one[1]) > 0.0)
+        for scene, force, digest in map(str.split, output.splitlines()):
+            pressed[scene].append((float(force), digest))
+        found.append(pressed)
+    for scene in (scene for scene in found[1] if scene in found[0]):
+        pairs = list(zip(found[0][scene], found[1][scene], strict=True))
+        same = sum(one[1] == other[1] for one, other in pairs)
+        worst = max(abs(other[0] / one[0] - 1.0) for one, other in pairs if one[0] > 0.0)
         print(f"{scene}: {same} of {len(pairs)} images identical, force differs by at most {worst:.2g} (relative)")
 
 
@@ -167,42 +171,21 @@ def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, **own}
 
 
-def row(name: str, before: list[float], after: list[float], unit: str) -> None:
-    ratios = np.array(after) / np.array(before)
-    low, middle, high = np.quantile(ratios, [0.25, 0.5, 0.75])
-    print(
-        f"{name:<42}{np.median(before):10.3f}{np.median(after):10.3f} {unit}{middle:8.2f} [{low:.2f}, {high:.2f}]",
-        flush=True,
-    )
-
-
-def compare_parts(before: Path, rounds: int, chosen: list[str]) -> None:
-    versions = [Version(before), Version(HERE)]
-    for name in versions[1].names:
-        if chosen and not any(word in name for word in chosen):
-            continue
-        times: list[list[float]] = [[], []]
-        for round_ in range(rounds + 1):
-            for version, found in zip(versions, times, strict=True):
-                milliseconds = version.time(name)
-                if round_:  # the first round compiles and warms up
-                    found.append(milliseconds)
-        row(name, times[0], times[1], "ms")
-
-
-def compare_commands(before: Path, rounds: int, chosen: list[str]) -> None:
-    for name, arguments in COMMANDS.items():
-        if chosen and not any(word in name for word in chosen):
-            continue
-        times: list[list[float]] = [[], []]
-        with tempfile.TemporaryDirectory() as plans:
-            for round_ in range(rounds + 1):
-                taken = [_seconds(folder, arguments, Path(plans)) for folder in (before, HERE)]
-                print(f"    round {round_}: {taken[0]:.1f} s, {taken[1]:.1f} s", flush=True)
-                if round_:  # the first one writes bytecode and plans
-                    for seconds, found in zip(taken, times, strict=True):
-                        found.append(seconds)
-        row(name, times[0], times[1], "s ")
+def compare(names: Iterable[str], measure: Callable[[str], tuple[float, float]], rounds: int, unit: str) -> None:
+    """Measure both versions of everything that is named, and print a row for each."""
+    print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
+    for name in names:
+        times = []
+        for round_ in range(rounds + 1):  # the first round compiles and warms up, and writes bytecode and plans
+            times.append(measure(name))
+            if unit == "s":
+                print(f"    round {round_}: {times[-1][0]:.1f} {unit}, {times[-1][1]:.1f} {unit}", flush=True)
+        before, now = np.array(times[1:]).T
+        low, middle, high = np.quantile(now / before, [0.25, 0.5, 0.75])
+        print(
+            f"{name:<42}{np.median(before):10.3f}{np.median(now):10.3f} {unit:2}{middle:8.2f} [{low:.2f}, {high:.2f}]",
+            flush=True,
+        )
 
 
 def _seconds(folder: Path, arguments: str, plans: Path) -> float:
@@ -250,11 +233,21 @@ def main() -> None:
     if arguments.images:
         compare_images(arguments.before)
         return
-    print(f"{'median over rounds':<42}{'before':>10}{'now':>10}{'now / before':>20}")
+    words = arguments.only if arguments.commands is None else arguments.commands
+
+    def chosen(names: Iterable[str]) -> list[str]:
+        return [name for name in names if not words or any(word in name for word in words)]
+
     if arguments.commands is None:
-        compare_parts(arguments.before, arguments.rounds, arguments.only)
-    else:
-        compare_commands(arguments.before, arguments.rounds, arguments.commands)
+        earlier, this = Version(arguments.before), Version(HERE)
+        compare(chosen(this.names), lambda name: (earlier.time(name), this.time(name)), arguments.rounds, "ms")
+        return
+    with tempfile.TemporaryDirectory() as plans:
+
+        def seconds(name: str) -> tuple[float, float]:
+            return tuple(_seconds(folder, COMMANDS[name], Path(plans)) for folder in (arguments.before, HERE))
+
+        compare(chosen(COMMANDS), seconds, arguments.rounds, "s")
 
 
 if __name__ == "__main__":

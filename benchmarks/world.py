@@ -18,6 +18,7 @@ import joblib
 import mujoco
 import numpy as np
 from mujoco import rollout
+from mujoco_tactile import NativeSensor
 from rounds import time_in_rounds
 
 from activetouch import SCENES, Quasistatic, Scene
@@ -29,7 +30,6 @@ from activetouch.pressing.rig import Rig
 from activetouch.pressing.robot import Robot
 from activetouch.pressing.setup import Setup
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
-from benchmarks.mujoco_tactile import NativeSensor
 
 ROUNDS, NUM_CORES = 7, joblib.cpu_count()
 

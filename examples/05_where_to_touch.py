@@ -1,4 +1,4 @@
-"""Feel a cube of unknown orientation and size until it is known which of eight shapes it is: with chosen places or any.
+"""Touch a cube of unknown orientation and size until its shape is known: places chosen, and in random order.
 
 Run: python examples/05_where_to_touch.py [picture.png]
 """

@@ -3,7 +3,7 @@
 Run in this folder:
 
     activetouch touch --renderer "own_renderer:Outline(threshold=0.1)" --shape cube --out cube.png
-    activetouch compare --renderer own_renderer:Outline --sensor gel --anyway --targets cube --episodes 5
+    activetouch compare --renderer own_renderer:Outline --sensor gel --anyway --targets sphere --episodes 5
 
 In the second command, the sensor of ``gel`` reads images on which it was not trained, so it reads them badly. To train
 a sensor on them, call ``activetouch.make_sensor``, or run ``compare`` without --anyway, which prints the commands.

@@ -41,3 +41,9 @@ def test_the_command_on_the_page_of_a_trained_decider_names_a_sensor_that_has_it
     [command] = re.findall(r"```sh\n(.*?)```", made[f"deciders/{name}.md"], flags=re.S)
     named = re.search(r"--sensor (\S+)", command) or re.search(r"--scene (\S+)", command)
     assert list((MODELS / named[1] / POLICIES).glob(f"{trained_state(name)}[-.]*"))
+
+
+def test_no_page_compares_a_decider_with_itself(made):
+    for name in DECIDERS:
+        [first, second] = re.search(r"--deciders (\S+) (\S+)", made[f"deciders/{name}.md"]).groups()
+        assert first == name != second

@@ -6,8 +6,8 @@ Run: python docs/generate/gallery.py [NAME ...]        (all by default, some min
 from __future__ import annotations
 
 import ast
+import contextlib
 import io
-import os
 import runpy
 import sys
 import tempfile
@@ -111,5 +111,5 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    os.chdir(tempfile.mkdtemp())
-    main(sys.argv[1:])
+    with tempfile.TemporaryDirectory() as empty, contextlib.chdir(empty):
+        main(sys.argv[1:])

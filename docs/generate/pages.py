@@ -76,6 +76,7 @@ def _decider(name: str) -> str:
         files = "\nfrom activetouch.sensor_files import MODELS, POLICIES"
         argument = f', MODELS / "{sensor}" / POLICIES'
     option = "" if sensor == "coarse" else f" --sensor {sensor}"
+    other = "information_gain" if name == "random_confirm" else "random_confirm"
     return f"""# {name}
 
 {summary_of(name)}
@@ -87,7 +88,7 @@ def _decider(name: str) -> str:
 ## Use
 
 ```sh
-activetouch compare --scene coarse{option} --deciders {name} random_confirm --episodes 25
+activetouch compare --scene coarse{option} --deciders {name} {other} --episodes 25
 ```
 
 ```python

@@ -11,10 +11,17 @@ import csv
 import json
 import shlex
 import sys
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from experiments.search.compare import Compare
+
 RECORDS = Path(__file__).parent.parent / "results" / "searches.json"
+IN_COMMAND = {"scene", "sensor", "deciders", "episodes", "seed"}
+FREE = IN_COMMAND | {"reference", "out", "bound", "jobs", "backend", "scheduler", "part"}
+"""Arguments that a record may have in any form: its command has them, or they change no result."""
 
 
 def record(folder: Path) -> dict[str, Any]:
@@ -22,6 +29,8 @@ def record(folder: Path) -> dict[str, Any]:
     run = json.loads((folder / "run.json").read_text())
     arguments, identity = run["arguments"], run["identity"]
     setting = arguments["setting"]
+    if changed := list(_changed(arguments, json.loads(json.dumps(asdict(Compare()), default=str)))):
+        raise SystemExit(f"no record of {folder}, because it was made with other settings: {', '.join(changed)}")
     sensor = setting["sensor"] or setting["choice"]["scene"]
     returns = {row["decider"]: float(row["return"]) for row in _rows(folder, "returns")}
     return {
@@ -41,6 +50,15 @@ def record(folder: Path) -> dict[str, Any]:
             if row["target"] == "all"
         },
     }
+
+
+def _changed(found: dict[str, Any], default: dict[str, Any]) -> Iterator[str]:
+    """Names of the arguments that are not their default, nor in the command of a record, nor without effect."""
+    for name, value in found.items():
+        if isinstance(value, dict):
+            yield from _changed(value, default[name])
+        elif name not in FREE and value != default[name]:
+            yield f"{name} {value}"
 
 
 def _rows(folder: Path, table: str) -> list[dict[str, str]]:

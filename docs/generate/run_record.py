@@ -16,6 +16,7 @@ import resource
 import shlex
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,7 +25,7 @@ from experiments.search.run_folder import versions
 
 ROOT = Path(__file__).parent.parent.parent
 RECORDS = ROOT / "docs" / "records"
-CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks")
+CODE = ("activetouch", "belief", "planners", "experiments", "benchmarks", "examples")
 PROGRAMS = {"python": [sys.executable], "activetouch": [sys.executable, "-m", "experiments.cli"]}
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PROGRESS = "━"  # in the lines of a progress bar
@@ -57,8 +58,11 @@ def main(name: str, files: list[str], words: list[str]) -> None:
     """Run a command, and write its record, with the files that it wrote."""
     if not words or words[0] not in PROGRAMS:
         raise SystemExit(f"the command must begin with one of: {', '.join(PROGRAMS)}")
-    made_by = commit()
+    made_by, started = commit(), time.time()
     printed, seconds = run(words)
+    for file in files:
+        if not (ROOT / file).is_file() or (ROOT / file).stat().st_mtime < started - 1.0:  # some disks round times
+            raise SystemExit(f"no record, because the command did not write {file}")
     printed += "".join(f"\n{file}:\n\n{(ROOT / file).read_text(encoding='utf-8')}" for file in files)
     path = (RECORDS / name).with_suffix(".txt")
     path.parent.mkdir(parents=True, exist_ok=True)

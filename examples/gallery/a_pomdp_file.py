@@ -7,8 +7,6 @@ Run: python examples/gallery/a_pomdp_file.py [FIGURE.png]
 """
 
 import sys
-import tempfile
-from pathlib import Path
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -18,9 +16,8 @@ from planners.solve import TouchProblem, solve
 
 outcomes = np.array([[[0.8, 0.2], [0.3, 0.7]], [[0.6, 0.4], [0.05, 0.95]]])  # p(outcome | pose, shape)
 problem = TouchProblem(outcomes, prior=[0.5, 0.5], target=0, touch_cost=0.05, discount=0.999)
-path = Path(tempfile.mkdtemp()) / "touch.pomdp"
-path.write_text(to_pomdp(problem, ("mug", "ball")))
-again = read_pomdp(path.read_text())
+text = to_pomdp(problem, ("mug", "ball"))
+again = read_pomdp(text)
 policy = solve(problem)
 
 probs = np.linspace(0.0, 1.0, 201)
@@ -32,4 +29,4 @@ axes.plot(probs, values.max(axis=1), color="black", linewidth=3, alpha=0.25, lab
 axes.set(xlabel="probability that it is the mug", ylabel="expected return", ylim=(-1.02, 1.02))
 axes.legend(frameon=False, ncols=2)
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "a_pomdp_file.png")
-print(f"{path.stat().st_size} bytes, {len(again.states)} states; the value at the start is {values[100].max():.3f}")
+print(f"{len(text)} characters, {len(again.states)} states; the value at the start is {values[100].max():.3f}")

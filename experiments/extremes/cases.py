@@ -56,14 +56,12 @@ class Case:
         given: description of the input.
         run: calls the function.
         expected: the expected outcome.
-        is_slow: whether it takes more than about a second.
     """
 
     entry: str
     given: str
     run: Callable[[], Any]
     expected: Expectation
-    is_slow: bool = False
 
     def __str__(self) -> str:
         return f"{self.entry}, {self.given}"
@@ -79,16 +77,14 @@ class Finding:
     seconds: float
 
 
-def answers(entry: str, given: str, run: Callable[[], Any], expected: Expectation, *, slow: bool = False) -> Case:
+def answers(entry: str, given: str, run: Callable[[], Any], expected: Expectation) -> Case:
     """A case with an answer."""
-    return Case(entry, given, run, expected, slow)
+    return Case(entry, given, run, expected)
 
 
-def refuses(
-    entry: str, given: str, run: Callable[[], Any], error: type[Exception], pattern: str, *, slow: bool = False
-) -> Case:
+def refuses(entry: str, given: str, run: Callable[[], Any], error: type[Exception], pattern: str) -> Case:
     """A case with an error, whose message must match a pattern that names the cause."""
-    return Case(entry, given, run, Expectation(f"{error.__name__} about “{pattern}”", None, error, pattern), slow)
+    return Case(entry, given, run, Expectation(f"{error.__name__} about “{pattern}”", None, error, pattern))
 
 
 def refusals(

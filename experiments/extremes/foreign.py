@@ -79,7 +79,7 @@ def _with_gel(command: Callable[[Path, Path], Any]) -> Callable[[], object]:
 def _sensors() -> list[Case]:
     pairs = [(scene, sensor) for scene in ("coarse", "gel", "hard") for sensor in ("coarse", "gel", "many", "paper")]
     coarse, gel = SceneChoice("coarse"), MODELS / "gel"
-    commands = {
+    commands: dict[str, Any] = {
         "limit": Limit(coarse, sensor=gel),
         "leak": Leak(coarse, sensor=gel),
         "robustness": Robustness(coarse, sensor=gel),

@@ -14,11 +14,13 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated
 
 from rich.progress import Progress
 
 from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_writable
+from experiments.command_line.arguments import NotEmpty, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.extremes.cases import Case, Finding, Verdict, judge
 from experiments.parallel import progress_bar
@@ -63,7 +65,7 @@ class Stress:
         activetouch stress --areas arguments files
     """
 
-    areas: tuple[str, ...] = tuple(AREAS)
+    areas: Annotated[tuple[str, ...], NotEmpty()] = tuple(AREAS)
     """Areas to test: touch, files, commands, arguments, foreign."""
     out: Path = Path("runs/stress")
     """Folder for report.html and findings.csv."""
@@ -72,8 +74,10 @@ class Stress:
         """Judge all cases, write the report, and print it.
 
         Raises:
+            BadArgument: no area is named.
             NotRobust: a case failed; the report is written first.
         """
+        check_arguments(self)
         require_writable(self.out)
         cases = {area: cases_of(area) for area in self.areas}
         pairs = [(area, case) for area, some in cases.items() for case in some]

@@ -210,7 +210,6 @@ CASES: tuple[Case, ...] = (
             ).num_touches
         ),
         such_that("at most three touches", lambda n: n <= 3),
-        slow=True,
     ),
     answers(
         "Episode",
@@ -275,9 +274,7 @@ CASES: tuple[Case, ...] = (
 """Of :mod:`planners`; every decider of the table meets the same extremes."""
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=pytest.mark.slow if case.is_slow else (), id=str(case)) for case in CASES]
-)
+@pytest.mark.parametrize("case", CASES, ids=str)
 def test_an_extreme_is_answered_rightly_or_refused_with_a_reason(case):
     finding = judge(case)
     assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"

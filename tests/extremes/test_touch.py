@@ -136,14 +136,12 @@ def _of_physics() -> list[Case]:
             "a soft block",
             lambda: press_once(Deformable(nodes=9, layers=2)),
             such_that("2 N within 5 %", lambda c: abs(c.force - 2.0) < 0.1),
-            slow=True,
         ),
         answers(
             "deformable press",
             "an object beside the pad",
             lambda: press_once(Deformable(nodes=9, layers=2), offset=(0.2, 0.0)),
             MISS,
-            slow=True,
         ),
     ]
 
@@ -260,7 +258,7 @@ CASES = [*_of_physics(), *_pads_and_shapes(), *_of_images()]
 
 
 @pytest.mark.mujoco
-@pytest.mark.parametrize("case", [case for case in CASES if not case.is_slow], ids=str)
+@pytest.mark.parametrize("case", CASES, ids=str)
 def test_an_extreme_of_the_world_is_answered_rightly_or_refused_with_a_reason(case):
     finding = judge(case)
     assert finding.verdict is not Verdict.FAILED, f"expected {case.expected.words}; {finding.happened}"

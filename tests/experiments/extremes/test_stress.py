@@ -13,12 +13,13 @@ import belief.calibration
 import belief.metrics
 import belief.observation_model
 import belief.statistics
+from experiments.command_line.arguments import BadArgument
 from experiments.extremes.cases import Verdict, answers, equal_to, judge, refuses, such_that
 from experiments.extremes.stress import AREAS, NotRobust, Stress, cases_of
 
 _EXTREMES = Path(__file__).parents[2] / "extremes"
 # The arguments are gone through, more strictly, in test_arguments.
-CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases_of(area) if not case.is_slow]
+CHEAP = [(area, case) for area in AREAS if area != "arguments" for case in cases_of(area)]
 # Words, bases and results that have no extremes of their own, and what is met through a table.
 WORDS = {"ActiveTouchError", "Probe", "Confirm", "Reject", "ObjectEvidence", "ObservationModel", "ArrayModel"}
 WORDS |= {"McNemar", "BrierDecomposition", "CalibrationError", "ReliabilityCurve", "ShapeScore", "StopScore", "Status"}
@@ -44,9 +45,7 @@ def test_there_are_more_than_a_hundred_cases_and_none_twice():
 
 
 def test_every_public_name_of_belief_is_put_to_the_test():
-    product = Path(cases_of.__code__.co_filename).parent
-    files = [*_EXTREMES.glob("test_*.py"), *product.glob("stress_*.py")]
-    text = "".join(path.read_text() for path in files)
+    text = "".join(path.read_text() for path in _EXTREMES.glob("test_*.py"))
     packages = (belief, belief.calibration, belief.metrics, belief.observation_model, belief.statistics)
     names = {name for package in packages for name in package.__all__} - WORDS
     assert not {name for name in names if not re.search(rf"\b{name}\b", text)}
@@ -92,6 +91,11 @@ def test_the_report_has_every_case_and_its_verdict_and_progress_is_shown(tmp_pat
     html = (tmp_path / "report.html").read_text()
     assert html.count("clear error") >= len(rows)
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)|<script[^>]*src""", html)
+
+
+def test_no_area_is_refused(tmp_path):
+    with pytest.raises(BadArgument, match="--areas"):
+        Stress(areas=(), out=tmp_path).run()
 
 
 def test_a_failure_is_reported_and_raised(tmp_path, monkeypatch):
