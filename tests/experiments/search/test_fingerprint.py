@@ -144,8 +144,10 @@ def test_what_it_keeps_for_itself_and_who_holds_itself_do_not_matter():
 
 
 def test_numbers_that_differ_in_the_last_bits_as_processors_do_are_the_same():
-    table = np.array([0.1, 0.2, 0.7])
-    assert fingerprint(Settings(table)) == fingerprint(Settings(np.nextafter(table, 1.0)))
+    for table in (np.array([0.1, 0.2, 0.7]), np.array([1.0, -0.5, 4.0])):  # also below a power of two
+        for towards in (-np.inf, np.inf):
+            assert fingerprint(Settings(table)) == fingerprint(Settings(np.nextafter(table, towards)))
+        assert fingerprint(Settings(table)) != fingerprint(Settings(table * (1.0 - 1e-11)))
 
 
 def test_another_process_finds_the_same_digest():
