@@ -4,6 +4,7 @@ import csv
 import json
 import shlex
 from dataclasses import replace
+from itertools import accumulate, chain, product
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,16 @@ from scipy.stats import beta, kstest
 
 from activetouch.data.dataset import CollectionPlan
 from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import OBSERVATION_FILE
 from belief.errors import UnknownName
+from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
 from experiments.tradeoff.configuration import (
+    FITTED,
     JOINT,
     NUM_HYPOTHESES,
     SHARES,
@@ -30,7 +34,15 @@ from experiments.tradeoff.configuration import (
     sweep,
 )
 from experiments.tradeoff.figures import _STYLES as STYLES
-from experiments.tradeoff.measure import SearchResult, TouchCost, finished, measured, num_outdated
+from experiments.tradeoff.measure import (
+    SearchResult,
+    TouchCost,
+    _press_here,
+    _read_here,
+    finished,
+    measured,
+    num_outdated,
+)
 from experiments.tradeoff.models import observation_model
 from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
 from experiments.tradeoff.tradeoff import Tradeoff
@@ -65,12 +77,29 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     assert len({base.key, *keys}) == len(changes) + 1
 
 
+def test_another_observation_model_of_a_shipped_sensor_is_another_key(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.tradeoff.configuration.MODELS", tmp_path)
+    (tmp_path / "gel").mkdir()
+    keys = {"shipped": [], "ratio": []}
+    for text in ("one", "two", "one"):
+        (tmp_path / "gel" / OBSERVATION_FILE).write_text(text)
+        for name, found in keys.items():
+            found.append(Configuration(GEL, observation_model=name).key)
+    one, two, again = keys["shipped"]
+    assert one == again != two
+    assert len(set(keys["ratio"])) == 1  # one that is fitted follows from reader and scene
+
+
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
     wanted = {name for name in DECIDERS if name != "random_confirm" and name not in NEED_FILES}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert {c.decider for c in found if c.network == PLAIN} == {"information_gain", "point_based"}
+    assert {c.observation_model for c in found if c.network == PLAIN} == {SHIPPED, *OBSERVATION_MODELS} - {FITTED}
+    priced = {(c.decider, c.touch_cost) for c in found if c.scene == "coarse" and c.touch_cost != 0.02}
+    assert priced == set(product(("point_based", "value_of_information"), (0.005, 0.05, 0.1)))
+    assert {(c.simulations, c.episodes) for c in found if c.decider == "pouct"} == {(100, 5), (1000, 5)}
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
 
@@ -192,6 +221,39 @@ def test_whether_a_dearer_configuration_is_on_the_front_is_a_toss_up_where_both_
 def test_success_as_it_may_truly_be_is_distributed_by_jeffreys(successes):
     _, qualities = _resampled([point("threshold", successes, 2)], np.random.default_rng(0), 4000)
     assert kstest(qualities[:, 0], beta(successes + 0.5, 400 - successes + 0.5).cdf).pvalue > 0.001
+
+
+def test_the_time_as_it_may_truly_be_is_that_of_a_bayesian_bootstrap():
+    times = np.random.default_rng(1).integers(1, 9, size=50).tolist()
+    configuration = Configuration(GEL)
+    uneven = SearchResult(configuration, [1] * 50, times, [0] * 49 + [1], [0.0] * 50, 0.0, 0.0)
+    even = replace(uneven, touches=[4] * 50)
+    points = [Candidate(result, TouchCost(1.0, 1.0, 1.0, 1.0)) for result in (uneven, even, uneven)]
+    costs, _ = _resampled(points, np.random.default_rng(0), 4000)
+    np.testing.assert_allclose(costs[:, 1], 8.0)
+    np.testing.assert_array_equal(costs[:, 0], costs[:, 2])  # the same episodes have the same weights
+    # The mean of n numbers with Dirichlet(1, ..., 1) weights has their mean and their variance / (n + 1).
+    spread = 2 * np.std(times) / np.sqrt(51)
+    assert abs(costs[:, 0].mean() - 2 * np.mean(times)) < 5 * spread / np.sqrt(4000)
+    assert costs[:, 0].std() == pytest.approx(spread, rel=0.06)  # five standard errors
+
+
+@pytest.mark.mujoco
+def test_the_first_press_of_each_shape_and_an_unusual_reading_do_not_count(monkeypatch):
+    """The clock says how long each press, and each reading, took."""
+
+    def clock(seconds):
+        ticks = accumulate(chain([0.0], chain.from_iterable((one, 1.0) for one in seconds)))
+        monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", ticks.__next__)
+
+    configuration = Configuration(Network.of_sensor("coarse", "coarse"), fidelity="quasistatic")
+    clock([9.0] * 4 + [0.001] * 100 + [0.003] * 100)
+    assert _press_here(configuration) == {"physics": pytest.approx(2.0)}
+    clock([9.0] * 40 + [0.004] * 60)
+    found = _read_here(configuration)
+    assert found["network"] == pytest.approx(4.0)
+    assert found["size"] == configuration.network.path.stat().st_size / 1e6
+    assert found["memory"] > 10.0
 
 
 def test_slow_touches_are_not_fast_enough():
