@@ -126,6 +126,9 @@ def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path,
     kept[1].write_bytes(b"damaged")
     assert run(tmp_path) == text
     assert sorted((tmp_path / "evidence").iterdir()) == kept
+    with monkeypatch.context() as patch:
+        patch.setattr(BodyBank, "evidence", None)  # whatever is kept is not computed again
+        assert run(tmp_path) == text
     monkeypatch.setattr("experiments.bayes_error.evidence_files.made_with", lambda: {"belief": "edited"})
     assert run(tmp_path) == text
     assert len(list((tmp_path / "evidence").iterdir())) == 8  # nothing of other code is taken over
