@@ -9,7 +9,7 @@ import pytest
 from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
 from activetouch.pressing.press import Quasistatic
-from activetouch.rendering import Gain
+from activetouch.rendering import Gain, GelSightRenderer
 from activetouch.sensor import TactileSensor
 from belief.errors import UnknownName
 from experiments.bayes_error.ambiguity import NEAR, AmbiguitySearch, _target, tally
@@ -17,7 +17,7 @@ from experiments.bayes_error.counterparts import Counterpart
 from experiments.bayes_error.estimator import LimitStudy, chunks, paired_difference, share
 from experiments.bayes_error.held_out import Stream, held_out_touch
 from experiments.bayes_error.image_bank import log_posterior
-from experiments.bayes_error.limit import Limit
+from experiments.bayes_error.limit import Limit, has_few_taxels
 from experiments.bayes_error.simulation import SimulatedBayes, by_shape, nll, summary
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
@@ -29,6 +29,12 @@ ESTIMATORS = {"coarse": SimulatedBayes, "gel": AmbiguitySearch, "hard": Ambiguit
 @pytest.mark.parametrize("name", ESTIMATORS)
 def test_every_scene_has_the_estimator_its_images_ask_for(name):
     assert isinstance(Limit().estimator(SCENES[name].scene), ESTIMATORS[name])
+
+
+def test_images_of_few_taxels_in_colour_have_no_closed_form():
+    scene = SCENES["coarse"].scene
+    assert has_few_taxels(scene)
+    assert not has_few_taxels(replace(scene, renderer=GelSightRenderer()))
 
 
 def test_too_few_touches_and_unknown_scenes_are_refused(tmp_path):
@@ -82,6 +88,37 @@ def test_the_readings_and_poses_of_a_study_are_those_of_its_touches_in_whatever_
     np.testing.assert_allclose(np.exp(logs).sum(axis=1), 1.0)
     alone = study.sensor.model.log_likelihood(study.sensor.read(read[33:34], [touches[33].pose]))
     np.testing.assert_allclose(logs[33], log_posterior(alone), atol=1e-4)
+
+
+def test_bayes_rule_and_the_classifier_are_scored_on_the_same_touches(tmp_path, monkeypatch, rng):
+    shapes = np.arange(40) % 4
+    slices = rng.normal(size=(3, 40, 4))  # log likelihoods
+    logits = rng.normal(size=(40, 4))
+    monkeypatch.setattr(
+        "experiments.bayes_error.simulation.log_evidence_of_slice",
+        lambda scene, noise, readings, shape, number, seed: (shape, number, slices[number, :, shape]),
+    )
+    monkeypatch.setattr(LimitStudy, "read", lambda self: np.zeros((40, 4, 4), np.uint8))
+    monkeypatch.setattr(LimitStudy, "classify", lambda self, readings: log_posterior(logits))
+    study = LimitStudy(TactileSensor.shipped("coarse"), 40, 0, 1, tmp_path)
+    found = SimulatedBayes(bank=3000, checked=0).measure(study)
+    numbers, reader = found.numbers, np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
+    bayes = np.exp(slices).mean(axis=0)
+    bayes /= bayes.sum(axis=1, keepdims=True)
+    right, known = bayes.argmax(axis=1) == shapes, reader.argmax(axis=1) == shapes
+    assert (numbers["limit"]["value"], numbers["classifier"]["value"]) == (right.mean(), known.mean())
+    loss = [-np.log(probs[np.arange(40), shapes]) for probs in (bayes, reader)]
+    assert numbers["classifier"]["nll"] == pytest.approx(loss[1].mean())
+    assert numbers["difference"]["value"] == pytest.approx(right.mean() - known.mean())
+    assert numbers["nll_difference"]["value"] == pytest.approx((loss[0] - loss[1]).mean())
+    assert numbers["same_guess"] == np.mean(bayes.argmax(axis=1) == reader.argmax(axis=1))
+    for k, label in enumerate(study.scene.shape_labels):
+        assert numbers["limit_by_shape"][label] == right[shapes == k].mean()
+        assert numbers["classifier_by_shape"][label] == known[shapes == k].mean()
+    assert [row["images_per_shape"] for row in numbers["curve"]] == [1000, 3000]
+    assert numbers["curve"][0]["accuracy"] == np.mean(slices[0].argmax(axis=1) == shapes)
+    assert numbers["curve"][-1]["nll"] == pytest.approx(loss[0].mean())
+    assert [row[0] for row in found.tables[0].rows][-1] == "classifier"
 
 
 LABELS = SCENES["gel"].scene.shape_labels
