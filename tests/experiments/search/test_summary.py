@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.statistics import clopper_pearson_interval, wilson_interval
+from belief.statistics import clopper_pearson_interval, mcnemar_test, wilson_interval
 from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
 from experiments.search.cards import cards
@@ -225,6 +225,55 @@ def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     assert any(word in told for word in ("probably", "possibly", "certainly"))
 
 
+def test_a_difference_that_is_not_significant_always_needs_more_searches():
+    # The observed difference would be found with 80 % power, so it lies well beyond what is just significant.
+    for number in (4, 5, 6, 7, 8, 12, 20, 31):
+        for first in range(number + 1):
+            for second in range(min(first, number - first + 1)):
+                both = [True] * (number - first - second)
+                pairs = mcnemar_test([True] * first + [False] * second + both, [False] * first + [True] * second + both)
+                for others in (1, 3, 10):
+                    needed = episodes_for_success(pairs, 0.05 / others)
+                    assert needed > number or others * pairs.mid_p_value < 0.05
+
+
+def test_deciders_that_succeed_equally_often_on_different_searches_are_not_extrapolated(rng):
+    right, wrong = search("tc"), search("rc")
+    x, y = [right] * 18 + [wrong] * 2 + [right] * 2, [right] * 18 + [right] * 2 + [wrong] * 2
+    told = " ".join(verdict_sentences(compared({"x": x, "y": y}, rng)))
+    assert (
+        "y and x do not differ significantly in success: of 22 episodes, 2 succeed only with y and 2 only with x"
+        in told
+    )
+    assert "they succeed equally often, so the number of searches needed cannot be estimated" in told
+
+
+def test_touches_are_compared_if_their_difference_is_certain(rng):
+    few, many, either = [search("tc")] * 40, [search("tttc")] * 40, [search("tc"), search("tttc")] * 20
+    told = " ".join(verdict_sentences(compared({"few": few, "many": many, "same": few}, rng)))
+    assert "many takes 2.00 touches more than few [+2.00, +2.00]." in told
+    assert "They do not differ significantly in touches (+0.00 [+0.00, +0.00])." in told
+    told = " ".join(verdict_sentences(compared({"many": many, "either": either}, rng)))
+    assert "either takes 1.00 touches fewer than many [-1." in told
+
+
+def test_cards_say_what_was_stated_and_achieved(rng):
+    right, wrong = search("tc", claim=0.95), search("rc", claim=0.95)
+    some = {
+        "fits": [right] * 19 + [wrong],
+        "boasts": [wrong] * 20,
+        "doubts": [search("tc", claim=0.5)] * 20,
+        "silent": [search("rr", outcome=Outcome.EXHAUSTED)] * 20,
+    }
+    told = {card.name: card.stated for card in cards(compared(some, rng))}
+    assert told == {
+        "fits": "as stated: 0.950 right, 0.950 stated",
+        "boasts": "overconfident: 0.000 right, 0.950 stated",
+        "doubts": "underconfident: 1.000 right, 0.500 stated",
+        "silent": "never confirmed",
+    }
+
+
 def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict_sentences(compared({"x": same, "y": same}, rng)))
@@ -292,6 +341,13 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
         rng,
     )
     assert comparison.no_touch_baseline == 0.5  # confirming any object; that none of three is there has probability 1/8
+
+
+def test_without_a_touch_it_may_be_best_to_reject_all(rng):
+    problem = SearchProblem(("a", "b", "c"), ("p",), num_objects=1, composition="independent")
+    targets = {(("x", label)): [search("c", arrangement=(0,))] for label in "ab"}
+    found = compare_episodes(problem, targets, dict.fromkeys(targets, Seconds()), {"a": [True], "b": [True]}, "x", rng)
+    assert found.no_touch_baseline == pytest.approx(2 / 3)  # of three shapes the target is absent in two of three cases
 
 
 def test_no_touches_cost_no_time():

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import beta, kstest
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.dataset import CollectionPlan, read_manifest, read_split
 from activetouch.named_scenes import SCENES
 from activetouch.sensor_files import OBSERVATION_FILE
+from activetouch.world import touch_many
 from belief.errors import UnknownName
 from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.statistics import wilson_interval
@@ -43,8 +44,9 @@ from experiments.tradeoff.measure import (
     measured,
     num_outdated,
 )
-from experiments.tradeoff.models import observation_model
-from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
+from experiments.tradeoff.models import _first_objects, observation_model
+from experiments.tradeoff.picks import Candidate, Front, _resampled, fronts, picks
+from experiments.tradeoff.report import short_front_table, worthwhile, write_tradeoff_report
 from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
 from planners.registry import NEED_FILES
@@ -254,6 +256,80 @@ def test_the_first_press_of_each_shape_and_an_unusual_reading_do_not_count(monke
     assert found["network"] == pytest.approx(4.0)
     assert found["size"] == configuration.network.path.stat().st_size / 1e6
     assert found["memory"] > 10.0
+
+
+def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
+    base = point("information_gain", 380, 3)
+    better = point("value_of_information", 390, 4)
+    fewer = Candidate(replace(better.result, configuration=Configuration(GEL, decider="threshold"),
+                              successes=[1] * 90, touches=[9] * 90, decisions=[10] * 90, rewards=[0.5] * 90),
+                      better.cost)  # fmt: skip
+    other = Candidate(replace(base.result, configuration=Configuration(COARSE, decider="pouct")), base.cost)
+    points = [base, better, fewer, other]
+    [front] = fronts(points, np.random.default_rng(0), num_resamples=200)
+    answers = {front.task: picks(front, 0.9, 0.5)}
+    write_tradeoff_report(tmp_path, [front], answers, {"seed": 0})
+    numbers = json.loads((tmp_path / "tradeoff.json").read_text())
+    assert numbers["arguments"] == {"seed": 0}
+    told = {entry["key"]: entry for entry in numbers["points"]}
+    assert len(told) == 4
+    for one, prob in zip(front.points, front.probs, strict=True):
+        entry = told[one.configuration.key]
+        assert (entry["searches"], entry["success"], entry["touches"]) == (one.num_searches, one.success, one.touches)
+        assert (entry["ms_per_search"], entry["prob_on_front"]) == (one.ms_per_search, prob)
+    rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
+    assert [row["configuration"] for row in rows] == [  # scene after scene, the fastest first
+        p.configuration.name for scene in ("gel", "coarse") for p in front.points if p.configuration.scene == scene
+    ]
+    against = {row["configuration"]: row["minus default"] for row in rows}
+    assert against[base.configuration.name] == "default"
+    assert against[better.configuration.name].startswith("'+0.025 [+0.0")  # no formula
+    assert against[fewer.configuration.name] == "–"  # it played fewer searches
+    assert against[other.configuration.name] == "–"  # its scene has no default
+    fastest, accurate = numbers["answers"]
+    assert f"{base.configuration.name}. Success 0.950 [" in fastest
+    assert accurate.endswith("under 0.5 ms per touch, with the fewest touches among equals: no configuration.")
+    assert "4 configurations in 2 scenes (gel, coarse), 1 290 live searches" in (tmp_path / "report.html").read_text()
+
+
+def test_what_may_be_on_the_front_is_listed_with_it():
+    some = [point("threshold", 300, n) for n in range(1, 5)]
+    front = Front("any", some, np.array([True, False, False, True]), np.array([1.0, 0.1, 0.09, 0.05]))
+    assert worthwhile(front) == [(some[0], 1.0), (some[1], 0.1), (some[3], 0.05)]
+    assert [row[-1] for row in short_front_table(front).rows] == [1.0, 0.1, 0.05]
+
+
+@pytest.mark.mujoco
+def test_the_time_of_touches_is_no_time_of_decisions(tmp_path, monkeypatch):
+    """Each look at the clock takes a second, and a touch two."""
+    ticks, batches = iter(range(10**6)), []
+    monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", lambda: float(next(ticks)))
+    monkeypatch.setattr(
+        "experiments.tradeoff.measure.touch_many",
+        lambda sensor, requests: (batches.append(len(requests)), touch_many(sensor, requests))[1],
+    )
+    network = Network.of_sensor("coarse", "coarse")
+    result = measured(Configuration(network, episodes=2, decider="threshold", fidelity="quasistatic"), tmp_path)
+    assert len(result.touches) == 8
+    assert sum(batches) > sum(result.touches)  # one search of each target was played before
+    both = result.planning_seconds + result.decision_seconds
+    assert both == len(batches) + 2  # one second beside each batch of touches, and one at the end
+
+
+@pytest.mark.mujoco
+def test_models_are_fitted_to_the_first_rounds_of_the_first_objects(tmp_path, monkeypatch):
+    collect(SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(0, 3, 0, repeats=2), tmp_path, jobs=1)
+    monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path)
+    monkeypatch.setattr("experiments.tradeoff.models.open_collection", lambda folder, *_, **__: read_manifest(folder))
+    monkeypatch.setattr("experiments.tradeoff.models.require_collection", lambda *_, **__: None)
+    whole = read_split(tmp_path, "calibration")
+    for objects, rounds in ((2, 1), (1, 2), (9, 9)):
+        monkeypatch.setattr("experiments.tradeoff.models._OBJECTS", objects)
+        monkeypatch.setattr("experiments.tradeoff.models._ROUNDS", rounds)
+        found = _first_objects("coarse", None)
+        wanted = (whole.object_ids < 4 * objects) & (np.arange(len(whole.shapes)) % 12 < 6 * rounds)
+        assert len(found.shapes) == 4 * min(objects, 3) * 6 * min(rounds, 2)
+        np.testing.assert_array_equal(found.images, whole.images[wanted])
 
 
 def test_slow_touches_are_not_fast_enough():
