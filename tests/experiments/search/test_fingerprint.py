@@ -108,6 +108,15 @@ class Plain:
         self.value = value
 
 
+class Slotted:
+    """An object without a dictionary."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value):
+        self.value = value
+
+
 @pytest.mark.parametrize(
     ("one", "other"),
     [
@@ -117,6 +126,7 @@ class Plain:
         ),
         (SequentialDecider(PosteriorThresholds(), FixedOrder()), SequentialDecider(ThresholdRule(), FixedOrder())),
         (Plain(Plain(1)), Plain(Plain(2))),
+        (Slotted(1), Slotted(2)),
         (1, True),
         (1, "1"),
         (0.99, 0.991),

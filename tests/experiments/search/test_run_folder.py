@@ -11,7 +11,7 @@ from belief.errors import CannotWrite, CorruptFile
 from belief.files import atomic_path, sealed_json, write_text
 from experiments.command_line.arguments import BadArgument
 from experiments.search.merge import Conflict, Merge, merge
-from experiments.search.run_folder import RunFolder, RunMismatch, Seconds, Shard, ShardKey
+from experiments.search.run_folder import ORACLE, RunFolder, RunMismatch, Seconds, Shard, ShardKey
 
 ROOT = Path(__file__).parents[3]
 KEY = ShardKey("threshold", "hex-nut", 3)
@@ -283,6 +283,15 @@ def test_folders_of_two_versions_of_a_decider_are_not_merged(tmp_path):
     with pytest.raises(Conflict, match="threshold for hex-nut that another version"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
     assert not (tmp_path / "c").exists()
+
+
+def test_a_merge_says_what_it_holds_and_how_to_report_on_it(tmp_path, capsys):
+    a_run(tmp_path / "a", [ShardKey("x", "t", 0), ShardKey("x", "u", 0), ShardKey(ORACLE, "t", 0)])
+    a_run(tmp_path / "b", [ShardKey("x", "t", 1), ShardKey("y", "t", 0)])
+    Merge((tmp_path / "a", tmp_path / "b"), tmp_path / "c").run()
+    x, y, *_ = capsys.readouterr().out.splitlines()
+    assert x == f"x: {3 * len(LINES)} episodes of t, u"
+    assert y == f"y: {len(LINES)} episodes of t"
 
 
 def test_merging_nothing_is_a_clear_error(tmp_path):

@@ -319,6 +319,44 @@ def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
     assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
 
 
+def test_every_table_has_the_numbers_of_the_comparison(rng):
+    right, wrong = search("ttc", claim=0.97), search("rc", claim=0.97)
+    none = search("rtr", outcome=Outcome.EXHAUSTED)
+    cut = search("tttt", outcome=Outcome.TRUNCATED)
+    some = {"x": [right] * 18 + [wrong, wrong, none, cut], "y": [none] * 22}
+    found = compared(some, rng, solved=(True, False))
+    told = {table.name: table for table in comparison_tables(found)}
+    low, high = wilson_interval(18, 22)
+    x = (22, 18 / 22, (low, high), 2, 1, 1, pytest.approx(41 / 22), 2, 2, 4)
+    y = (22, 0.0, wilson_interval(0, 22), 0, 22, 0, 1.0, 1, 1, 1)
+    expected = [(name, target, *row) for name, row in (("x", x), ("y", y)) for target in ("a", "all")]
+    assert [tuple(row) for row in told["results"].rows] == expected
+    [row], d = told["differences"].rows, found.differences["y"]
+    assert row == (
+        *("y", d.success[0], d.success[1:], 0, 18, d.p_value, d.episodes_for_success),
+        *(d.touches[0], d.touches[1:], d.reward[0], d.reward[1:]),
+    )
+    assert (d.success[0], d.touches[0]) == (pytest.approx(-18 / 22), pytest.approx(1.0 - 41 / 22))
+    for row, name in zip(told["returns"].rows, "xy", strict=True):
+        mean, *ends = found.regret[name]
+        assert row == (name, found.cells[name, "all"].reward, found.prob_best[name], mean, tuple(ends), None, None)
+    assert told["positions"].rows == [
+        ("x", "1", *x[:4], x[6]),
+        ("y", "1", *y[:4], y[6]),
+    ]
+    low, high = clopper_pearson_interval(18, 20)
+    stated = ("x", 20, pytest.approx(0.03), pytest.approx(0.1), (1.0 - high, 1.0 - low), "yes")
+    assert told["stated_confidence"].rows == [stated, ("y", 0, None, None, None, "never confirmed")]
+    by_touches = [row[:5] for row in told["calibration_at_stopping"].rows]
+    assert by_touches == [("x", "0", 2, pytest.approx(0.97), 0.0), ("x", "2", 18, pytest.approx(0.97), 1.0)]
+    assert told["touches"].rows == [("x", 0, 2), ("x", 1, 1), ("x", 2, 18), ("x", 4, 1), ("y", 1, 22)]
+    assert told["times"].rows == [(name, 10, *map(pytest.approx, (10.0, 20.0, 30.0, 60.0))) for name in "xy"]
+    boasts = compared({"x": [wrong] * 22}, rng)
+    doubts = compared({"x": [search("tc", claim=0.5)] * 22}, rng)
+    words = [{t.name: t for t in comparison_tables(c)}["stated_confidence"].rows[0][-1] for c in (boasts, doubts)]
+    assert words == ["overconfident", "underconfident"]
+
+
 def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
     table = Table("S", [("who", ""), ("x", ".2f"), ("95 %", ".1f")], [("a", None, None), ("b", 1 / 3, (0.1, 0.2))])
     assert table.cells() == [["a", "–", "–"], ["b", "0.33", "0.1 … 0.2"]]
