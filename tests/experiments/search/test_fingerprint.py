@@ -176,3 +176,26 @@ def test_the_files_of_a_folder_count_by_content_wherever_it_lies(tmp_path):
         (tmp_path / name / "policy").write_text(text)
     a, b, c = (fingerprint(Settings(tmp_path / name)) for name in "abc")
     assert a == b != c
+
+
+class Reads:
+    """An object that reads one file for each target."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def files(self, target):
+        return [self.folder / f"{target}.policy"]
+
+
+def test_of_the_files_of_an_object_only_those_of_the_target_count(tmp_path):
+    for name in ("cone", "cube"):
+        (tmp_path / f"{name}.policy").write_text(name)
+
+    def digests():
+        return [fingerprint(Reads(tmp_path), target) for target in ("cone", "cube", None)]
+
+    cone, cube, none = digests()
+    assert len({cone, cube, none}) == 3
+    (tmp_path / "cube.policy").write_text("trained again")
+    assert [old == new for old, new in zip((cone, cube, none), digests(), strict=True)] == [True, False, True]

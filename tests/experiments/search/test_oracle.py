@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.scene_choice import SceneChoice
 from experiments.search import oracle
 from experiments.search.bound import RevealedBody, best_expected_return, best_return_with_revealed_bodies
 from experiments.search.oracle import solved_by_full_information
-from experiments.search.setting import Setting, load_sensor
+from experiments.search.setting import Setting, load_sensor, make_world
 from experiments.search.touch_memo import TouchMemo
 from planners.bounds.one_touch import one_touch_bound
+from planners.search import TouchRequest
 from planners.solve import TouchProblem, solve
 
 
@@ -53,6 +55,32 @@ def test_which_episodes_full_information_solves_does_not_depend_on_which_are_ask
     coarse = Setting(SceneChoice(scene="coarse"))
     some, all_of_them = (solved_by_full_information(coarse, 0, 5, numbers) for numbers in ([2, 3], [0, 1, 2, 3]))
     assert all_of_them[2:] == some
+
+
+@pytest.mark.torch
+@pytest.mark.mujoco
+def test_the_oracle_gives_the_most_probable_answer_also_where_the_target_is_absent():
+    """Objects of independent shapes have independent posteriors, so its rule can be written down."""
+    setting = Setting(
+        SceneChoice("coarse", fidelity="quasistatic"), num_objects=2, composition="independent", anyway=True
+    )
+    sensor, expected, absent = load_sensor(setting), [], []
+    for number in range(24):
+        world = make_world(setting, sensor, (5, 1, number))
+        probs = []
+        for index in range(2):
+            if index:
+                world.advance()
+            requests = [TouchRequest.of(world, (5, 1, number), index, pose, repeat=0) for pose in range(6)]
+            images = np.stack([TouchMemo().press(request)[0] for request in requests])
+            logs = sensor.model.log_likelihood(sensor.read(images, list(range(6))))
+            probs.append(np.exp(logs[1] - np.logaddexp.reduce(logs)))
+        is_absent = np.prod(1.0 - np.array(probs)) > max(probs)
+        absent.append(1 not in world.arrangement)
+        expected.append(absent[-1] if is_absent else world.arrangement[int(np.argmax(probs))] == 1)
+    assert 4 < sum(absent) < 20
+    assert solved_by_full_information(setting, 1, 5, range(24)) == expected
+    assert sum(expected) >= 22
 
 
 @pytest.mark.torch

@@ -1,14 +1,16 @@
 """Which shards a comparison has, and what a resumed one must play."""
 
 import hashlib
+from contextlib import nullcontext
 
 import pytest
 
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
-from experiments.search.resume import shard_sizes
-from experiments.search.run_folder import BOUND, ORACLE, RunFolder, code_digests
+from experiments.search.resume import play_missing, shard_sizes
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder, Seconds, Shard, code_digests
 from experiments.search.setting import Setting
+from experiments.search.shards import made_by
 
 
 @pytest.mark.parametrize("episodes", [1, 24, 25, 26, 50, 51, 130])
@@ -48,6 +50,29 @@ def test_another_process_that_writes_run_json_at_the_same_moment_loses_nothing(t
     monkeypatch.setattr(RunFolder, "write", write_and_be_overwritten)
     assert first.play().deciders == ["threshold"]
     assert {"threshold", "random_confirm"} <= RunFolder(tmp_path).read_run()["made_by"].keys()
+
+
+@pytest.mark.torch
+def test_run_json_is_written_with_the_first_shard_and_once_more_at_the_end(tmp_path, monkeypatch):
+    setting, sizes, opened = Setting(SceneChoice("coarse")).resolved(), shard_sizes(["threshold"], ["cone"], 75), []
+    made = made_by(setting, "threshold", "cone")
+    results = [[(key, Shard(["{}\n"] * 25, Seconds(), made))] for key in sizes]
+    monkeypatch.setattr(RunFolder, "open", lambda self, *given: opened.append(len(self.complete_keys())))
+
+    def play(stop):
+        def some(*_):
+            yield from results[:stop]
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("experiments.search.resume.run_lazily", some if stop < 3 else lambda *_: iter(results))
+        play_missing(RunFolder(tmp_path / str(stop)), setting, 0, sizes, {})
+
+    for stop, seen in ((0, []), (2, [0]), (3, [0, 3])):  # shards that were there
+        opened.clear()
+        with nullcontext() if stop == 3 else pytest.raises(KeyboardInterrupt):
+            play(stop)
+        assert opened == seen
+        assert len(RunFolder(tmp_path / str(stop)).complete_keys()) == stop
 
 
 def test_the_code_of_each_package_has_a_digest_of_its_own():

@@ -11,7 +11,7 @@ from belief.errors import CannotWrite, CorruptFile
 from belief.files import atomic_path, sealed_json, write_text
 from experiments.command_line.arguments import BadArgument
 from experiments.search.merge import Conflict, Merge, merge
-from experiments.search.run_folder import ORACLE, RunFolder, RunMismatch, Seconds, Shard, ShardKey
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder, RunMismatch, Seconds, Shard, ShardKey
 
 ROOT = Path(__file__).parents[3]
 KEY = ShardKey("threshold", "hex-nut", 3)
@@ -268,6 +268,17 @@ def test_a_partly_filled_shard_is_one_and_a_fuller_one_takes_its_place(tmp_path)
     a_run(tmp_path / "b")
     merge([tmp_path, tmp_path / "b"], tmp_path / "c")
     assert RunFolder(tmp_path / "c").read(KEY) == SHARD
+
+
+def test_one_search_is_a_shard_and_the_bound_is_one_line(tmp_path):
+    bound = ShardKey(BOUND, "t", 0)
+    folder = a_run(tmp_path, [KEY, bound], shard=Shard(LINES[:1], TIME, "v1"))
+    assert folder.read(KEY).lines == LINES[:1]
+    assert not folder.has(KEY)
+    assert folder.has(bound)
+    for key, lines in ((bound, LINES[:2]), (KEY, [*LINES, LINES[0]]), (KEY, [])):  # too many, or none
+        folder.write(key, Shard(lines, TIME, "v1"))
+        assert folder.read(key) is None
 
 
 def test_shards_of_an_earlier_version_are_kept_out_of_what_the_folder_holds(tmp_path):
