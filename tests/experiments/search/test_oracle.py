@@ -1,13 +1,20 @@
 """What no decider exceeds."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from belief import SearchProblem
 from experiments.scene_choice import SceneChoice
 from experiments.search import oracle
-from experiments.search.bound import RevealedBody, best_expected_return, best_return_with_revealed_bodies
+from experiments.search.bound import (
+    RevealedBody,
+    best_expected_return,
+    best_return_with_revealed_bodies,
+    revealed_body,
+)
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.setting import Setting, load_sensor, make_world
 from experiments.search.touch_memo import TouchMemo
@@ -47,6 +54,56 @@ def test_a_revealed_body_bounds_what_searches_return_and_is_below_touches_that_r
     assert 0.0 < found.standard_error < 0.005
     assert RevealedBody.over_targets([[0.5, 0.1], [0.7, 0.1]]) == pytest.approx((0.6, 0.1))
     assert RevealedBody.over_targets([[0.5, 0.1], None]) is None
+
+
+def test_bodies_are_revealed_in_groups_of_which_each_gives_a_bound(body, monkeypatch):
+    asked, bounds = [], iter((0.1, 0.2, 0.3, 0.6))
+
+    def bound(search, touches, tables):
+        asked.append(tables)
+        return next(bounds)
+
+    monkeypatch.setattr("experiments.search.bound.revealing_touch_bound", bound)
+    problem = SearchProblem(body.shape_labels, ("p", "q", "r"), num_objects=2, composition="independent")
+    found = revealed_body(problem, body, 1)
+    assert found.mean == pytest.approx(0.3)
+    assert found.standard_error == pytest.approx(np.std([0.1, 0.2, 0.3, 0.6], ddof=1) / 2)
+    spread = np.linspace(0, body.num_hypotheses - 1, 32).round().astype(int)  # from the first to the last
+    assert len(asked) == 4
+    for group, tables in enumerate(asked):
+        assert len(tables) == 8
+        for number, table in zip(spread[group::4], tables, strict=True):
+            alone = body.outcome_probs(np.full((4, 1), number), 128)[:, :, 0]
+            assert table.shape == (3, 4, alone.shape[2])
+            np.testing.assert_allclose(table, alone, rtol=1e-4, atol=1e-7)
+            np.testing.assert_allclose(table.sum(axis=2), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("states", "most"), [(64, 3), (65, 2)])
+def test_a_bound_takes_more_touches_as_long_as_they_lower_it(states, most, monkeypatch):
+    setting = Setting(SceneChoice("many"))
+
+    def found(values):
+        tried = []
+        monkeypatch.setattr(
+            "experiments.search.bound.revealing_touch_bound",
+            lambda search, touches, weights, names_rival: tried.append(touches) or values[touches - 1],
+        )
+        search = SimpleNamespace(num_states=states, num_shapes=12)
+        monkeypatch.setattr("experiments.search.bound.discretised_search", lambda *_: (search, [1.0]))
+        return best_expected_return(setting, 0), len(tried)
+
+    assert found([0.9, 0.8, 0.7, 0.6]) == ((0.9, 0.8, 0.7)[most - 1], most)
+    assert found([0.9, 0.8995, 0.5, 0.4]) == (0.8995, 2)
+
+
+def test_few_states_and_shapes_have_the_bound_of_a_grid(monkeypatch):
+    monkeypatch.setattr("experiments.search.bound.search_bound", lambda *_: "grid")
+    monkeypatch.setattr("experiments.search.bound.revealing_touch_bound", lambda *_, **__: 0.5)
+    for states, shapes, told in ((64, 6, "grid"), (65, 6, 0.5), (64, 7, 0.5)):
+        search = SimpleNamespace(num_states=states, num_shapes=shapes)
+        monkeypatch.setattr("experiments.search.bound.discretised_search", lambda *_, search=search: (search, [1.0]))
+        assert best_expected_return(Setting(), 0) == told
 
 
 @pytest.mark.torch
