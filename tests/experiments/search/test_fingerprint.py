@@ -185,6 +185,7 @@ class Reads:
         self.folder = folder
 
     def files(self, target):
+        assert target is not None, "asked for a target only"
         return [self.folder / f"{target}.policy"]
 
 

@@ -303,6 +303,7 @@ def test_one_decider_alone_is_told_without_a_contest(rng):
     told = verdict_sentences(compared({"only": [search("tc")] * 10}, rng))
     assert told[0].startswith("only succeeds in 1.000")
     assert "best" not in " ".join(told)
+    assert [card.rank for card in cards(compared({"only": [search("tc")] * 40}, rng))] == [""]
 
 
 def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):

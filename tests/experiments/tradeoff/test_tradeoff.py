@@ -137,6 +137,8 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     same = replace(configuration, network=Network.in_file("coarse", network.path))  # as if it were a user's
     again = measured(same, tmp_path)
     assert (again.successes, again.touches) == (result.successes, result.touches)
+    monkeypatch.setattr("experiments.tradeoff.models.fit_named", None)  # a model is fitted once
+    assert observation_model(configuration, tmp_path).table.shape[:3] == (6, 4, 64)
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
