@@ -306,7 +306,8 @@ def test_a_weight_that_no_likelihood_bounds_has_no_interval(rng):
     right = np.where((np.arange(40) % K == 0)[:, None, None, None], [1.0, -1.0], [-1.0, 1.0])
     for sign, told in ((1.0, "≥ 2.000"), (-1.0, "≤ 0.000")):
         sequences = Rounds(sign * np.tile(right, (1, R, P, 1)), np.arange(40) % K).one_pose(rng)
-        weight = free_weights(model, sequences)[0]
+        weight, *others = free_weights(model, sequences)
+        assert [one.num_touches for one in others] == [2, 3, 4]
         assert (weight.low, weight.high, weight.words) == (None, None, told)
 
 
