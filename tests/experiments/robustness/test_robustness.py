@@ -8,20 +8,21 @@ import numpy as np
 import pytest
 
 from activetouch import SCENES, Quasistatic, TactileSensor
-from activetouch.distributions import Uniform
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
+from activetouch.rendering.faults import faults_of
 from activetouch.sensor_files import MODELS, load_observation_model
 from belief import Belief, Confirm, Probe, Reject, Touch, Unsure
 from belief.errors import UnknownName
 from belief.statistics import clopper_pearson_interval
 from experiments.reporting.tables import interval
 from experiments.robustness import shifted_touches
-from experiments.robustness.conditions import CONDITIONS
+from experiments.robustness.conditions import CONDITIONS, DoesNotApply, _together
 from experiments.robustness.report import robustness_tables
 from experiments.robustness.robustness import Robustness, condition_scores, out_of_distribution
 from experiments.robustness.searches import _abstention, confidence_at_stops, search_scores
@@ -54,6 +55,31 @@ def measured(sensor, scenes, num_objects=4):
     return outputs, {
         name: condition_scores(some, trained, {"ratio": sensor.model}, seed=5) for name, some in outputs.items()
     }
+
+
+def test_conditions_change_what_they_say_by_as_much_as_they_say():
+    for name in ("coarse", "gel", "hard"):
+        scene = SCENES[name].scene
+        [noise] = faults_of(Noise, scene.faults)
+        for factor in (1.5, 2, 3, 4, 6):
+            found, louder = CONDITIONS[f"noise × {factor:g}"](scene), Noise(factor * noise.std)
+            assert found == replace(scene, faults=tuple(louder if fault is noise else fault for fault in scene.faults))
+        old = sum(fault.share for fault in faults_of(DeadTaxels, scene.faults))
+        for words, share in (("5 % more dead", 0.05), ("19 % more dead", 3 / 16), ("all taxels dead", 1.0)):
+            faults = CONDITIONS[words](scene).faults
+            [dead] = faults_of(DeadTaxels, faults)
+            assert dead.share == pytest.approx(min(old + share, 1.0))
+            rest = [fault for fault in scene.faults if not isinstance(fault, DeadTaxels)]
+            assert [fault for fault in faults if fault is not dead] == rest
+        together, force = CONDITIONS["all of these"](scene), scene.variation.force.support
+        assert together.variation.force.support == pytest.approx((0.7 * force[0], 1.3 * force[1]))
+        assert together.variation.size.support == (0.75, 1.25)
+        assert faults_of(Noise, together.faults)[0].std == pytest.approx(1.5 * noise.std)
+    with pytest.raises(DoesNotApply, match="no range"):
+        CONDITIONS["larger by ≤ 15 %"](replace(COARSE, variation=replace(COARSE.variation, size=Constant(1.0))))
+    nothing = _together(CONDITIONS["noise × 2"], CONDITIONS["4 bits"])
+    with pytest.raises(DoesNotApply, match="no noise"):
+        nothing(SCENES["paper"].scene)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -271,6 +297,16 @@ def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
         expected = (vary.size.sample(size), vary.friction.sample(friction), vary.stiffness.sample(stiffness))
         assert (thing.scale, thing.friction, thing.stiffness) == expected
         np.testing.assert_array_equal(thing.orientation, scene.presentation.rest(orientation))
+
+
+@pytest.mark.torch
+def test_every_object_is_touched_in_whatever_order_the_presses_finish(sensor, monkeypatch):
+    shifted = {"here": ShiftedScene(COARSE, 3)}
+    first = measure_touches(sensor, shifted, seed=5, jobs=1)["here"]
+    monkeypatch.setattr(shifted_touches, "run_tasks", lambda tasks, *_: [task() for task in reversed(tasks)])
+    second = measure_touches(sensor, shifted, seed=5, jobs=1)["here"]
+    assert first.numbers.tolist() == second.numbers.tolist() == list(range(12))  # more than one task has
+    np.testing.assert_array_equal(first.logits, second.logits)
 
 
 @pytest.mark.torch

@@ -101,6 +101,7 @@ def test_scores_of_known_posteriors():
     assert found.stated == pytest.approx(0.8)
     assert found.gap == pytest.approx(0.05)
     assert found.nll_interval[0] < found.nll < found.nll_interval[1]
+    assert found.gap_interval[0] < found.gap < found.gap_interval[1]
 
 
 def test_more_orders_of_the_same_objects_do_not_narrow_the_intervals():
