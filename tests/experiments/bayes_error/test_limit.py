@@ -34,7 +34,9 @@ def test_every_scene_has_the_estimator_its_images_ask_for(name):
 def test_images_of_few_taxels_in_colour_have_no_closed_form():
     scene = SCENES["coarse"].scene
     assert has_few_taxels(scene)
-    assert not has_few_taxels(replace(scene, renderer=GelSightRenderer()))
+    coloured = replace(scene, renderer=GelSightRenderer(), pad=replace(scene.pad, num_taxels=4))
+    assert coloured.image_shape == (4, 4, 3)
+    assert not has_few_taxels(coloured)
 
 
 def test_too_few_touches_and_unknown_scenes_are_refused(tmp_path):
