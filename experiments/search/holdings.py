@@ -102,7 +102,7 @@ class Holdings:
                 found = Selection(able, tuple(target for target in targets if target in some), least)
                 if found.size > best.size or (found.size == best.size and asked in found and asked not in best):
                     best = found
-        return asked if best in asked else best
+        return best
 
     def beyond(self, selection: Selection) -> dict[str, int]:
         """Number of searches outside of a selection, by decider."""
