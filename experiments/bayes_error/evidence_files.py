@@ -37,7 +37,6 @@ def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, numb
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # not there, or damaged: computed again
         pass
     *_, evidence = bank.evidence(touched, shape, number)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as temporary:
         np.savez(temporary, joint=evidence.joint, single=evidence.single)
     return shape, number, evidence

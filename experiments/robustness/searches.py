@@ -137,7 +137,7 @@ def _scores(
         worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
 
     if abstain is not None:
-        parts = [slice(first, None, SET_UPS) for first in range(min(SET_UPS, len(seeds)))]
+        parts = [slice(first, None, SET_UPS) for first in range(SET_UPS)]
         by_robot = search_in_turn(
             [worlds[part] for part in parts],
             Abstaining(decider, abstain, CONFIDENCE),

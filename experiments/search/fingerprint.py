@@ -157,7 +157,9 @@ def _rounded(values: NDArray[Any]) -> str:
     if values.dtype.kind != "f":
         return _sha256(values.tobytes()) if values.dtype.kind != "O" else _sha256(repr(values.tolist()))
     mantissa, exponent = np.frexp(values.astype(np.float64))
-    return _sha256(np.round(mantissa * 2.0**_BITS).tobytes() + exponent.tobytes())
+    rounded = np.round(mantissa * 2.0**_BITS)
+    up = np.abs(rounded) == 2.0**_BITS  # to a power of two, whose own mantissa is ½
+    return _sha256(np.where(up, rounded / 2, rounded).tobytes() + (exponent + up).tobytes())
 
 
 def _code_of(modules: Iterable[str]) -> list[list[Any]]:

@@ -93,13 +93,16 @@ class Holdings:
         deciders, targets = (list(dict.fromkeys(cell[place] for cell in counts)) for place in (0, 1))
         best = asked
         for least in sorted(set(counts.values()), reverse=True):
-            there = {d: {t for t in targets if counts.get((d, t), 0) >= least} for d in deciders}
+            there = {d: frozenset(t for t in targets if counts.get((d, t), 0) >= least) for d in deciders}
+            shared: dict[frozenset[str], None] = {}  # sets of targets that some deciders have in common
             for some in there.values():
+                shared |= dict.fromkeys([some, *(some & other for other in shared)])
+            for some in shared:
                 able = tuple(decider for decider in deciders if some <= there[decider])
                 found = Selection(able, tuple(target for target in targets if target in some), least)
                 if found.size > best.size or (found.size == best.size and asked in found and asked not in best):
                     best = found
-        return asked if best in asked else best
+        return best
 
     def beyond(self, selection: Selection) -> dict[str, int]:
         """Number of searches outside of a selection, by decider."""

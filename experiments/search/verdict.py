@@ -111,10 +111,7 @@ def _needed(difference: Difference, comparison: Comparison) -> str:
         if pairs.first_only + pairs.second_only == 0:
             return f"they differ in fewer than {100 * most:.2g} % of all searches (95 % confidence)"
         return "they succeed equally often, so the number of searches needed cannot be estimated"
-    more = max(needed - pairs.num_episodes, 0)
-    if more == 0:
-        return "twice as many searches would probably make the difference significant"
-    each = math.ceil(needed / len(comparison.targets))
+    more, each = needed - pairs.num_episodes, math.ceil(needed / len(comparison.targets))
     return (
         f"if the true difference is the observed {abs(pairs.difference):.2g}, about {_round(more)} more searches would "
         f"show it with a probability of {POWER:g} (--episodes {_round(each)})"

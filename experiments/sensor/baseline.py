@@ -65,9 +65,8 @@ def neighbour_guesses(known: Floats, known_shapes: Integers, test: Floats, num_n
     tree = KDTree(known / scale)
     last, _ = np.asarray(tree.query(test / scale, k=[min(num_neighbours, len(known))]))  # (m, 1)
     within = np.nextafter(last[:, 0] * (1 + 1e-12), np.inf)  # distances are computed twice, in different order
-    num_shapes = known_shapes.max() + 1
     voters = tree.query_ball_point(test / scale, within)
-    return np.array([np.bincount(known_shapes[rows], minlength=num_shapes).argmax() for rows in voters])
+    return np.array([np.bincount(known_shapes[rows]).argmax() for rows in voters])
 
 
 def cross_fitted_guesses(numbers: Floats, shapes: Integers, object_ids: Integers, num_folds: int = 5) -> Integers:

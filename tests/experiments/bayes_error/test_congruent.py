@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.dataset import CollectionPlan, TouchSet
 from activetouch.distributions import Constant, Normal, Uniform
 from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
@@ -20,7 +21,7 @@ from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
 from activetouch.shapes import EXTENDED_SHAPES, Box, Sphere
 from experiments.bayes_error.congruent import CongruentContacts, Faces, alignments, see, two_directions
-from experiments.bayes_error.congruent_bound import CongruentBound
+from experiments.bayes_error.congruent_bound import CongruentBound, _true_and_likeliest
 from experiments.bayes_error.limit import Limit
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import record
@@ -153,8 +154,39 @@ def test_the_command_compares_the_sensor_with_the_bound(tmp_path, capsys):
     assert found["flat_faced"] == ["cube", "cuboid", "wedge", "hexagonal_prism"]
     assert all(entry["value"] >= 0.0 for entry in found["bound"])
     assert set(found["by_shape"]) == set(found["flat_faced"])
+    for name in ("bound", "sensor"):
+        assert all(len(entry[name]) == 2 for entry in found["by_shape"].values())
+    # There is one object of each of 12 shapes, and the bound of those that are not flat-faced is 0.
+    by_shape = np.array([entry["bound"] for entry in found["by_shape"].values()])
+    np.testing.assert_allclose(by_shape.sum(axis=0) / 12, [entry["value"] for entry in found["bound"]])
     assert all(0.5 < entry["value"] <= 1.0 for entry in found["accuracy_bound"])
     assert "no reader below" in capsys.readouterr().out
+
+
+def test_each_touch_has_the_offset_and_the_force_of_its_object_and_pose():
+    """Offsets name object and pose, and the posterior is the share of each in their sum."""
+    objects, poses = np.repeat(np.arange(3), 4), np.tile(np.arange(4), 3)
+    named = np.stack([objects, poses], axis=1).astype(float)
+    test = TouchSet(
+        *(np.zeros((12, 1, 1), np.uint8), np.array([2, 5, 2])[objects], objects, poses, objects + poses / 10, objects),
+        rests=np.eye(4)[objects], sizes=1.0 + objects, offsets=named,
+    )  # fmt: skip
+
+    class Named:
+        scene, shapes = SimpleNamespace(poses=range(4)), {5: None, 2: None}
+
+        def log_posteriors(self, shape, rest, size, order, offsets, forces):
+            number = offsets[0, 0]
+            assert (shape, size, rest[int(number)]) == ((2, 5, 2)[int(number)], 1.0 + number, 1.0)
+            np.testing.assert_array_equal(offsets, [[number, pose] for pose in order])
+            np.testing.assert_allclose(forces, number + order / 10)
+            return np.log([[0.3, 0.7]] * len(order))
+
+    orders = np.array([[3, 0], [1, 2], [2, 3]])
+    some, found = _true_and_likeliest(Named(), test, np.array([2, 0, 1]), orders, range(4, 7))
+    assert some == range(4, 7)
+    true = [0.7, 0.7, 0.3]  # of objects 2, 0 and 1, in the order of the shapes
+    np.testing.assert_allclose(np.exp(found), [[[p, 0.7]] * 2 for p in true])
 
 
 def test_two_directions_of_faces_leave_the_rotations_of_a_body():

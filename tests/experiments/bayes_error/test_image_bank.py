@@ -116,6 +116,13 @@ def test_a_dead_taxel_says_nothing(rng):
     np.testing.assert_array_equal(noise.log_sum_likelihood(readings, means), noise.log_sum_likelihood(other, means))
 
 
+def test_gains_of_the_bank_are_those_of_the_fault(rng):
+    noise, ideals = SensorNoise.of((Gain(0.3), Noise(0.05)), 2), rng.uniform(0.1, 1.0, size=(4000, 2, 2))
+    gains = noise.sample_means(ideals, rng) / ideals.reshape(4000, 4)
+    np.testing.assert_allclose(gains, np.broadcast_to(gains[:, :1], gains.shape))  # one for each image
+    assert stats.kstest(gains[:, 0], stats.uniform(0.7, 0.6).cdf).pvalue > 1e-6
+
+
 @pytest.mark.parametrize(
     "faults",
     [

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from activetouch.data.dataset import CollectionPlan
 from activetouch.distributions import Constant
 from activetouch.errors import UnknownLikelihood
 from activetouch.named_scenes import SCENES
@@ -14,14 +15,17 @@ from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
 from activetouch.sensor import TactileSensor
 from experiments.bayes_error.body_bank import BodyBank, force_ratio
+from experiments.bayes_error.estimator import words
 from experiments.bayes_error.image_bank import SensorNoise, log_posterior
-from experiments.bayes_error.joint_bayes import JointBayes
+from experiments.bayes_error.joint_bayes import JointBayes, JointStudy
 from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.limit import Limit
 from experiments.bayes_error.sensor_evidence import sensor_evidence
-from experiments.bayes_error.touched_objects import TouchedObjects, press_objects, touch_orders
+from experiments.bayes_error.touched_objects import TouchedObjects, press_objects, recorded_objects, touch_orders
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
+from experiments.sensor.collect import collect
+from experiments.sensor_choice import WrongScene
 
 SCENE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
 FIXED = replace(SCENE, variation=Variation(offset=Constant(0.0), force=Constant(2.0)))
@@ -119,6 +123,22 @@ def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path,
     text = run(tmp_path)
     numbers = json.loads(text)
     assert [row["touches"] for row in numbers["readers"]["joint"]] == [1, 2, 6]
+    assert (numbers["objects"], numbers["bodies"], numbers["images_per_body_and_pose"]) == (8, 8, 4)
+    assert list(numbers["readers"]) == ["joint", "independent", "sensor"]
+    joint, independent, sensor = numbers["readers"].values()
+    for measure in ("accuracy", "nll", "stated_minus_accuracy"):  # of one touch
+        assert joint[0][measure]["value"] == pytest.approx(independent[0][measure]["value"], rel=1e-4)
+    for name, other in (("independent", independent), ("sensor", sensor)):
+        for row, ours, theirs in zip(numbers["differences"][name], joint, other, strict=True):
+            assert row["value"] == pytest.approx(theirs["nll"]["value"] - ours["nll"]["value"])
+    last = numbers["curve"][-1]  # the whole bank
+    assert last["bodies"] == 8
+    assert last["accuracy"] == pytest.approx([row["accuracy"]["value"] for row in joint])
+    assert last["nll"] == pytest.approx([row["nll"]["value"] for row in joint])
+    assert (
+        "After 6 touches the joint reader has accuracy " + words(joint[-1]["accuracy"])
+        in (tmp_path / "limit.md").read_text()
+    )
     assert "NLL minus that of the joint reader" in (tmp_path / "limit.md").read_text()
     kept = sorted((tmp_path / "evidence").iterdir())
     assert len(kept) == 4
@@ -126,9 +146,22 @@ def test_the_command_writes_what_it_found_and_goes_on_where_it_stopped(tmp_path,
     kept[1].write_bytes(b"damaged")
     assert run(tmp_path) == text
     assert sorted((tmp_path / "evidence").iterdir()) == kept
+    with monkeypatch.context() as patch:
+        patch.setattr(BodyBank, "evidence", None)  # whatever is kept is not computed again
+        assert run(tmp_path) == text
     monkeypatch.setattr("experiments.bayes_error.evidence_files.made_with", lambda: {"belief": "edited"})
     assert run(tmp_path) == text
     assert len(list((tmp_path / "evidence").iterdir())) == 8  # nothing of other code is taken over
+
+
+def test_recorded_objects_take_the_place_of_new_ones_if_they_are_of_the_scene(tmp_path):
+    collect(SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(0, 0, 2), tmp_path, jobs=1)
+    study = JointStudy(SCENE, (1,), 3, 1, tmp_path / "evidence")
+    recorded, new = (JointBayes(objects=2, data=data)._touched(study) for data in (tmp_path, None))
+    assert recorded.digest == recorded_objects(tmp_path, 3).digest
+    assert new.digest == press_objects(SCENE, 2, 3, jobs=1).digest != recorded.digest
+    with pytest.raises(WrongScene, match="no collection of this scene"):
+        JointBayes(data=tmp_path)._touched(replace(study, scene=SCENES["gel"].scene))
 
 
 @pytest.mark.parametrize("touches", [(7,), (0,)])

@@ -7,11 +7,13 @@ import pytest
 from scipy.spatial.distance import cdist
 from scipy.special import log_softmax
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.dataset import CollectionPlan, read_split
 from activetouch.errors import LabelMismatch
 from activetouch.named_scenes import SCENES
 from activetouch.perception.reader import Reading
 from activetouch.scene import Symmetry
+from activetouch.sensor import TactileSensor
+from experiments.bayes_error.estimator import LimitStudy
 from experiments.bayes_error.image_bank import symmetric_views
 from experiments.bayes_error.learned import LearnedBounds, nearest_of_first, read_views
 from experiments.bayes_error.limit import Limit
@@ -54,6 +56,7 @@ def test_views_are_averaged_in_log_probability(symmetry, rng):
     log_probs = log_softmax(np.stack([corners, np.zeros_like(corners)], axis=2), axis=2)
     np.testing.assert_allclose(found.logits, log_probs.mean(axis=1))
     np.testing.assert_allclose(found.features[:, 0], corners.mean(axis=1), rtol=1e-6)
+    np.testing.assert_array_equal(found.embeddings, found.features)
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,32 @@ def test_the_findings_are_written(collection, tmp_path):
         assert all(nearest <= upper <= 1.0 for nearest, upper in zip(seen["nearest"], seen["upper"], strict=True))
     assert numbers["learned_from"]["value"] > 0.5  # of shapes it was trained on, 1 in 12 by chance
     assert f"{numbers['classifier']['value']:.4f}" in (tmp_path / "limit.md").read_text()
+
+
+def test_the_bounds_are_those_of_the_readings(collection, tmp_path, rng, monkeypatch):
+    def reading(count):
+        return Reading(*(rng.normal(size=(count, width)).astype(np.float32) for width in (12, 5, 3)))
+
+    known, asked, turned = reading(288), reading(24), reading(24)
+    known, asked, turned = (some._replace(logits=log_softmax(some.logits, axis=1)) for some in (known, asked, turned))
+    readings = iter((known, asked, turned))
+    monkeypatch.setattr("experiments.bayes_error.learned.read_views", lambda *_: next(readings))
+    sensor = TactileSensor.shipped("many", SceneChoice("many", fidelity="quasistatic").named.scene, anyway=True)
+    study, shapes = LimitStudy(sensor, 24, 0, 1, tmp_path), np.arange(24) % 12
+    numbers = LearnedBounds(collection).measure(study).numbers
+    learned = read_split(collection, "train").shapes
+    assert numbers["classifier"]["value"] == np.mean(asked.logits.argmax(axis=1) == shapes)
+    assert numbers["all_views"]["value"] == np.mean(turned.logits.argmax(axis=1) == shapes)
+    assert numbers["learned_from"]["value"] == pytest.approx(np.mean(known.logits.argmax(axis=1) == learned))
+    gain = numbers["all_views"]["value"] - numbers["classifier"]["value"]
+    assert numbers["gain_of_views"]["value"] == pytest.approx(gain)
+    for seen, rows in (
+        ("probabilities", lambda some: np.sqrt(np.exp(some.logits))),
+        ("features", lambda s: s.features),
+    ):
+        for size, value in zip(numbers["sizes"], numbers["neighbours"][seen]["nearest"], strict=True):
+            nearest = cdist(rows(asked), rows(known)[:size]).argmin(axis=1)
+            assert value == np.mean(learned[nearest] == shapes)
 
 
 def test_a_collection_of_other_shapes_is_refused(collection, tmp_path):

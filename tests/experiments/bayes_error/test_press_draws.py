@@ -55,6 +55,12 @@ def test_draws_have_the_law_of_the_scene(rng):
     assert np.mean(counts == 1) > 0.95, "one force in each stratum, up to the sample's error"
 
 
+def test_the_two_offsets_of_a_press_do_not_go_together(rng):
+    sampler = PressSampler(SCENE.variation, 1, 1)
+    drawn = np.concatenate([sampler.sample(rng).offsets for _ in range(2000)])
+    assert abs(np.corrcoef(drawn.T)[0, 1]) < 5 / np.sqrt(2000)  # fails once in a million
+
+
 def test_what_does_not_vary_is_drawn_as_it_is(rng):
     fixed = Variation(offset=Constant(0.001), force=Constant(2.0))
     draws = PressSampler(fixed, 3, 2).sample(rng)

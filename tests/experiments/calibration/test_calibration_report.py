@@ -4,17 +4,20 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from activetouch.sensor_files import MODELS
-from belief.calibration import TemperatureScaling
+from belief.calibration import PerPose, TemperatureScaling
+from belief.cross_validation import object_folds
 from belief.metrics import CalibrationError, StopScore, calibration_at_stop
 from belief.observation_model import RatioModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration.calibration_report import CalibrationReport, NoRepeats
+from experiments.calibration.measurements import Measurements
 from experiments.calibration.models import Fused, ModelScores, StopScores, free_weights, score_model
 from experiments.calibration.orientation import rank_tests
 from experiments.calibration.sequences import KINDS, Rounds, stops
@@ -214,6 +217,71 @@ def test_raw_overconfidence_shows_and_calibration_takes_it_away(rng):
     )  # the mean of its parts, up to which side of an edge counts
 
 
+def test_a_touch_misses_its_target_by_the_larger_excess(rng):
+    single = score_touches(
+        RAW, *(world(rng, 40, 2, 0.0).singles() for _ in range(2)), (("a", "b"), tuple("pqr")), rng, 5
+    )
+
+    def judged(error, high):
+        of_shape = replace(single.report.ece_classwise, value=error)
+        report = replace(single.report, ece_classwise=of_shape)
+        return judge_touches(replace(single, report=report, classwise=(error, 0.0, high)))
+
+    assert judged(0.015, 0.024).missed_by == pytest.approx(-0.001)
+    assert judged(0.015, 0.02).missed_by == pytest.approx(-0.005)
+    assert judged(0.03, 0.02).missed_by == pytest.approx(0.01)
+    assert judged(0.015, 0.04).missed_by == pytest.approx(0.015)
+    assert [judged(error, 0.0).holds for error in (0.02, 0.0201)] == [True, False]
+
+
+def test_scores_by_pose_and_shape_are_those_of_their_touches(rng):
+    known, test = (world(rng, 60, 2, 0.0).singles() for _ in range(2))
+    found = score_touches(RAW, known, test, (("a", "b"), tuple("pqr")), rng, 5)
+    probs = np.exp(test.batch.logits[:, 0])
+    probs /= probs.sum(axis=1, keepdims=True)
+    right, loss = probs.argmax(axis=1) == test.shapes, -np.log(probs[np.arange(len(probs)), test.shapes])
+    parts = [(found.poses, "pqr", test.batch.poses[:, 0]), (found.shapes, "ab", test.shapes)]
+    for scored, names, which in parts:
+        for number, name in enumerate(names):
+            assert scored[name].accuracy == right[which == number].mean()
+            assert scored[name].nll == pytest.approx(loss[which == number].mean())
+
+
+def test_posteriors_are_given_after_each_touch_from_the_first(rng):
+    model = RatioModel(("a", "b"), TemperatureScaling(1.0, "ok"), np.full(2, 0.5), 0.0, np.zeros((P, 1, 2)))
+    sequences = world(rng, 20, 2, 0.0).distinct_poses(rng)
+    log_probs = sequences.log_posteriors(model)
+    total = np.cumsum(sequences.batch.logits, axis=1)  # of independent touches
+    np.testing.assert_allclose(log_probs, total - np.logaddexp.reduce(total, axis=2, keepdims=True), atol=1e-9)
+
+
+def test_the_choice_of_a_report_is_the_least_cross_validated_loss():
+    models = [ModelScores(name, loss, {}, {}) for name, loss in (("a", 0.3), ("b", 0.1), ("c", 0.2), ("d", None))]
+    touches = [SimpleNamespace(name=name, cross_validated_nll=loss)
+               for name, loss in ((RAW, None), ("temperature", 0.0), ("vector", 0.4))]  # fmt: skip
+    found = Measurements("", 0, 0.95, {}, 1, touches, models, 0.0, {})
+    assert (found.model.name, found.calibration.name, found.raw.name) == ("b", "temperature", RAW)
+
+
+def test_a_calibration_by_pose_is_fitted_to_each_and_scored_on_objects_it_never_saw(rng):
+    known = world(rng, 100, 2, 0.0)
+    known = replace(known, logits=known.logits * np.array([0.3, 1.0, 3.0])[:, None]).singles()
+    predict, loss = CALIBRATION_FITS["structured_matrix, by pose"](known)
+    logits, poses, shapes = known.batch.logits[:, 0], known.batch.poses[:, 0], known.shapes
+    folds, losses = object_folds(shapes, known.object_ids, 5), np.zeros(len(shapes))
+    for n in range(len(shapes)):
+        others = folds != folds[n]
+        assert known.object_ids[n] not in known.object_ids[others]
+    for fold in range(5):
+        rest = folds != fold
+        fitted = PerPose().fit(logits[rest], shapes[rest], poses[rest], P)
+        probs = fitted.predict_proba(logits[~rest], poses[~rest])
+        losses[~rest] = -np.log(probs[np.arange(len(probs)), shapes[~rest]])
+    assert loss == pytest.approx(losses.mean())
+    np.testing.assert_allclose(predict(known), PerPose().fit(logits, shapes, poses, P).predict_proba(logits, poses))
+    assert loss < CALIBRATION_FITS["structured_matrix"](known)[1]  # poses differ by a factor of ten
+
+
 @pytest.mark.parametrize("name", list(CALIBRATION_FITS))
 def test_every_calibration_can_be_scored(name, rng):
     known, test = (world(rng, 40, 2, 0.0).singles() for _ in range(2))
@@ -238,7 +306,8 @@ def test_a_weight_that_no_likelihood_bounds_has_no_interval(rng):
     right = np.where((np.arange(40) % K == 0)[:, None, None, None], [1.0, -1.0], [-1.0, 1.0])
     for sign, told in ((1.0, "≥ 2.000"), (-1.0, "≤ 0.000")):
         sequences = Rounds(sign * np.tile(right, (1, R, P, 1)), np.arange(40) % K).one_pose(rng)
-        weight = free_weights(model, sequences)[0]
+        weight, *others = free_weights(model, sequences)
+        assert [one.num_touches for one in others] == [2, 3, 4]
         assert (weight.low, weight.high, weight.words) == (None, None, told)
 
 

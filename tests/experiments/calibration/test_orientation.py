@@ -77,6 +77,16 @@ def test_a_truth_beyond_all_hypotheses_has_the_rank_one_and_is_counted(rng):
     assert Ranks.of(np.array(ranks)).counts == (*[0] * 19, 50)
 
 
+def test_a_constant_in_all_log_weights_changes_no_rank(rng):
+    rotations, sizes, logs = to_matrices(quaternions(N)), rng.uniform(0.9, 1.1, N), rng.normal(size=N)
+    found = [
+        list(_ranks(logs + constant, rotations, sizes, (rotations[3], 1.0), np.random.default_rng(0)).values())
+        for constant in (0.0, -5000.0, 5000.0)
+    ]
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, atol=1e-9)
+    assert 0.0 < min(found[0]) < max(found[0]) < 1.0
+
+
 def test_ranks_follow_from_the_generator():
     first, second = (all_tests(np.random.default_rng(3), objects=20) for _ in range(2))
     assert first == second

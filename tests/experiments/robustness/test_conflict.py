@@ -29,6 +29,17 @@ def test_wealth_of_all_objects_of_a_stream_counts():
     assert (found["fired"][0], found["touches"], found["quiet"]) == (1.0, 8.0, None)
 
 
+def test_a_stream_touches_each_object_until_its_stop_and_no_further():
+    wealth = np.zeros((2 * STREAM, P, J))
+    wealth[:, 1:] = 99.0  # after the stop
+    once = Stops(np.arange(2 * STREAM), np.full(2 * STREAM, 0.96), np.ones(2 * STREAM, bool), np.ones(2 * STREAM, int))
+    found = stream_scores(wealth, once, seed=0)
+    assert (found["streams"], found["fired"][0], found["quiet"]["number"]) == (2, 0.0, 2 * STREAM)
+    never = Stops(*(some[:0] for some in (once.sequences, once.claims, once.correct, once.num_touches)))
+    found = stream_scores(wealth, never, seed=0)  # all poses
+    assert (found["streams"], found["fired"][0], found["touches"]) == (2 * P, 1.0, 2.0)
+
+
 def test_fewer_touches_than_a_stream_give_no_figures():
     found = stream_scores(np.zeros((3, P, J)), stops_of(3), seed=0)
     assert (found["streams"], found["fired"], found["quiet"]) == (0, None, None)

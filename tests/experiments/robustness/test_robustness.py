@@ -2,25 +2,30 @@
 
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from activetouch import SCENES, Quasistatic, TactileSensor
-from activetouch.distributions import Uniform
+from activetouch.distributions import Constant, Uniform
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
+from activetouch.rendering.faults import faults_of
 from activetouch.sensor_files import MODELS, load_observation_model
+from belief import Belief, Confirm, Probe, Reject, Touch, Unsure
 from belief.errors import UnknownName
+from belief.statistics import clopper_pearson_interval
+from experiments.reporting.tables import interval
 from experiments.robustness import shifted_touches
-from experiments.robustness.conditions import CONDITIONS
+from experiments.robustness.conditions import CONDITIONS, DoesNotApply, _together
 from experiments.robustness.report import robustness_tables
 from experiments.robustness.robustness import Robustness, condition_scores, out_of_distribution
-from experiments.robustness.searches import confidence_at_stops, search_scores
+from experiments.robustness.searches import _abstention, confidence_at_stops, search_scores
 from experiments.robustness.shifted_touches import (
     AS_TRAINED,
     ClassifierOutputs,
@@ -31,6 +36,7 @@ from experiments.robustness.shifted_touches import (
     quantity_rng,
 )
 from experiments.scene_choice import SceneChoice
+from planners import Decision, Episode, Outcome, Step
 
 COARSE = replace(SCENES["coarse"].scene, press_model=Quasistatic())
 
@@ -49,6 +55,31 @@ def measured(sensor, scenes, num_objects=4):
     return outputs, {
         name: condition_scores(some, trained, {"ratio": sensor.model}, seed=5) for name, some in outputs.items()
     }
+
+
+def test_conditions_change_what_they_say_by_as_much_as_they_say():
+    for name in ("coarse", "gel", "hard"):
+        scene = SCENES[name].scene
+        [noise] = faults_of(Noise, scene.faults)
+        for factor in (1.5, 2, 3, 4, 6):
+            found, louder = CONDITIONS[f"noise × {factor:g}"](scene), Noise(factor * noise.std)
+            assert found == replace(scene, faults=tuple(louder if fault is noise else fault for fault in scene.faults))
+        old = sum(fault.share for fault in faults_of(DeadTaxels, scene.faults))
+        for words, share in (("5 % more dead", 0.05), ("19 % more dead", 3 / 16), ("all taxels dead", 1.0)):
+            faults = CONDITIONS[words](scene).faults
+            [dead] = faults_of(DeadTaxels, faults)
+            assert dead.share == pytest.approx(min(old + share, 1.0))
+            rest = [fault for fault in scene.faults if not isinstance(fault, DeadTaxels)]
+            assert [fault for fault in faults if fault is not dead] == rest
+        together, force = CONDITIONS["all of these"](scene), scene.variation.force.support
+        assert together.variation.force.support == pytest.approx((0.7 * force[0], 1.3 * force[1]))
+        assert together.variation.size.support == (0.75, 1.25)
+        assert faults_of(Noise, together.faults)[0].std == pytest.approx(1.5 * noise.std)
+    with pytest.raises(DoesNotApply, match="no range"):
+        CONDITIONS["larger by ≤ 15 %"](replace(COARSE, variation=replace(COARSE.variation, size=Constant(1.0))))
+    nothing = _together(CONDITIONS["noise × 2"], CONDITIONS["4 bits"])
+    with pytest.raises(DoesNotApply, match="no noise"):
+        nothing(SCENES["paper"].scene)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -269,6 +300,16 @@ def test_no_two_parts_of_a_touch_share_their_chance(monkeypatch):
 
 
 @pytest.mark.torch
+def test_every_object_is_touched_in_whatever_order_the_presses_finish(sensor, monkeypatch):
+    shifted = {"here": ShiftedScene(COARSE, 3)}
+    first = measure_touches(sensor, shifted, seed=5, jobs=1)["here"]
+    monkeypatch.setattr(shifted_touches, "run_tasks", lambda tasks, *_: [task() for task in reversed(tasks)])
+    second = measure_touches(sensor, shifted, seed=5, jobs=1)["here"]
+    assert first.numbers.tolist() == second.numbers.tolist() == list(range(12))  # more than one task has
+    np.testing.assert_array_equal(first.logits, second.logits)
+
+
+@pytest.mark.torch
 def test_another_stream_has_other_objects(sensor):
     outputs = measure_touches(
         sensor, {"here": ShiftedScene(COARSE, 2), "there": ShiftedScene(COARSE, 2, stream=1)}, seed=5, jobs=1
@@ -302,6 +343,106 @@ def test_what_lies_apart_is_told_apart_and_what_is_alike_is_not(model):
     for row in apart.values():
         assert all(score[unit][0] == 1.0 for score in row["auroc"].values() for unit in ("touch", "object"))
     assert [row["taken_for"] for row in apart.values()][:3] == ["a", "b", "c"]
+
+
+def test_strangers_are_tested_in_every_pose_once_and_alarms_are_counted_of_each_shape(model, monkeypatch):
+    """The test says its e-value: that of a stranger grows with every touch, from 1 for shape x to 9 for shape z."""
+    asked = []
+
+    def tested(_, touches):
+        asked.append(np.asarray(touches.poses))
+        grows = np.arange(len(touches)) % 3 * (len(asked) - 1.0)  # of the second only, which are strangers
+        wealth = np.multiply.outer(np.outer(grows, np.arange(1, 5)), np.ones(2))
+        return wealth, wealth[..., 0]
+
+    monkeypatch.setattr("experiments.robustness.robustness.tested", tested)
+    model = replace(model, shape_labels=("a", "b", "c"), probs=np.full((4, 3, 3), 1 / 3), confidence_edges=())
+    fit, known, novel = (clouds(np.random.default_rng(0), 30) for _ in range(3))
+    found = out_of_distribution(fit, known, novel, model, ("x", "y", "z"))
+    assert len(asked) == 2
+    assert all((np.sort(poses, axis=1) == np.arange(4)).all() for poses in asked)
+    assert all(len(np.unique(poses, axis=0)) > 5 for poses in asked)
+    # The threshold is log(50) = 3.91: z reaches 4 with the second touch, y with the fourth.
+    rates = {label: [found[label]["after"][n]["alarms"][0] for n in "13"] for label in found}
+    assert rates == {"x": [0.0, 0.0], "y": [0.0, 0.0], "z": [0.0, 1.0], "all": [0.0, pytest.approx(1 / 3)]}
+    assert {found[label]["after"][n]["false_alarms"][0] for label in found for n in "13"} == {0.0}
+    told = {label: found[label]["after"]["1"]["auroc"]["conflict"][0] for label in found}
+    assert told == {"x": 0.5, "y": 1.0, "z": 1.0, "all": pytest.approx(5 / 6)}
+
+
+def episode(outcome, success=False, reason=None, stated=0.9, touched=2):
+    target = 0 if success or outcome is not Outcome.CONFIRMED else 1
+    action = {Outcome.CONFIRMED: Confirm(), Outcome.UNSURE: Unsure(), Outcome.EXHAUSTED: Reject()}[outcome]
+    belief = Belief.from_probs(("a", "b"), (0.9, 0.1))
+    steps = [Step(0, belief, Decision(Probe(0)), Touch(0, np.zeros(2)))] * touched
+    last = Step(0, belief, Decision(action, {"answer_prob": stated} | ({} if reason is None else {reason: 1.0})), None)
+    return Episode((0, target, 0), target, (0,), (*steps, last), outcome)
+
+
+def test_what_robots_that_may_be_unsure_did_is_counted():
+    right, wrong = episode(Outcome.CONFIRMED, True, stated=0.97), episode(Outcome.CONFIRMED, stated=0.95, touched=4)
+    doubt, alarm = (episode(Outcome.UNSURE, reason=reason) for reason in ("is_doubtful", "is_conflict"))
+    found = _abstention([[right, doubt, alarm, alarm], [right, wrong, right, right], [alarm, right, right, right]])
+    assert (found["alarms"], found["searches_to_alarm"]) == (2, 2.0)  # in the third search, and in the first
+    assert (found["wrong"][0], found["unsure"][0]) == (pytest.approx(1 / 12), pytest.approx(4 / 12))
+    sure = found["sure"]
+    assert (sure["number"], sure["achieved"]) == (8, 7 / 8)
+    assert sure["stated"] == pytest.approx((7 * 0.97 + 0.95) / 8)
+    assert sure["touches"] == pytest.approx((7 * 2 + 4) / 8)
+    for share, low, high in (found["wrong"], found["unsure"]):
+        least, most = clopper_pearson_interval(round(12 * share), 12)
+        assert low <= least
+        assert high >= most
+    for events, name in (([[doubt] * 3] * 2, "unsure"), ([[wrong] * 3] * 2, "wrong")):  # always: no point
+        assert _abstention(events)[name] == [1.0, *clopper_pearson_interval(6, 6)]
+    assert _abstention([[doubt]])["sure"] is None
+    assert _abstention([[doubt]])["searches_to_alarm"] is None
+
+
+RECORDS = Path(__file__).parents[3] / "docs" / "robustness"
+
+
+@pytest.mark.parametrize("name", ["coarse", "hard", "paper"])
+def test_the_tables_hold_the_numbers_of_the_record(name):
+    numbers = json.loads((RECORDS / f"{name}.json").read_text())
+    tables = {table.title.split(": ")[-1].split(" (")[0]: table for table in robustness_tables(numbers)}
+    first, *_ = models = list(numbers["conditions"][AS_TRAINED]["models"])
+    for title, part in (("stated confidence and accuracy at the stop", "stops"), (None, "searches")):
+        title = title or next((one for one in tables if "live searches by" in one), None)
+        if title is None:
+            continue
+        table = tables[title]
+        gaps = dict.fromkeys(models, (0.0, 0.0))
+        for (condition, row), cells in zip(numbers["conditions"].items(), table.rows, strict=True):
+            assert cells[0] == condition
+            for place, model in enumerate(models):
+                ends = row["models"][model].get(part)
+                told = cells[4 * place + 2 : 4 * place + 5]
+                if ends is None:
+                    assert told == (None, None, None)
+                    continue
+                assert told == (ends["touches"], ends["stated"], ends["achieved"])
+                right = ends["success"] if part == "searches" else row["models"][model]["fused_accuracy"]
+                assert cells[4 * place + 1].startswith(f"{right:.3f} [")
+                if ends["stated"] is not None and not row["is_chance"]:
+                    gap = ends["stated"] - ends["achieved"]
+                    gaps[model] = max(gaps[model], (abs(gap), gap))
+        for model, (_, gap) in gaps.items():
+            assert f"Largest gap of {model}: {gap:+.3f} (" in table.note
+    if any(own["conflict"] for own in numbers["conditions"][AS_TRAINED]["models"].values()):
+        fires = tables[next(one for one in tables if "streams of" in one)]
+        for (condition, row), cells in zip(numbers["conditions"].items(), fires.rows, strict=True):
+            found = row["models"][first]["conflict"]
+            quiet = found["quiet"] or {"stated": None, "achieved": None}
+            rate = None if found["fired"] is None else interval(*found["fired"])
+            assert cells[:5] == (condition, rate, found["touches"], quiet["stated"], quiet["achieved"])
+    if numbers["unseen"]:
+        told = tables["AUROC of strangers after several touches of an object"]
+        for (label, row), cells in zip(numbers["unseen"].items(), told.rows, strict=True):
+            by_score = [row["after"][n]["auroc"][score] for score in row["after"]["1"]["auroc"] for n in row["after"]]
+            assert cells[:-1] == (label, *(value for value, _, _ in by_score))
+    among = next((table for title, table in tables.items() if "among strangers" in title), None)
+    assert (among is None) == (not numbers["among_strangers"])
 
 
 @pytest.mark.torch

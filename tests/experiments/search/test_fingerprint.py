@@ -108,6 +108,15 @@ class Plain:
         self.value = value
 
 
+class Slotted:
+    """An object without a dictionary."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value):
+        self.value = value
+
+
 @pytest.mark.parametrize(
     ("one", "other"),
     [
@@ -117,6 +126,7 @@ class Plain:
         ),
         (SequentialDecider(PosteriorThresholds(), FixedOrder()), SequentialDecider(ThresholdRule(), FixedOrder())),
         (Plain(Plain(1)), Plain(Plain(2))),
+        (Slotted(1), Slotted(2)),
         (1, True),
         (1, "1"),
         (0.99, 0.991),
@@ -144,8 +154,10 @@ def test_what_it_keeps_for_itself_and_who_holds_itself_do_not_matter():
 
 
 def test_numbers_that_differ_in_the_last_bits_as_processors_do_are_the_same():
-    table = np.array([0.1, 0.2, 0.7])
-    assert fingerprint(Settings(table)) == fingerprint(Settings(np.nextafter(table, 1.0)))
+    for table in (np.array([0.1, 0.2, 0.7]), np.array([1.0, -0.5, 4.0])):  # also below a power of two
+        for towards in (-np.inf, np.inf):
+            assert fingerprint(Settings(table)) == fingerprint(Settings(np.nextafter(table, towards)))
+        assert fingerprint(Settings(table)) != fingerprint(Settings(table * (1.0 - 1e-11)))
 
 
 def test_another_process_finds_the_same_digest():
@@ -164,3 +176,27 @@ def test_the_files_of_a_folder_count_by_content_wherever_it_lies(tmp_path):
         (tmp_path / name / "policy").write_text(text)
     a, b, c = (fingerprint(Settings(tmp_path / name)) for name in "abc")
     assert a == b != c
+
+
+class Reads:
+    """An object that reads one file for each target."""
+
+    def __init__(self, folder):
+        self.folder = folder
+
+    def files(self, target):
+        assert target is not None, "asked for a target only"
+        return [self.folder / f"{target}.policy"]
+
+
+def test_of_the_files_of_an_object_only_those_of_the_target_count(tmp_path):
+    for name in ("cone", "cube"):
+        (tmp_path / f"{name}.policy").write_text(name)
+
+    def digests():
+        return [fingerprint(Reads(tmp_path), target) for target in ("cone", "cube", None)]
+
+    cone, cube, none = digests()
+    assert len({cone, cube, none}) == 3
+    (tmp_path / "cube.policy").write_text("trained again")
+    assert [old == new for old, new in zip((cone, cube, none), digests(), strict=True)] == [True, False, True]

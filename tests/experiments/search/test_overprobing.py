@@ -38,6 +38,13 @@ def test_touches_after_certainty_are_counted_object_by_object():
     assert found.went_on[1] < 0.5 < found.went_on[2]
 
 
+def test_one_touch_after_certainty_is_going_on():
+    once = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Probe(1)), (0, 0.99, Confirm())])
+    none = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Confirm())])
+    found = overprobing("me", [once, none, none], 0.95)
+    assert (found.late_touches, found.went_on[0]) == (pytest.approx(1 / 3), pytest.approx(1 / 3))
+
+
 def test_a_search_cut_off_after_certainty_decided_nothing_and_counts_as_wrong():
     cut = episode((0, 1), [(0, 0.5, Probe(0)), (0, 0.99, Probe(0))], Outcome.TRUNCATED)
     assert overprobing("me", [cut], 0.95).wrong[0] == 1.0

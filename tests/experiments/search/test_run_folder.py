@@ -3,6 +3,7 @@
 import errno
 import subprocess
 import sys
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,9 @@ import pytest
 from belief.errors import CannotWrite, CorruptFile
 from belief.files import atomic_path, sealed_json, write_text
 from experiments.command_line.arguments import BadArgument
+from experiments.search.holdings import Holdings, Selection
 from experiments.search.merge import Conflict, Merge, merge
-from experiments.search.run_folder import RunFolder, RunMismatch, Seconds, Shard, ShardKey
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder, RunMismatch, Seconds, Shard, ShardKey
 
 ROOT = Path(__file__).parents[3]
 KEY = ShardKey("threshold", "hex-nut", 3)
@@ -278,6 +280,77 @@ def test_a_partly_filled_shard_is_one_and_a_fuller_one_takes_its_place(tmp_path)
     assert RunFolder(tmp_path / "c").read(KEY) == SHARD
 
 
+def test_one_search_is_a_shard_and_the_bound_is_one_line(tmp_path):
+    bound = ShardKey(BOUND, "t", 0)
+    folder = a_run(tmp_path, [KEY, bound], shard=Shard(LINES[:1], TIME, "v1"))
+    assert folder.read(KEY).lines == LINES[:1]
+    assert not folder.has(KEY)
+    assert folder.has(bound)
+    for key, lines in ((bound, LINES[:2]), (KEY, [*LINES, LINES[0]]), (KEY, [])):  # too many, or none
+        folder.write(key, Shard(lines, TIME, "v1"))
+        assert folder.read(key) is None
+
+
+def holdings(counts, oracle):
+    found = {(d, t): [Shard(LINES[:1] * num, TIME, "v1")] for (d, t), num in counts.items() if num}
+    return Holdings(found | {(ORACLE, t): [Shard(LINES[:1] * num, TIME, "v1")] for t, num in oracle.items() if num})
+
+
+def test_the_largest_selection_is_the_largest_of_all_that_are_complete(rng):
+    for _ in range(200):
+        counts = {(d, t): int(rng.integers(4)) for d in "xyz" for t in "abcd"}
+        oracle = {t: int(rng.integers(2, 4)) for t in "abcd"}
+        known = {cell: num for cell, num in counts.items() if 0 < num <= oracle[cell[1]]}
+        sizes = [
+            num * len(some) * sum(all(known.get((d, t), 0) >= num for t in some) for d in "xyz")
+            for num in (1, 2, 3)
+            for length in range(1, 5)
+            for some in combinations("abcd", length)
+        ]
+        if not known:
+            continue
+        (decider, target), num = next(iter(known.items()))
+        asked = Selection((decider,), (target,), num)
+        found = holdings(counts, oracle).largest(asked)
+        assert found.size == max(sizes)
+        assert all(known[d, t] >= found.episodes for d in found.deciders for t in found.targets)
+        beyond = holdings(counts, oracle).beyond(found)
+        assert sum(beyond.values()) == sum(counts.values()) - found.size
+        assert all(num > 0 for num in beyond.values())
+
+
+def test_deciders_of_different_targets_are_compared_on_those_they_share():
+    counts = dict.fromkeys([("x", "a"), ("x", "b"), ("x", "c"), ("y", "a"), ("y", "b"), ("y", "d")], 5)
+    found = holdings(counts, dict.fromkeys("abcd", 5)).largest(Selection(("x",), ("a",), 5))
+    assert found == Selection(("x", "y"), ("a", "b"), 5)
+
+
+def test_of_what_is_as_large_the_order_that_was_asked_for_is_kept():
+    asked = Selection(("y", "x"), ("b", "a"), 2)
+    counts = {(d, t): 2 for d in "xy" for t in "ab"}
+    assert holdings(counts, {"a": 2, "b": 2}).largest(asked) == asked
+
+
+def test_shards_count_up_to_the_first_that_is_missing_short_or_of_another_version(tmp_path):
+    bound, full, short = ShardKey(BOUND, "t", 0), Shard(LINES, TIME, "v1"), Shard(LINES[:3], TIME, "v1")
+
+    def held(*shards):
+        folder = RunFolder(tmp_path / str(len(list(tmp_path.iterdir()))))
+        for number, shard in enumerate(shards):
+            if shard is not None:
+                folder.write(ShardKey("x", "t", number), shard)
+        folder.write(bound, Shard(LINES[:1], TIME, "v1"))
+        folder.write(ShardKey(BOUND, "t", 1), Shard(LINES[:1], TIME, "v1"))
+        found = Holdings.of(folder, {"x": {"t": "v1"}, BOUND: {"t": "v1"}})
+        assert len(found.lines((BOUND, "t"))) == 1
+        return found.counts().get(("x", "t"))
+
+    assert held(full, full, short, full) == 53
+    assert held(full, None, full) == 25
+    assert held(full, Shard(LINES, TIME, "v2"), full) == 25
+    assert held(None, full) is None
+
+
 def test_shards_of_an_earlier_version_are_kept_out_of_what_the_folder_holds(tmp_path):
     folder = a_run(tmp_path)
     folder.open({"seed": 1}, {}, {"threshold": {"hex-nut": "v2"}})
@@ -291,6 +364,15 @@ def test_folders_of_two_versions_of_a_decider_are_not_merged(tmp_path):
     with pytest.raises(Conflict, match="threshold for hex-nut that another version"):
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "c")
     assert not (tmp_path / "c").exists()
+
+
+def test_a_merge_says_what_it_holds_and_how_to_report_on_it(tmp_path, capsys):
+    a_run(tmp_path / "a", [ShardKey("x", "t", 0), ShardKey("x", "u", 0), ShardKey(ORACLE, "t", 0)])
+    a_run(tmp_path / "b", [ShardKey("x", "t", 1), ShardKey("y", "t", 0)])
+    Merge((tmp_path / "a", tmp_path / "b"), tmp_path / "c").run()
+    x, y, *_ = capsys.readouterr().out.splitlines()
+    assert x == f"x: {3 * len(LINES)} episodes of t, u"
+    assert y == f"y: {len(LINES)} episodes of t"
 
 
 def test_merging_nothing_is_a_clear_error(tmp_path):

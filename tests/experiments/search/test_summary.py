@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
-from belief.statistics import clopper_pearson_interval, wilson_interval
+from belief.statistics import clopper_pearson_interval, mcnemar_test, wilson_interval
 from belief.statistics.power import episodes_for_success
 from experiments.reporting.tables import Table
 from experiments.search.cards import cards
@@ -225,6 +225,55 @@ def test_an_open_result_says_how_many_searches_would_settle_it(rng):
     assert any(word in told for word in ("probably", "possibly", "certainly"))
 
 
+def test_a_difference_that_is_not_significant_always_needs_more_searches():
+    # The observed difference would be found with 80 % power, so it lies well beyond what is just significant.
+    for number in (4, 5, 6, 7, 8, 12, 20, 31):
+        for first in range(number + 1):
+            for second in range(min(first, number - first + 1)):
+                both = [True] * (number - first - second)
+                pairs = mcnemar_test([True] * first + [False] * second + both, [False] * first + [True] * second + both)
+                for others in (1, 3, 10):
+                    needed = episodes_for_success(pairs, 0.05 / others)
+                    assert needed > number or others * pairs.mid_p_value < 0.05
+
+
+def test_deciders_that_succeed_equally_often_on_different_searches_are_not_extrapolated(rng):
+    right, wrong = search("tc"), search("rc")
+    x, y = [right] * 18 + [wrong] * 2 + [right] * 2, [right] * 18 + [right] * 2 + [wrong] * 2
+    told = " ".join(verdict_sentences(compared({"x": x, "y": y}, rng)))
+    assert (
+        "y and x do not differ significantly in success: of 22 episodes, 2 succeed only with y and 2 only with x"
+        in told
+    )
+    assert "they succeed equally often, so the number of searches needed cannot be estimated" in told
+
+
+def test_touches_are_compared_if_their_difference_is_certain(rng):
+    few, many, either = [search("tc")] * 40, [search("tttc")] * 40, [search("tc"), search("tttc")] * 20
+    told = " ".join(verdict_sentences(compared({"few": few, "many": many, "same": few}, rng)))
+    assert "many takes 2.00 touches more than few [+2.00, +2.00]." in told
+    assert "They do not differ significantly in touches (+0.00 [+0.00, +0.00])." in told
+    told = " ".join(verdict_sentences(compared({"many": many, "either": either}, rng)))
+    assert "either takes 1.00 touches fewer than many [-1." in told
+
+
+def test_cards_say_what_was_stated_and_achieved(rng):
+    right, wrong = search("tc", claim=0.95), search("rc", claim=0.95)
+    some = {
+        "fits": [right] * 19 + [wrong],
+        "boasts": [wrong] * 20,
+        "doubts": [search("tc", claim=0.5)] * 20,
+        "silent": [search("rr", outcome=Outcome.EXHAUSTED)] * 20,
+    }
+    told = {card.name: card.stated for card in cards(compared(some, rng))}
+    assert told == {
+        "fits": "as stated: 0.950 right, 0.950 stated",
+        "boasts": "overconfident: 0.000 right, 0.950 stated",
+        "doubts": "underconfident: 1.000 right, 0.500 stated",
+        "silent": "never confirmed",
+    }
+
+
 def test_deciders_that_never_differ_are_bounded_not_extrapolated(rng):
     same = [search("tc")] * 100
     told = " ".join(verdict_sentences(compared({"x": same, "y": same}, rng)))
@@ -254,6 +303,7 @@ def test_one_decider_alone_is_told_without_a_contest(rng):
     told = verdict_sentences(compared({"only": [search("tc")] * 10}, rng))
     assert told[0].startswith("only succeeds in 1.000")
     assert "best" not in " ".join(told)
+    assert [card.rank for card in cards(compared({"only": [search("tc")] * 40}, rng))] == [""]
 
 
 def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
@@ -268,6 +318,44 @@ def test_every_table_has_as_many_values_as_headings_and_reads_back_exactly(rng):
         assert all(None not in row and None not in row.values() for row in rows), table.name
     [row, *_] = csv.DictReader(io.StringIO(comparison_tables(comparison)[0].csv()))
     assert float(row["95 % low"]) == wilson_interval(7, 8)[0]
+
+
+def test_every_table_has_the_numbers_of_the_comparison(rng):
+    right, wrong = search("ttc", claim=0.97), search("rc", claim=0.97)
+    none = search("rtr", outcome=Outcome.EXHAUSTED)
+    cut = search("tttt", outcome=Outcome.TRUNCATED)
+    some = {"x": [right] * 18 + [wrong, wrong, none, cut], "y": [none] * 22}
+    found = compared(some, rng, solved=(True, False))
+    told = {table.name: table for table in comparison_tables(found)}
+    low, high = wilson_interval(18, 22)
+    x = (22, 18 / 22, (low, high), 2, 1, 1, pytest.approx(41 / 22), 2, 2, 4)
+    y = (22, 0.0, wilson_interval(0, 22), 0, 22, 0, 1.0, 1, 1, 1)
+    expected = [(name, target, *row) for name, row in (("x", x), ("y", y)) for target in ("a", "all")]
+    assert [tuple(row) for row in told["results"].rows] == expected
+    [row], d = told["differences"].rows, found.differences["y"]
+    assert row == (
+        *("y", d.success[0], d.success[1:], 0, 18, d.p_value, d.episodes_for_success),
+        *(d.touches[0], d.touches[1:], d.reward[0], d.reward[1:]),
+    )
+    assert (d.success[0], d.touches[0]) == (pytest.approx(-18 / 22), pytest.approx(1.0 - 41 / 22))
+    for row, name in zip(told["returns"].rows, "xy", strict=True):
+        mean, *ends = found.regret[name]
+        assert row == (name, found.cells[name, "all"].reward, found.prob_best[name], mean, tuple(ends), None, None)
+    assert told["positions"].rows == [
+        ("x", "1", *x[:4], x[6]),
+        ("y", "1", *y[:4], y[6]),
+    ]
+    low, high = clopper_pearson_interval(18, 20)
+    stated = ("x", 20, pytest.approx(0.03), pytest.approx(0.1), (1.0 - high, 1.0 - low), "yes")
+    assert told["stated_confidence"].rows == [stated, ("y", 0, None, None, None, "never confirmed")]
+    by_touches = [row[:5] for row in told["calibration_at_stopping"].rows]
+    assert by_touches == [("x", "0", 2, pytest.approx(0.97), 0.0), ("x", "2", 18, pytest.approx(0.97), 1.0)]
+    assert told["touches"].rows == [("x", 0, 2), ("x", 1, 1), ("x", 2, 18), ("x", 4, 1), ("y", 1, 22)]
+    assert told["times"].rows == [(name, 10, *map(pytest.approx, (10.0, 20.0, 30.0, 60.0))) for name in "xy"]
+    boasts = compared({"x": [wrong] * 22}, rng)
+    doubts = compared({"x": [search("tc", claim=0.5)] * 22}, rng)
+    words = [{t.name: t for t in comparison_tables(c)}["stated_confidence"].rows[0][-1] for c in (boasts, doubts)]
+    assert words == ["overconfident", "underconfident"]
 
 
 def test_nothing_to_tell_is_a_dash_for_readers_and_empty_for_machines():
@@ -292,6 +380,13 @@ def test_the_floor_is_the_mean_over_the_targets_asked_for(rng):
         rng,
     )
     assert comparison.no_touch_baseline == 0.5  # confirming any object; that none of three is there has probability 1/8
+
+
+def test_without_a_touch_it_may_be_best_to_reject_all(rng):
+    problem = SearchProblem(("a", "b", "c"), ("p",), num_objects=1, composition="independent")
+    targets = {(("x", label)): [search("c", arrangement=(0,))] for label in "ab"}
+    found = compare_episodes(problem, targets, dict.fromkeys(targets, Seconds()), {"a": [True], "b": [True]}, "x", rng)
+    assert found.no_touch_baseline == pytest.approx(2 / 3)  # of three shapes the target is absent in two of three cases
 
 
 def test_no_touches_cost_no_time():

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from activetouch.world import TouchTime, touch_many
 from experiments.scene_choice import SceneChoice
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.resume import groups_of, shard_sizes
-from experiments.search.run_folder import BOUND, ORACLE, episode_lines
+from experiments.search.run_folder import BOUND, ORACLE, Seconds, episode_lines
 from experiments.search.setting import Setting, load_sensor, make_world, play_episodes
 from experiments.search.touch_memo import TouchMemo
+from planners import search_lockstep
 from planners.search import TouchRequest
 
 pytestmark = pytest.mark.mujoco
@@ -39,6 +41,29 @@ def test_a_shared_touch_counts_the_time_of_its_press_and_the_decider_only_its_ow
     assert memo.num_shared == second.num_touches
     assert second.physics == first.physics > 0.0
     assert second.decision > 0.0
+
+
+def test_the_time_of_touches_is_no_time_of_decisions(monkeypatch):
+    """The clock moves only while objects are touched, or only beside it."""
+    now, steps = [0.0], [5.0, 0.0]
+
+    def touch_slowly(*given):
+        found = touch_many(*given)[0], TouchTime(1.0, 2.0)
+        now[0] += steps[0]
+        return found
+
+    def search_slowly(*given):
+        now[0] += steps[1]
+        return search_lockstep(*given)
+
+    monkeypatch.setattr("experiments.search.setting.touch_many", touch_slowly)
+    monkeypatch.setattr("experiments.search.setting.search_lockstep", search_slowly)
+    monkeypatch.setattr("experiments.search.setting.time.perf_counter", lambda: now[0])
+    episodes, seconds = play_episodes(COARSE, "threshold", 1, 5, [0])
+    touches = episodes[0].num_touches
+    assert seconds == Seconds(1.0 * touches, 2.0 * touches, 0.0, touches, 0)
+    steps[:] = [0.0, 7.0]
+    assert play_episodes(COARSE, "threshold", 1, 5, [0])[1].decision == 7.0
 
 
 def test_a_full_memo_presses_again():

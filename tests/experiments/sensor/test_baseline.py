@@ -53,6 +53,23 @@ def test_nearer_touches_vote_and_farther_ones_do_not():
     assert guesses.tolist() == [0, 1]
 
 
+def test_the_farthest_of_those_asked_votes_too():
+    known, shapes = np.array([[0.0], [0.1], [0.2], [9.0]]), np.array([0, 1, 1, 0])
+    assert neighbour_guesses(known, shapes, np.array([[0.0]]), num_neighbours=3).tolist() == [1]
+
+
+def test_objects_are_guessed_in_folds_of_equal_size(monkeypatch, rng):
+    asked = []
+    monkeypatch.setattr(
+        "experiments.sensor.baseline.neighbour_guesses",
+        lambda known, known_shapes, test, num: asked.append((len(known), len(test), num)) or test[:, 0].astype(int),
+    )
+    ids = np.repeat(np.arange(10), 3)
+    guesses = cross_fitted_guesses(ids[:, None].astype(float), ids % 2, ids)
+    assert asked == [(24, 6, 4)] * 5  # two objects of ten, by the votes of √24
+    assert guesses.tolist() == ids.tolist()
+
+
 def test_nobody_is_asked_about_their_own_touches(rng):
     # Each object has a number of its own, which its own touches would give away; others know nothing of its shape.
     # By Hoeffding each of five folds of 80 objects has .8 right with probability 6e-7 at most.

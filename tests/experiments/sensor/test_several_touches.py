@@ -1,6 +1,8 @@
 """Several touches of one body: what the command measures, on a small collection."""
 
 import json
+from dataclasses import replace
+from itertools import accumulate, chain
 
 import numpy as np
 import pytest
@@ -8,14 +10,24 @@ import pytest
 from activetouch.data.dataset import CollectionPlan, TouchSet
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import MODELS, READER_FILE
+from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from belief.statistics import wilson_interval
 from belief.touch_batch import TouchBatch
 from experiments.command_line.arguments import BadArgument
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.after_touches import after_touches
+from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.collect import collect
 from experiments.sensor.precision import in_precision
-from experiments.sensor.several_touches import Entry, SeveralTouches, draw, in_random_orders
+from experiments.sensor.scores import read_images
+from experiments.sensor.several_touches import (
+    Entry,
+    SeveralTouches,
+    _milliseconds,
+    draw,
+    first_round,
+    in_random_orders,
+)
 
 
 def test_each_object_keeps_its_touches_in_orders_of_its_own():
@@ -31,6 +43,45 @@ def test_each_object_keeps_its_touches_in_orders_of_its_own():
     assert (found.logits[..., 1] == found.poses).all()  # the first round
     assert (found.features == found.logits).all()
     assert len({tuple(order) for order in found.poses[::4].tolist()}) > 1
+    first = first_round(truth, 3)
+    assert first.object_ids.tolist() == np.repeat(np.arange(4), 3).tolist()
+    assert first.poses.tolist() == np.tile(np.arange(3), 4).tolist()
+    numbered = replace(truth, forces=np.arange(24.0))
+    assert (first_round(numbered, 3).forces.reshape(4, 3) == 6 * np.arange(4)[:, None] + np.arange(3)).all()
+
+
+def test_a_touch_costs_its_share_of_the_processor_time_and_the_arrays_of_its_model(body, monkeypatch):
+    monkeypatch.setattr("experiments.sensor.belief_cost.time.thread_time", iter([10.0, 15.0]).__next__)
+    updated, update = [], RigidBodyEvidence.update
+    monkeypatch.setattr(RigidBodyEvidence, "update", lambda self, touch: updated.append(self) or update(self, touch))
+    cost = belief_cost(body, 4)
+    assert cost.update == pytest.approx(100.0)  # 5 s for 50 touches
+    assert (
+        len({id(evidence) for evidence in updated}) == len(updated) == 51
+    )  # each adds to the one before; one to begin
+    arrays = {id(value): value.nbytes for value in vars(body).values() if isinstance(value, np.ndarray)}
+    assert cost.memory == sum(arrays.values()) / 1e6
+
+
+def test_the_time_of_a_reading_is_the_median(monkeypatch):
+    ticks = accumulate(chain([0.0], *((seconds, 1.0) for seconds in [0.002] * 16 + [9.0] * 14)))
+    monkeypatch.setattr("experiments.sensor.several_touches.time.thread_time", ticks.__next__)
+    assert _milliseconds(lambda: None) == pytest.approx(2.0)
+
+
+def test_what_a_reader_makes_of_touches_keeps_their_order(rng):
+    images, poses = rng.integers(256, size=(300, 4, 4), dtype=np.uint8), rng.integers(6, size=300)
+    for name in ("coarse", "coarse-independent"):
+        reader = TactileReader.load(MODELS / name / READER_FILE)
+        found = read_images(reader, images, poses, "reading")
+        assert found.logits.shape[:2] == found.poses.shape == (1, 300)
+        np.testing.assert_array_equal(found.poses[0], poses)
+        assert (found.features is None) == (reader.hypotheses is None)
+        for number in (0, 255, 256, 299):
+            alone = reader.read(images[number : number + 1])
+            np.testing.assert_allclose(found.logits[0, number], alone.logits[0], atol=1e-3)
+            if found.features is not None:
+                np.testing.assert_allclose(found.features[0, number], alone.embeddings[0], atol=1e-3)
 
 
 def test_a_network_of_eight_bits_reads_nearly_the_same():
@@ -50,6 +101,7 @@ def test_scores_of_known_posteriors():
     assert found.stated == pytest.approx(0.8)
     assert found.gap == pytest.approx(0.05)
     assert found.nll_interval[0] < found.nll < found.nll_interval[1]
+    assert found.gap_interval[0] < found.gap < found.gap_interval[1]
 
 
 def test_more_orders_of_the_same_objects_do_not_narrow_the_intervals():

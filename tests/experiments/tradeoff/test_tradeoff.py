@@ -4,21 +4,26 @@ import csv
 import json
 import shlex
 from dataclasses import replace
+from itertools import accumulate, chain, product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import beta, kstest
 
-from activetouch.data.dataset import CollectionPlan
+from activetouch.data.dataset import CollectionPlan, read_manifest, read_split
 from activetouch.named_scenes import SCENES
+from activetouch.sensor_files import OBSERVATION_FILE
+from activetouch.world import touch_many
 from belief.errors import UnknownName
+from belief.observation_model.registry import OBSERVATION_MODELS
 from belief.statistics import wilson_interval
 from experiments.command_line.arguments import BadArgument
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import collect
 from experiments.tradeoff.configuration import (
+    FITTED,
     JOINT,
     NUM_HYPOTHESES,
     SHARES,
@@ -30,9 +35,18 @@ from experiments.tradeoff.configuration import (
     sweep,
 )
 from experiments.tradeoff.figures import _STYLES as STYLES
-from experiments.tradeoff.measure import SearchResult, TouchCost, finished, measured, num_outdated
-from experiments.tradeoff.models import observation_model
-from experiments.tradeoff.picks import Candidate, _resampled, fronts, picks
+from experiments.tradeoff.measure import (
+    SearchResult,
+    TouchCost,
+    _press_here,
+    _read_here,
+    finished,
+    measured,
+    num_outdated,
+)
+from experiments.tradeoff.models import _first_objects, observation_model
+from experiments.tradeoff.picks import Candidate, Front, _resampled, fronts, picks
+from experiments.tradeoff.report import short_front_table, worthwhile, write_tradeoff_report
 from experiments.tradeoff.tradeoff import Tradeoff
 from planners import DECIDERS
 from planners.registry import NEED_FILES
@@ -65,12 +79,29 @@ def test_a_key_follows_from_what_decides_the_result_and_from_nothing_else():
     assert len({base.key, *keys}) == len(changes) + 1
 
 
+def test_another_observation_model_of_a_shipped_sensor_is_another_key(tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.tradeoff.configuration.MODELS", tmp_path)
+    (tmp_path / "gel").mkdir()
+    keys = {"shipped": [], "ratio": []}
+    for text in ("one", "two", "one"):
+        (tmp_path / "gel" / OBSERVATION_FILE).write_text(text)
+        for name, found in keys.items():
+            found.append(Configuration(GEL, observation_model=name).key)
+    one, two, again = keys["shipped"]
+    assert one == again != two
+    assert len(set(keys["ratio"])) == 1  # one that is fitted follows from reader and scene
+
+
 def test_a_sweep_names_every_decider_that_needs_no_training_and_nothing_twice():
     found = sweep([COARSE, GEL, PLAIN, SMALL], ["coarse", "gel"], episodes=100, seed=0)
     assert len({c.key for c in found}) == len({c.name for c in found}) == len(found) >= 40
     wanted = {name for name in DECIDERS if name != "random_confirm" and name not in NEED_FILES}
     assert {c.decider for c in found if c.scene == "coarse"} == wanted
     assert {c.decider for c in found if c.network == PLAIN} == {"information_gain", "point_based"}
+    assert {c.observation_model for c in found if c.network == PLAIN} == {SHIPPED, *OBSERVATION_MODELS} - {FITTED}
+    priced = {(c.decider, c.touch_cost) for c in found if c.scene == "coarse" and c.touch_cost != 0.02}
+    assert priced == set(product(("point_based", "value_of_information"), (0.005, 0.05, 0.1)))
+    assert {(c.simulations, c.episodes) for c in found if c.decider == "pouct"} == {(100, 5), (1000, 5)}
     assert all(c.observation_model != SHIPPED for c in found if c.network == SMALL)
     assert {c.fidelity for c in found} == {None, "quasistatic", "guarded_move"}
 
@@ -106,6 +137,8 @@ def test_a_joint_model_of_few_hypotheses_is_fitted_and_plays(tmp_path, monkeypat
     same = replace(configuration, network=Network.in_file("coarse", network.path))  # as if it were a user's
     again = measured(same, tmp_path)
     assert (again.successes, again.touches) == (result.successes, result.touches)
+    monkeypatch.setattr("experiments.tradeoff.models.fit_named", None)  # a model is fitted once
+    assert observation_model(configuration, tmp_path).table.shape[:3] == (6, 4, 64)
 
 
 def test_without_recorded_touches_no_observation_model_is_to_be_fitted():
@@ -192,6 +225,113 @@ def test_whether_a_dearer_configuration_is_on_the_front_is_a_toss_up_where_both_
 def test_success_as_it_may_truly_be_is_distributed_by_jeffreys(successes):
     _, qualities = _resampled([point("threshold", successes, 2)], np.random.default_rng(0), 4000)
     assert kstest(qualities[:, 0], beta(successes + 0.5, 400 - successes + 0.5).cdf).pvalue > 0.001
+
+
+def test_the_time_as_it_may_truly_be_is_that_of_a_bayesian_bootstrap():
+    times = np.random.default_rng(1).integers(1, 9, size=50).tolist()
+    configuration = Configuration(GEL)
+    uneven = SearchResult(configuration, [1] * 50, times, [0] * 49 + [1], [0.0] * 50, 0.0, 0.0)
+    even = replace(uneven, touches=[4] * 50)
+    points = [Candidate(result, TouchCost(1.0, 1.0, 1.0, 1.0)) for result in (uneven, even, uneven)]
+    costs, _ = _resampled(points, np.random.default_rng(0), 4000)
+    np.testing.assert_allclose(costs[:, 1], 8.0)
+    np.testing.assert_array_equal(costs[:, 0], costs[:, 2])  # the same episodes have the same weights
+    # The mean of n numbers with Dirichlet(1, ..., 1) weights has their mean and their variance / (n + 1).
+    spread = 2 * np.std(times) / np.sqrt(51)
+    assert abs(costs[:, 0].mean() - 2 * np.mean(times)) < 5 * spread / np.sqrt(4000)
+    assert costs[:, 0].std() == pytest.approx(spread, rel=0.06)  # five standard errors
+
+
+@pytest.mark.mujoco
+def test_the_first_press_of_each_shape_and_an_unusual_reading_do_not_count(monkeypatch):
+    """The clock says how long each press, and each reading, took."""
+
+    def clock(seconds):
+        ticks = accumulate(chain([0.0], chain.from_iterable((one, 1.0) for one in seconds)))
+        monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", ticks.__next__)
+
+    configuration = Configuration(Network.of_sensor("coarse", "coarse"), fidelity="quasistatic")
+    clock([9.0] * 4 + [0.001] * 100 + [0.003] * 100)
+    assert _press_here(configuration) == {"physics": pytest.approx(2.0)}
+    clock([9.0] * 40 + [0.004] * 60)
+    found = _read_here(configuration)
+    assert found["network"] == pytest.approx(4.0)
+    assert found["size"] == configuration.network.path.stat().st_size / 1e6
+    assert found["memory"] > 10.0
+
+
+def test_the_report_says_of_each_configuration_what_was_measured(tmp_path):
+    base = point("information_gain", 380, 3)
+    better = point("value_of_information", 390, 4)
+    fewer = Candidate(replace(better.result, configuration=Configuration(GEL, decider="threshold"),
+                              successes=[1] * 90, touches=[9] * 90, decisions=[10] * 90, rewards=[0.5] * 90),
+                      better.cost)  # fmt: skip
+    other = Candidate(replace(base.result, configuration=Configuration(COARSE, decider="pouct")), base.cost)
+    points = [base, better, fewer, other]
+    [front] = fronts(points, np.random.default_rng(0), num_resamples=200)
+    answers = {front.task: picks(front, 0.9, 0.5)}
+    write_tradeoff_report(tmp_path, [front], answers, {"seed": 0})
+    numbers = json.loads((tmp_path / "tradeoff.json").read_text())
+    assert numbers["arguments"] == {"seed": 0}
+    told = {entry["key"]: entry for entry in numbers["points"]}
+    assert len(told) == 4
+    for one, prob in zip(front.points, front.probs, strict=True):
+        entry = told[one.configuration.key]
+        assert (entry["searches"], entry["success"], entry["touches"]) == (one.num_searches, one.success, one.touches)
+        assert (entry["ms_per_search"], entry["prob_on_front"]) == (one.ms_per_search, prob)
+    rows = list(csv.DictReader((tmp_path / "tradeoff.csv").read_text().splitlines()))
+    assert [row["configuration"] for row in rows] == [  # scene after scene, the fastest first
+        p.configuration.name for scene in ("gel", "coarse") for p in front.points if p.configuration.scene == scene
+    ]
+    against = {row["configuration"]: row["minus default"] for row in rows}
+    assert against[base.configuration.name] == "default"
+    assert against[better.configuration.name].startswith("'+0.025 [+0.0")  # no formula
+    assert against[fewer.configuration.name] == "–"  # it played fewer searches
+    assert against[other.configuration.name] == "–"  # its scene has no default
+    fastest, accurate = numbers["answers"]
+    assert f"{base.configuration.name}. Success 0.950 [" in fastest
+    assert accurate.endswith("under 0.5 ms per touch, with the fewest touches among equals: no configuration.")
+    assert "4 configurations in 2 scenes (gel, coarse), 1 290 live searches" in (tmp_path / "report.html").read_text()
+
+
+def test_what_may_be_on_the_front_is_listed_with_it():
+    some = [point("threshold", 300, n) for n in range(1, 5)]
+    front = Front("any", some, np.array([True, False, False, True]), np.array([1.0, 0.1, 0.09, 0.05]))
+    assert worthwhile(front) == [(some[0], 1.0), (some[1], 0.1), (some[3], 0.05)]
+    assert [row[-1] for row in short_front_table(front).rows] == [1.0, 0.1, 0.05]
+
+
+@pytest.mark.mujoco
+def test_the_time_of_touches_is_no_time_of_decisions(tmp_path, monkeypatch):
+    """Each look at the clock takes a second, and a touch two."""
+    ticks, batches = iter(range(10**6)), []
+    monkeypatch.setattr("experiments.tradeoff.measure.time.thread_time", lambda: float(next(ticks)))
+    monkeypatch.setattr(
+        "experiments.tradeoff.measure.touch_many",
+        lambda sensor, requests: (batches.append(len(requests)), touch_many(sensor, requests))[1],
+    )
+    network = Network.of_sensor("coarse", "coarse")
+    result = measured(Configuration(network, episodes=2, decider="threshold", fidelity="quasistatic"), tmp_path)
+    assert len(result.touches) == 8
+    assert sum(batches) > sum(result.touches)  # one search of each target was played before
+    both = result.planning_seconds + result.decision_seconds
+    assert both == len(batches) + 2  # one second beside each batch of touches, and one at the end
+
+
+@pytest.mark.mujoco
+def test_models_are_fitted_to_the_first_rounds_of_the_first_objects(tmp_path, monkeypatch):
+    collect(SceneChoice("coarse", fidelity="quasistatic"), CollectionPlan(0, 3, 0, repeats=2), tmp_path, jobs=1)
+    monkeypatch.setattr("experiments.tradeoff.models.repeats_folder", lambda scene: tmp_path)
+    monkeypatch.setattr("experiments.tradeoff.models.open_collection", lambda folder, *_, **__: read_manifest(folder))
+    monkeypatch.setattr("experiments.tradeoff.models.require_collection", lambda *_, **__: None)
+    whole = read_split(tmp_path, "calibration")
+    for objects, rounds in ((2, 1), (1, 2), (9, 9)):
+        monkeypatch.setattr("experiments.tradeoff.models._OBJECTS", objects)
+        monkeypatch.setattr("experiments.tradeoff.models._ROUNDS", rounds)
+        found = _first_objects("coarse", None)
+        wanted = (whole.object_ids < 4 * objects) & (np.arange(len(whole.shapes)) % 12 < 6 * rounds)
+        assert len(found.shapes) == 4 * min(objects, 3) * 6 * min(rounds, 2)
+        np.testing.assert_array_equal(found.images, whole.images[wanted])
 
 
 def test_slow_touches_are_not_fast_enough():
