@@ -14,7 +14,7 @@ from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Union
+from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Prism, Union
 from belief.errors import InvalidArgument, UnknownName
 
 STILL = Scene(press_model=Quasistatic())
@@ -71,7 +71,11 @@ def test_inexact_poses_are_missed_by_the_stated_error_about_every_axis(rng):
 
 def test_an_upright_object_stands_within_its_tilt(rng):
     scene = replace(STILL, presentation=Upright(tilt=0.1))
-    axes = np.array([to_matrix(scene.sample_object(2, rng).orientation)[:, 2] for _ in range(300)])
+    turns = np.array([to_matrix(scene.sample_object(2, rng).orientation) for _ in range(300)])
+    axes = turns[:, :, 2]
+    assert np.abs(turns[:, :2, 0].mean(axis=0)).max() < 0.2  # a mean of 300 unit vectors, four deviations of it
+    standing = Upright(tilt=0.0).rests(20)
+    np.testing.assert_array_equal(standing[:, 1:3], 0.0)
     tilts = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
     assert tilts.max() <= 0.1 + 1e-9
     assert tilts.max() > 0.08
@@ -105,6 +109,7 @@ class _OwnBox(Box):
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.02, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), True),
+        (ConvexPolyhedron(tuple(map(tuple, Prism(6, 0.02, 0.01).corners.tolist()))), True),  # up to rounding
         (_OwnBox((0.016,) * 3), False),
     ],
 )
