@@ -7,9 +7,11 @@ import pytest
 
 from activetouch import SCENES, TactileSensor, TouchWorld
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import quaternions
 from activetouch.orientations import Inexact, Tumbled, Upright
+from activetouch.perception import hypothesis_table
 from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.poses import facing
+from activetouch.poses import facing, turned
 from belief.touch_batch import TouchBatch
 
 
@@ -40,5 +42,27 @@ def test_poses_look_alike_wherever_objects_lie_anyhow():
     )
     assert inexact.groups == tumbled.groups
     assert np.array_equal(inexact.views(64).same, tumbled.views(64).same)
+    views, rests = tumbled.views(64), quaternions(64)
+    rotations = list(scene.rotations.values())
+    for pose, group in enumerate(tumbled.groups):
+        first = tumbled.groups.index(group)
+        np.testing.assert_array_equal(scene.aim_offsets[pose], scene.aim_offsets[first])
+        shown, there = turned(rotations[pose], rests), turned(rotations[first], rests)
+        likeness = np.abs(shown @ there.T)  # cosine of half the angle between what both show
+        np.testing.assert_allclose(likeness[np.arange(64), views.same[pose]], likeness.max(axis=1), atol=1e-9)
+    assert len(set(tumbled.groups)) == len(set(map(tuple, scene.aim_offsets.tolist())))
     with pytest.raises(WrongScene, match="objects that lie anyhow"):
         upright.views(64)
+
+
+def test_the_table_of_one_pose_is_its_part_of_all_and_only_large_ones_are_in_half_precision(monkeypatch):
+    shipped = TactileSensor.shipped("coarse")
+    whole = HypothesisTable(shipped.reader, shipped.scene)(16)
+    for most, kind in ((whole.size, np.float32), (whole.size - 1, np.float16)):
+        monkeypatch.setattr(hypothesis_table, "_MOST_IN_SINGLE", most)
+        table = HypothesisTable(shipped.reader, shipped.scene)
+        for pose in range(len(shipped.scene.poses)):
+            found = table.in_pose(16, pose)
+            assert found.dtype == kind
+            assert found is table.in_pose(16, pose)
+            np.testing.assert_array_equal(found, whole[pose].astype(kind))
