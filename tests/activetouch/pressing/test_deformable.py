@@ -14,6 +14,7 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.deformable import Deformable, _pressure
 from activetouch.pressing.press import Quasistatic
 from activetouch.pressing.setup import Setup
+from activetouch.pressing.soft_rig import shared_soft_rig
 from activetouch.shapes import SHAPES
 
 pytestmark = pytest.mark.mujoco
@@ -114,6 +115,14 @@ def test_a_press_does_not_remember_the_one_before():
     first = COARSE.press(SETUP, cylinder, 2.0)
     COARSE.press(SETUP, other, 2.0)
     assert np.array_equal(COARSE.press(SETUP, cylinder, 2.0).indentation, first.indentation)
+
+
+def test_a_soft_rig_has_the_friction_and_the_size_of_the_placement():
+    rig = shared_soft_rig(PAD, COARSE, SHAPES["sphere"])
+    for friction, scale in ((0.3, 1.0), (0.8, 0.5)):
+        rig.place(0.05, Placement(SHAPES["sphere"], scale, UPRIGHT, friction=friction), 1.0)
+        assert (rig.model.flex_friction[:, 0] == friction).all()
+        assert rig.model.geom("object").size[0] == pytest.approx(0.020 * scale)
 
 
 def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_contact():

@@ -13,7 +13,7 @@ from activetouch.poses import multiply, random_orientation, turn
 from activetouch.pressing.contact import first_touch
 from activetouch.pressing.guarded_move import GuardedMove, RecordedMove
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.rig import LARGEST_SCALE, Rig, shared_rig
+from activetouch.pressing.rig import LARGEST_SCALE, Rig, build_spec, shared_rig
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
@@ -233,6 +233,17 @@ def test_friction_and_stiffness_are_those_of_the_placement():
     rig = shared_rig(SETUP, SHAPES["sphere"], 0.002, False)
     rig.place(0.05, Placement(SHAPES["sphere"], 1.0, UPRIGHT, friction=0.3))
     assert rig.model.pair_friction[0, 0] == 0.3
+
+
+def test_the_finger_stands_behind_the_pad_and_all_but_the_pressed_shape_are_parked():
+    shapes = tuple(SHAPES.values())
+    model = build_spec(Setup(height=0.07, finger=True, loaded=shapes), shapes[1], 0.002).compile()
+    pad, tip, base = (model.geom(name) for name in ("pad", "finger_tip", "finger_base"))
+    assert tip.pos[0] + tip.size[0] == pytest.approx(pad.pos[0] - pad.size[0])
+    assert tip.pos[2] == pad.pos[2] == 0.07
+    assert base.pos[2] + base.size[2] == pytest.approx(tip.pos[2] - tip.size[2])
+    parked = [model.geom(number).name for number in range(model.ngeom) if "parked" in model.geom(number).name]
+    assert parked == ["parked0", "parked2", "parked3"]
 
 
 def test_the_guarded_move_holds_still_in_the_pause(rng):
