@@ -52,7 +52,7 @@ class StiffnessPosterior:
         cumulative = np.exp(self.log_probs).cumsum()
         low, high = np.searchsorted(cumulative, (_TAIL, 1.0 - _TAIL))
         step = float(np.sqrt(GRID[1] / GRID[0]))
-        return float(GRID[low]) / step, float(GRID[min(high, len(GRID) - 1)]) * step
+        return float(GRID[low]) / step, float(GRID[high]) * step
 
 
 def stiffness_posterior(

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _CLEARANCE = 0.0005  # distance between object and pad at the start [m]
-_SMOOTHING = (0.25, 0.5, 0.25)  # of the forces of neighbouring nodes
+_SMOOTHING = (0.25, 0.5, 0.25)  # of the pressures at neighbouring nodes
 
 
 @dataclass(frozen=True)
@@ -109,9 +109,10 @@ def _pressure(pad: Pad, node_forces: Floats, force: float) -> Floats:
     """
     from scipy.ndimage import convolve1d
 
-    for axis in (0, 1):
-        node_forces = convolve1d(node_forces, _SMOOTHING, axis=axis, mode="reflect")  # keeps the sum
     share = np.ones(len(node_forces))
     share[[0, -1]] = 0.5  # nodes on the rim represent half the area
-    pressure = _on_taxels(pad, np.maximum(node_forces, 0.0) / np.outer(share, share))
+    pressures = node_forces / np.outer(share, share)
+    for axis in (0, 1):
+        pressures = convolve1d(pressures, _SMOOTHING, axis=axis, mode="mirror")  # keeps the force, and an even pressure
+    pressure = _on_taxels(pad, np.maximum(pressures, 0.0))
     return pressure * (force / (pressure.sum() * pad.taxel_area))

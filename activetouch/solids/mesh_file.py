@@ -29,7 +29,7 @@ def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
         BadMesh: the file cannot be read.
     """
     vertices, faces = _welded(*_read(path), scale)
-    if len(faces) == 0 or not np.isfinite(vertices).all():
+    if len(faces) == 0:
         return vertices, faces
     directed, sharing = edges(faces)
     if (sharing == 2).all() and len(np.unique(directed)) < len(directed):

@@ -50,6 +50,10 @@ def test_an_adapted_sensor_has_bodies_of_that_stiffness_and_keeps_the_rest(senso
     fitted, found = adapted(sensor, *touched)
     assert fitted.reader is sensor.reader
     assert fitted.model.num_hypotheses == sensor.model.num_hypotheses
+    low, high = found.interval
+    bodies = fitted.model.hypotheses.hypotheses(256)
+    assert low <= bodies.stiffnesses.min() < low * (high / low) ** 0.1
+    assert high >= bodies.stiffnesses.max() > high * (low / high) ** 0.1
     assert 0.5 < fitted.model.temperature / sensor.model.temperature < 2.0
     unlabelled, _ = adapted(sensor, touched[0])
     assert unlabelled.model.temperature == sensor.model.temperature
@@ -75,6 +79,17 @@ def test_without_information_every_stiffness_stays_possible():
     low, high = StiffnessPosterior(np.full(len(GRID), -np.log(len(GRID)))).interval
     assert low <= GRID[0]
     assert high >= GRID[-1]
+
+
+def test_the_range_of_stiffnesses_ends_half_a_step_of_the_grid_beyond_its_values():
+    step = GRID[1] / GRID[0]
+    for first, last in ((7, 7), (3, 11), (0, len(GRID) - 1)):
+        probs = np.zeros(len(GRID))
+        np.add.at(probs, [first, last], 0.5)
+        with np.errstate(divide="ignore"):
+            found = StiffnessPosterior(np.log(probs))
+        assert found.interval == pytest.approx((GRID[first] / np.sqrt(step), GRID[last] * np.sqrt(step)))
+        assert found.mode == GRID[first]
 
 
 def test_what_cannot_adapt_is_refused(sensor, touched):

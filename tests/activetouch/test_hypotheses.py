@@ -34,6 +34,8 @@ def test_moments_are_those_of_the_uniform_distribution():
     entries = to_matrices(quaternions(4096)).reshape(-1, 9)
     np.testing.assert_allclose(entries.mean(axis=0), 0.0, atol=2e-3)
     np.testing.assert_allclose(entries.T @ entries / len(entries), np.eye(9) / 3, atol=2e-3)
+    for num in (1, 2, 7):  # w² + x² is uniform in [0, 1], so it is spread about 1 / 2
+        assert np.square(quaternions(num)[:, :2]).sum() / num == pytest.approx(0.5)
 
 
 def test_sizes_cover_their_range_and_do_not_follow_the_orientations():

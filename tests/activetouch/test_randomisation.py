@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from activetouch import SCENES
 from activetouch.distributions import Constant, Mixture, Uniform
 from activetouch.randomisation import assumed, randomised
-from activetouch.rendering import DrawnDeadTaxels, DrawnNoise
+from activetouch.rendering import DrawnDeadTaxels, DrawnNoise, Noise
 from belief.errors import InvalidArgument
 
 QUANTITIES = ("size", "force", "friction", "stiffness")
@@ -25,6 +26,28 @@ def test_a_randomised_scene_contains_the_scene(name):
         assert wide_low > 0.0
     assert bool(wide.faults) == bool(scene.faults)
     assert (wide.shapes, wide.poses, wide.pad, wide.renderer) == (scene.shapes, scene.poses, scene.pad, scene.renderer)
+
+
+@pytest.mark.parametrize("name", ["coarse", "gel"])
+def test_half_of_all_forces_noises_and_broken_taxels_are_those_of_the_scene(name, rng):
+    scene = SCENES[name].scene
+    wide = randomised(scene)
+    (low, high), (smallest, largest) = scene.variation.force.support, wide.variation.force.support
+    assert (smallest, largest) == pytest.approx((low / 1.5, 2.0 * high))
+    # Half the forces are of the scene, and some of the others by chance: those that a log-uniform draw puts there.
+    within = 0.5 + 0.5 * np.log(high / low) / np.log(largest / smallest)
+    forces = np.array([wide.variation.force.sample(rng) for _ in range(2000)])
+    assert stats.binomtest(int(((forces >= low) & (forces <= high)).sum()), 2000, within).pvalue > 1e-4
+    *_, dead = wide.faults
+    assert len(wide.faults) == len(scene.faults) + 1
+    shares = np.array([np.mean(dead(np.ones((20, 20)), rng) == 0.0) for _ in range(400)])
+    assert stats.binomtest(int((shares == 0.0).sum()), 400, 0.5).pvalue > 1e-4
+    assert 0.15 < shares.max() <= 0.2
+    noises = [fault.factor for fault in wide.faults if isinstance(fault, DrawnNoise)]
+    assert len(noises) == sum(isinstance(fault, Noise) for fault in scene.faults) == 1
+    factors = np.array([noises[0].sample(rng) for _ in range(400)])
+    assert stats.binomtest(int((factors == 1.0).sum()), 400, 0.5).pvalue > 1e-4
+    assert 2.5 < factors.max() <= 3.0
 
 
 @pytest.mark.parametrize("quantity", ["friction", "stiffness"])

@@ -12,9 +12,11 @@ from activetouch.distributions import Constant, LogUniform, Normal, Uniform
 from activetouch.errors import BadMesh
 from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.poses import aimed, to_matrix, turn
+from activetouch.pressing.robot import ROBOTS
+from activetouch.pressing.setup import Setup
 from activetouch.rendering import DeadTaxels, GelSightRenderer
 from activetouch.scene import Symmetry, Variation
-from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Union
+from activetouch.shapes import Box, ConvexPolyhedron, Cut, Cylinder, Mesh, Pyramid, Union
 from belief.errors import InvalidArgument, UnknownName
 
 STILL = Scene(press_model=Quasistatic())
@@ -71,7 +73,11 @@ def test_inexact_poses_are_missed_by_the_stated_error_about_every_axis(rng):
 
 def test_an_upright_object_stands_within_its_tilt(rng):
     scene = replace(STILL, presentation=Upright(tilt=0.1))
-    axes = np.array([to_matrix(scene.sample_object(2, rng).orientation)[:, 2] for _ in range(300)])
+    turns = np.array([to_matrix(scene.sample_object(2, rng).orientation) for _ in range(300)])
+    axes = turns[:, :, 2]
+    assert np.abs(turns[:, :2, 0].mean(axis=0)).max() < 0.2  # a mean of 300 unit vectors, four deviations of it
+    standing = Upright(tilt=0.0).rests(20)
+    np.testing.assert_array_equal(standing[:, 1:3], 0.0)
     tilts = np.arccos(np.clip(axes[:, 2], -1.0, 1.0))
     assert tilts.max() <= 0.1 + 1e-9
     assert tilts.max() > 0.08
@@ -105,6 +111,7 @@ class _OwnBox(Box):
         (Union((Box((0.016,) * 3), Cut(Box((0.02,) * 3), ((1.0, 2.0, 3.0, 0.02),)))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.01, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), False),
         (ConvexPolyhedron(((0.02, 0, -0.01), (-0.01, 0.02, -0.01), (-0.01, -0.02, -0.01), (0, 0, 0.02))), True),
+        (ConvexPolyhedron(tuple(map(tuple, Pyramid(4, 0.02, 0.03).corners.tolist()))), True),  # up to rounding
         (_OwnBox((0.016,) * 3), False),
     ],
 )
@@ -188,6 +195,18 @@ def test_a_path_stands_for_the_mesh_in_the_file(tmp_path):
 def test_an_unknown_robot_suggests_the_nearest():
     with pytest.raises(UnknownName, match="Did you mean 'panda_allegro'"):
         Scene(robot="panda_alegro")
+
+
+def test_all_shapes_are_in_the_model_only_where_they_are_parked_and_a_robot_is_known_by_its_name():
+    assert STILL.setup == Setup(STILL.pad)
+    parked = replace(STILL, parking=True, height=0.07, finger=True, robot="panda_allegro")
+    assert parked.setup == Setup(STILL.pad, 0.07, True, tuple(SHAPES.values()), ROBOTS["panda_allegro"])
+
+
+@pytest.mark.parametrize("part", [{"press_model": Quasistatic}, {"press_model": "dynamic"}, {"presentation": Upright}])
+def test_a_way_to_press_or_to_lie_that_is_none_is_refused_when_the_scene_is_made(part):
+    with pytest.raises(InvalidArgument, match=f"{next(iter(part))} must be an object such as"):
+        Scene(**part)
 
 
 def test_a_scene_without_shapes_is_refused():

@@ -1,6 +1,7 @@
 """The analytic height maps against MuJoCo's ray caster and against geometry done by hand."""
 
 import pickle
+from dataclasses import fields, replace
 
 import mujoco
 import numpy as np
@@ -292,6 +293,34 @@ def test_a_mesh_that_stands_for_a_round_solid_has_enough_sides(solid):
     assert np.ptp(solid(4).geom.vertices, axis=0).min() > 0.0
     with pytest.raises(ValueError, match="num_facets"):
         solid(3)
+
+
+SOLIDS = [Sphere(1.0), Box((1.0, 2.0, 3.0)), Cylinder(1.0, 2.0), Cone(1.0, 2.0), Frustum(2.0, 1.0, 2.0)]
+SOLIDS += [Capsule(1.0, 2.0), Dome(2.0), Ellipsoid((1.0, 2.0, 3.0)), Wedge(3.0, 3.0, 1.0), Prism(3, 1.0, 2.0)]
+SOLIDS += [Pyramid(3, 1.0, 2.0), Torus(2.0, 0.5)]
+
+
+@pytest.mark.parametrize("solid", SOLIDS, ids=lambda solid: type(solid).__name__)
+@pytest.mark.parametrize("length", [np.nan, np.inf, -np.inf, 0.0, -1.0])
+def test_every_length_of_a_solid_is_finite_and_above_zero(solid, length):
+    for part in fields(solid):
+        given = getattr(solid, part.name)
+        if isinstance(given, tuple):
+            wrong = [(*given[:axis], length, *given[axis + 1 :]) for axis in range(3)]
+        else:
+            wrong = [length] if isinstance(given, float) else []
+        for value in wrong:
+            if (part.name, value) == ("top_radius", 0.0):
+                continue  # a cone
+            with pytest.raises(ValueError, match="got"):
+                replace(solid, **{part.name: value})
+
+
+@pytest.mark.parametrize("kind", [Prism, Pyramid])
+def test_a_base_has_at_least_three_sides(kind):
+    assert len(kind(3, 1.0, 1.0).planes[0]) == {Prism: 5, Pyramid: 4}[kind]
+    with pytest.raises(ValueError, match="num_sides must be at least 3"):
+        kind(2, 1.0, 1.0)
 
 
 def test_a_torus_without_a_hole_is_refused():

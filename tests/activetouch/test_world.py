@@ -12,6 +12,7 @@ from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.sensor_files import MODELS
+from activetouch.world import TouchTime
 from belief.errors import InvalidArgument
 
 pytestmark = pytest.mark.torch
@@ -63,3 +64,16 @@ def test_a_sensor_comes_from_a_folder_named_by_a_string_and_needs_a_scene():
 def test_the_name_of_one_shape_is_no_arrangement(rng):
     with pytest.raises(InvalidArgument, match=r"such as \['cube'\]"):
         TouchWorld.sample(TactileSensor.shipped("coarse"), "cube", rng)
+
+
+def test_objects_come_one_after_the_other_and_from_the_first_again():
+    some = world(limit=3.0)
+    assert some.arrangement == (0, 1)
+    assert some.current.shape_index == 0
+    some.advance()
+    assert some.current.shape_index == 1
+    with pytest.raises(IndexError, match="after the last of 2"):
+        some.advance()
+    some.reset()
+    assert some.current.shape_index == 0
+    assert TouchTime(1.0, 2.0, 3) + TouchTime(10.0, 20.0, 30) == TouchTime(11.0, 22.0, 33)

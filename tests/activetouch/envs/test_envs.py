@@ -347,3 +347,12 @@ def test_a_search_with_26_places_and_one_with_104_are_environments():
         problem = env.unwrapped.problem
         state = InformationState.of(problem, 1, SceneBelief(problem, several), 0)
         assert 0 <= decider.decide(state, np.random.default_rng(0)).action.pose < len(scene.poses)
+
+
+def test_the_last_observation_shows_the_action_that_ended_the_episode(sampled):
+    env = ObjectTestEnv(touches=sampled, target="shape_0")
+    for last in (env.confirm, env.reject):
+        env.reset(seed=0)
+        for action in (2, last):
+            observation, *_ = env.step(action)
+            np.testing.assert_array_equal(observation[4:9], np.arange(5) == action)

@@ -275,6 +275,13 @@ def test_the_gymnasium_vector_env_resets_in_the_same_step_and_hands_out_last_sta
     assert (observations[:10, 5:] == 0.0).all()  # no pose used, no time passed
     assert all(state[5] == 0.5 for state in infos["final_obs"][:10])  # pose 0 was used once
     assert infos["num_touches"].tolist() == [1] * 10 + [2] * 22
+    new, infos = envs.reset(seed=2)  # all begin anew, those in the middle of an episode too
+    assert not infos["num_touches"].any()
+    assert (new[:, 5:] == 0.0).all()
+    drawn = [envs._episodes.objects.copy() for seed in (2, 3, 2) if envs.reset(seed=seed)]
+    np.testing.assert_array_equal(drawn[0], drawn[2])
+    assert (drawn[0] != drawn[1]).any()
+    assert envs.action_space.shape == (32,)
 
 
 @pytest.mark.torch

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 
 from activetouch.perception.augmentation import augment
 from activetouch.scene import Symmetry
@@ -50,6 +51,25 @@ def test_a_small_rotation_turns_by_at_most_its_angle():
         angle = np.rad2deg(np.arctan2(y, x)) % 90.0
         assert min(angle, 90.0 - angle) <= 10.3
         assert abs(np.hypot(x, y) - 28.0) < 0.5
+
+
+@pytest.mark.parametrize("rotation", [0.0, 10.0, 40.0])
+def test_what_an_image_shows_turns_by_the_angle_that_is_said_of_it(rotation):
+    """From y, along columns, to z, along rows, as an object does that is turned about the approach axis."""
+    spot = np.zeros((400, 33, 33), np.uint8)
+    spot[:, 14:19, 26:31] = 250  # twelve pixels right of the centre
+    for seed in range(5):
+        chance = torch.Generator().manual_seed(seed)
+        shown, angles = augment(torch.from_numpy(spot), Symmetry.ROTATIONS, rotation, chance)
+        weights = shown.double().numpy()
+        z, y = np.einsum("nzy,kzy->kn", weights, np.mgrid[:33, :33] - 16.0) / weights.sum(axis=(1, 2))
+        error = np.exp(1j * (np.arctan2(z, y) - angles.double().numpy()))
+        assert np.rad2deg(np.abs(np.angle(error))).max() < 0.5
+        small = np.rad2deg(np.angle(np.exp(4j * angles.double().numpy()))) / 4  # beyond a quarter turn
+        if rotation:
+            assert stats.kstest(small, stats.uniform(-rotation, 2 * rotation).cdf).pvalue > 1e-4
+        else:
+            assert np.abs(small).max() < 1e-4
 
 
 def test_grey_and_coloured_images_keep_their_shape_and_type():

@@ -36,6 +36,23 @@ def test_saving_and_loading_keeps_the_readings(tmp_path):
     np.testing.assert_array_equal(copy.read(IMAGES).logits, classifier.read(IMAGES).logits)
 
 
+@pytest.mark.parametrize("edge", [8, 16, 64])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_backbone_sees_mean_or_repeated_pixels_in_standard_deviations_from_the_mean(edge, channels):
+    shape = (2, edge, edge, channels)
+    images = np.random.default_rng(1).integers(0, 255, shape).astype(np.uint8)
+    network = TouchNetwork(replace(card(input_size=16, channels=channels), pixel_mean=0.2, pixel_std=0.05))
+    seen = []
+    network.backbone.register_forward_pre_hook(lambda module, inputs: seen.append(inputs[0]))
+    network(torch.from_numpy(images if channels == 3 else images[..., 0]))
+    if edge > 16:
+        wanted = images.reshape(2, 16, edge // 16, 16, edge // 16, channels).mean(axis=(2, 4))
+    else:
+        wanted = images.repeat(16 // edge, axis=1).repeat(16 // edge, axis=2)
+    found = seen[0].permute(0, 2, 3, 1).numpy()
+    np.testing.assert_allclose(found, (wanted / 255.0 - 0.2) / 0.05, atol=1e-5)
+
+
 def test_the_same_classifier_is_the_same_file(tmp_path):
     classifier = random_classifier()
     for number in range(4):

@@ -138,3 +138,19 @@ def test_a_network_of_hypotheses_gives_the_same_without_torch(knows_more, rng):
     for layers in ((narrow,), (first, (last[0], last[1]), (last[0][:, :7], last[1]))):
         with pytest.raises(ValueError, match="hidden layers must be at least one and equally wide"):
             replace(embedding, layers=layers)
+    ones = np.ones(60, np.float32)
+    for wrong in (
+        {"sizes": scales[:0], "rotations": embedding.rotations[:0]},
+        {"sizes": scales[:59]},
+        {"sizes": np.append(scales[:59], 0.0)},
+        {"stiffnesses": ones[:59]},
+        {"stiffnesses": np.append(ones[:59], 0.0)},
+        {"aims": aims[:59]},
+        {"layers": ()},
+        {"layers": (first, (last[0], last[1][:6]))},
+    ):
+        with pytest.raises(ValueError, match="hypotheses"):
+            replace(embedding, **wrong)
+    for wrong in ({"aims": aims[:59]}, {"stiffnesses": skins[:59]}, {"sizes": scales[:59]}):
+        with pytest.raises(ValueError, match="60 shapes need"):
+            embedding.embed(**{"shapes": shapes, "rotations": rotations, "sizes": scales, **wrong})

@@ -7,9 +7,11 @@ import pytest
 
 from activetouch import SCENES, TactileSensor, TouchWorld
 from activetouch.errors import WrongScene
+from activetouch.hypotheses import quaternions
 from activetouch.orientations import Inexact, Tumbled, Upright
+from activetouch.perception import hypothesis_table
 from activetouch.perception.hypothesis_table import HypothesisTable
-from activetouch.poses import facing
+from activetouch.poses import facing, turned
 from belief.touch_batch import TouchBatch
 
 
@@ -42,3 +44,33 @@ def test_poses_look_alike_wherever_objects_lie_anyhow():
     assert np.array_equal(inexact.views(64).same, tumbled.views(64).same)
     with pytest.raises(WrongScene, match="objects that lie anyhow"):
         upright.views(64)
+
+
+@pytest.mark.parametrize("first_to_last", [True, False])
+def test_a_hypothesis_looks_like_the_one_whose_orientation_before_the_pad_is_nearest(first_to_last):
+    scene = SCENES["keyed"].scene
+    if not first_to_last:  # poses that begin with one that turns objects
+        scene = replace(scene, poses=dict(reversed(scene.rotations.items())))
+    table = HypothesisTable(TactileSensor.shipped("keyed").reader, scene)
+    views, rests = table.views(64), quaternions(64)
+    rotations = list(scene.rotations.values())
+    for pose, group in enumerate(table.groups):
+        first = table.groups.index(group)
+        np.testing.assert_array_equal(scene.aim_offsets[pose], scene.aim_offsets[first])
+        shown, there = turned(rotations[pose], rests), turned(rotations[first], rests)
+        likeness = np.abs(shown @ there.T)  # cosine of half the angle between what both show
+        np.testing.assert_allclose(likeness[np.arange(64), views.same[pose]], likeness.max(axis=1), atol=1e-9)
+    assert len(set(table.groups)) == len(set(map(tuple, scene.aim_offsets.tolist())))
+
+
+def test_the_table_of_one_pose_is_its_part_of_all_and_only_large_ones_are_in_half_precision(monkeypatch):
+    shipped = TactileSensor.shipped("coarse")
+    whole = HypothesisTable(shipped.reader, shipped.scene)(16)
+    for most, kind in ((whole.size, np.float32), (whole.size - 1, np.float16)):
+        monkeypatch.setattr(hypothesis_table, "_MOST_IN_SINGLE", most)
+        table = HypothesisTable(shipped.reader, shipped.scene)
+        for pose in range(len(shipped.scene.poses)):
+            found = table.in_pose(16, pose)
+            assert found.dtype == kind
+            assert found is table.in_pose(16, pose)
+            np.testing.assert_array_equal(found, whole[pose].astype(kind))

@@ -14,7 +14,7 @@ from activetouch.perception.card import ClassifierCard
 from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 from activetouch.perception.export import export_reader, fixed_hypotheses
 from activetouch.perception.hypothesis_network import Hypotheses, compose, rotation_matrices
-from activetouch.perception.objective import Contrast, jittered, shape_logits, turned
+from activetouch.perception.objective import Contrast, hypotheses_of, jittered, shape_logits, turned
 from activetouch.perception.recipe import RECIPES
 from activetouch.perception.training import Trainer
 from activetouch.placement import Placement
@@ -183,9 +183,64 @@ def trainer(state, train, recipe):
 
 
 def test_the_logit_of_a_shape_is_the_log_of_its_mean_ratio():
-    scores = torch.log(torch.tensor([[1.0, 3.0, 5.0, 7.0], [2.0, 2.0, 2.0, 8.0]]))
-    logits = shape_logits(scores, torch.tensor([0, 1, 0, 1]), 2)
-    assert torch.allclose(logits.exp(), torch.tensor([[3.0, 5.0], [2.0, 5.0]]))
+    scores = torch.log(torch.tensor([[1.0, 3.0, 5.0, 7.0, 9.0], [2.0, 2.0, 2.0, 8.0, 5.0]]))
+    logits = shape_logits(scores, torch.tensor([0, 1, 0, 1, 0]), 2)
+    assert torch.allclose(logits.exp(), torch.tensor([[5.0, 5.0], [3.0, 5.0]]))
+
+
+class ByShape(torch.nn.Module):
+    """Embeds an image by its brightness and a hypothesis by its shape, so that losses can be worked out by hand."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.vectors = torch.tensor([[0.3, -0.5], [1.1, 0.2]])
+
+    def forward(self, images):
+        bright = images.float().mean(dim=(1, 2)) / 50.0
+        return torch.stack([bright, 1.0 - bright], dim=1), None
+
+    def hypotheses(self, some):
+        return self.vectors[some.shapes]
+
+    def losses(self, images, own, others, log_prior=(0.0, 0.0)):
+        """Negative log probability of each touch's own hypothesis among all, and of its shape, by the definitions."""
+        scores = self(torch.from_numpy(images))[0].double().numpy() @ self.vectors.double().numpy().T  # of each shape
+        found = []
+        for row, (shape, among) in enumerate(zip(own, others, strict=True)):
+            ratio = np.exp(scores[row, shape]) / np.exp(scores[row, among]).mean()
+            of_shapes = np.exp(scores[row] + log_prior)
+            found.append(-np.log(ratio) - np.log(of_shapes[shape] / of_shapes.sum()))
+        return np.array(found)
+
+
+@pytest.mark.parametrize(("focus", "drawn_shapes"), [((), [0, 1] * 5), (("disc",), [0] * 2 + [1] * 8)])
+def test_the_losses_of_contrast_are_those_of_their_definitions(focus, drawn_shapes):
+    touches, network = bars_and_discs(300), ByShape()
+    objective = Contrast(touches, ("bar", "disc"), replace(RECIPE, negatives=10, focus=focus))
+    rows, chance = torch.tensor([0, 3, 4, 7, 9]), torch.Generator().manual_seed(0)
+    images, shapes = touches.images[rows], touches.shapes[rows]
+    found = objective.loss(network, torch.from_numpy(images), rows, torch.zeros(5), chance)
+    prior = np.log([2.0 / 5.0, 8.0 / 5.0]) if focus else np.zeros(2)  # a shape in focus is drawn four times as often
+    wanted = network.losses(images, shapes, [np.concatenate([shapes, drawn_shapes])] * 5, prior)
+    assert float(found) == pytest.approx(wanted.mean(), rel=1e-5)
+    loss, accuracy = objective.evaluate(network, touches, False)
+    others = [np.append(np.arange(4096) % 2, shape) for shape in touches.shapes]
+    assert loss == pytest.approx(network.losses(touches.images, touches.shapes, others).mean(), rel=1e-5)
+    read = (network(torch.from_numpy(touches.images))[0] @ network.vectors.T).argmax(dim=1).numpy()
+    assert accuracy == (read == touches.shapes).mean()
+
+
+def test_touches_of_which_less_is_known_were_aimed_at_the_middle_of_a_body_like_the_pad():
+    touches = bars_and_discs(6)
+    assert np.isnan(touches.aims).all()
+    assert np.isnan(touches.stiffnesses).all()
+    found = hypotheses_of(touches)
+    assert (found.aims == 0.0).all()
+    assert (found.stiffnesses == 1.0).all()
+    aims, stiffnesses = np.arange(12.0).reshape(6, 2), np.arange(1.0, 7.0)
+    found = hypotheses_of(replace(touches, aims=aims, stiffnesses=stiffnesses))
+    np.testing.assert_array_equal(found.aims, aims)
+    np.testing.assert_array_equal(found.stiffnesses, stiffnesses)
 
 
 def test_every_shape_is_among_the_hypotheses_of_a_step_even_if_fewer_are_asked_for(tmp_path):

@@ -50,6 +50,14 @@ def test_training_learns_a_simple_task(backbone, bf16, tmp_path):
     assert reports[-1].calibration_accuracy > 0.9
 
 
+def test_the_loss_of_an_epoch_that_changes_nothing_is_that_of_the_network(tmp_path):
+    trained = trainer(tmp_path / "state.safetensors", replace(RECIPE, learning_rate=1e-12, batch_size=36))
+    told: list[int] = []
+    report = trained.run_epoch(told.append)
+    assert told == [36, 36, 24]
+    assert report.training_loss == pytest.approx(report.calibration_loss, rel=1e-4)
+
+
 @pytest.mark.parametrize("optimizer", ["adamw", "muon"])
 def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(optimizer, tmp_path):
     recipe = replace(RECIPE, optimizer=optimizer)

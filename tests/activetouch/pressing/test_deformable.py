@@ -10,9 +10,11 @@ import pytest
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import POSES, random_orientation
-from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.contact import Contact
+from activetouch.pressing.deformable import Deformable, _pressure
 from activetouch.pressing.press import Quasistatic
 from activetouch.pressing.setup import Setup
+from activetouch.pressing.soft_rig import shared_soft_rig
 from activetouch.shapes import SHAPES
 
 pytestmark = pytest.mark.mujoco
@@ -66,6 +68,28 @@ def test_the_integral_of_the_pressure_is_the_force_in_any_orientation(name, rng)
     assert contact.indentation.min() >= 0.0
 
 
+@pytest.mark.parametrize("nodes", [2, 3, 13])
+def test_an_even_pressure_is_felt_as_even_up_to_the_rim(nodes):
+    part = np.ones(nodes)
+    part[[0, -1]] = 0.5  # of the area of an inner node
+    pressure = _pressure(PAD, np.outer(part, part), 2.0)
+    np.testing.assert_allclose(pressure, 2.0 / (2 * PAD.half_width) ** 2)
+
+
+def test_the_pressure_of_nodes_turns_and_moves_with_their_forces(rng):
+    forces = rng.random((9, 9))
+    pressure = _pressure(PAD, forces, 2.0)
+    for turn in (np.rot90, np.flipud, np.transpose):
+        np.testing.assert_allclose(_pressure(PAD, turn(forces), 2.0), turn(pressure))
+    places = np.linspace(-PAD.half_width, PAD.half_width, 9)
+    for row, column in ((2, 2), (2, 6), (4, 5)):  # a node and its neighbours are within the face
+        forces = np.zeros((9, 9))
+        forces[row, column] = 1.0
+        blank = np.zeros((128, 128))
+        contact = Contact(PAD, blank, 2.0, blank, _pressure(PAD, forces, 2.0))
+        assert contact.centre_of_pressure == pytest.approx([places[column], places[row]], abs=2e-5)
+
+
 def test_the_pressure_is_where_the_object_is():
     contact = COARSE.press(SETUP, sphere(offset=np.array([0.004, -0.003])), 2.0)
     assert contact.centre_of_pressure == pytest.approx([0.004, -0.003], abs=5e-4)
@@ -91,6 +115,14 @@ def test_a_press_does_not_remember_the_one_before():
     first = COARSE.press(SETUP, cylinder, 2.0)
     COARSE.press(SETUP, other, 2.0)
     assert np.array_equal(COARSE.press(SETUP, cylinder, 2.0).indentation, first.indentation)
+
+
+def test_a_soft_rig_has_the_friction_and_the_size_of_the_placement():
+    rig = shared_soft_rig(PAD, COARSE, SHAPES["sphere"])
+    for friction, scale in ((0.3, 1.0), (0.8, 0.5)):
+        rig.place(0.05, Placement(SHAPES["sphere"], scale, UPRIGHT, friction=friction), 1.0)
+        assert (rig.model.flex_friction[:, 0] == friction).all()
+        assert rig.model.geom("object").size[0] == pytest.approx(0.020 * scale)
 
 
 def test_an_object_that_misses_the_pad_gives_no_force_and_a_blank_contact():

@@ -28,6 +28,25 @@ def test_the_integrated_pressure_is_the_force_or_the_layer_bottomed_out(seed, na
         assert carried == pytest.approx(force, rel=1e-9)
 
 
+@given(
+    st.lists(st.sampled_from([0.0, 1e-4, 1e-3, 0.00299, 0.003, 0.1, np.inf]), min_size=1, max_size=5),
+    st.sampled_from([1e-9, 1e-3, 0.1, 1.0, 10.0]),
+)
+def test_any_gaps_are_pressed_as_deep_as_carries_the_force_or_to_the_bottom(gaps, force):
+    gap = np.array(gaps)
+
+    def carried(depth):
+        return PAD.stiffness * PAD.taxel_area * sum(max(0.0, depth - g) for g in gaps)
+
+    depth = PAD.indentation(gap, force)
+    if min(gaps) >= PAD.max_depth:  # nothing within reach
+        assert depth == 0.0
+    elif carried(PAD.max_depth) <= force:
+        assert depth == PAD.max_depth
+    else:
+        assert carried(depth) == pytest.approx(force, rel=1e-9)
+
+
 def test_a_sphere_leaves_a_circle_of_the_radius_geometry_demands():
     for force in (0.5, 2.0, 3.0):
         contact = elastic_contact(PAD, surface_gap(PAD, Placement(SHAPES["sphere"], 1.0, UPRIGHT)), force)

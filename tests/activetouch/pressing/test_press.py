@@ -1,6 +1,7 @@
 """Real presses in MuJoCo: every shape in every pose, misses, extremes."""
 
 import pickle
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.poses import multiply, random_orientation, turn
 from activetouch.pressing.contact import first_touch
-from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.guarded_move import GuardedMove, RecordedMove
 from activetouch.pressing.pad import Pad
-from activetouch.pressing.rig import LARGEST_SCALE, Rig, shared_rig
+from activetouch.pressing.rig import LARGEST_SCALE, Rig, build_spec, shared_rig
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
 from activetouch.shapes import EXTENDED_SHAPES, Sphere
@@ -82,6 +83,48 @@ def test_an_approach_that_could_jump_through_the_pad_is_refused():
 def test_a_force_the_guide_cannot_reach_is_an_error_and_not_a_miss():
     with pytest.raises(UnstablePress, match="did not settle at 300 N"):
         Dynamic().press(SETUP, Placement(SHAPES["sphere"], 1.0, UPRIGHT), 300.0)
+
+
+@pytest.mark.parametrize("kind", [Dynamic, GuardedMove])
+@pytest.mark.parametrize("speed", [0.0, -0.1, np.nan, np.inf])
+def test_a_press_that_would_never_arrive_is_refused(kind, speed):
+    with pytest.raises(ValueError, match="speed"):
+        kind(speed=speed)
+
+
+@pytest.mark.parametrize("press", [RecordedMove(speed=0.05), Dynamic(speed=0.05, traced=True)], ids=repr)
+def test_an_object_goes_back_to_its_start_at_the_stated_speed(press, rng):
+    trace = press.press(SETUP, Placement(SHAPES["cone"], 1.0, random_orientation(rng)), 2.0).trace
+    place, phases = trace.position[:, 0], np.array(trace.phase)
+    away, back = place[phases == Phase.APPROACH], place[phases == Phase.WITHDRAW]
+    advance = press.speed * press.timestep
+    np.testing.assert_allclose(np.diff(away)[200:-1], -advance, rtol=1e-3)  # the servo has caught up
+    assert back.max() == pytest.approx(press.start, abs=5 * advance)  # the object is a little behind the servo
+    middle = (back > back.min() + 0.012) & (back < back.max() - 0.002)  # free of the pad, and still moving
+    assert middle.sum() > 30
+    np.testing.assert_allclose(np.diff(back[middle]), advance, rtol=1e-2)
+
+
+def test_an_object_is_turned_evenly_along_the_shorter_arc(rng, monkeypatch):
+    seen: list[np.ndarray] = []
+    turn_rig = Rig.turn
+
+    def turning(rig, orientation):
+        seen.append(np.array(orientation))
+        turn_rig(rig, orientation)
+
+    monkeypatch.setattr(Rig, "turn", turning)
+    for _ in range(6):
+        start, end = random_orientation(rng), random_orientation(rng)
+        seen.clear()
+        trace = GuardedMove().rotate(SETUP, Placement(SHAPES["cube"], 1.0, start), end)
+        cosines = [min(1.0, abs(np.sum(one * other))) for one, other in pairwise(seen)]
+        assert len(trace) == len(cosines) == 100
+        assert set(trace.phase) == {Phase.ROTATE}
+        np.testing.assert_allclose([np.linalg.norm(one) for one in seen], 1.0)
+        assert abs(seen[0] @ start) == pytest.approx(1.0)
+        assert abs(seen[-1] @ end) == pytest.approx(1.0)
+        assert 2 * np.arccos(cosines).sum() == pytest.approx(2 * np.arccos(abs(start @ end)), abs=1e-5)
 
 
 def test_a_pause_of_no_steps_is_refused():
@@ -190,6 +233,17 @@ def test_friction_and_stiffness_are_those_of_the_placement():
     rig = shared_rig(SETUP, SHAPES["sphere"], 0.002, False)
     rig.place(0.05, Placement(SHAPES["sphere"], 1.0, UPRIGHT, friction=0.3))
     assert rig.model.pair_friction[0, 0] == 0.3
+
+
+def test_the_finger_stands_behind_the_pad_and_all_but_the_pressed_shape_are_parked():
+    shapes = tuple(SHAPES.values())
+    model = build_spec(Setup(height=0.07, finger=True, loaded=shapes), shapes[1], 0.002).compile()
+    pad, tip, base = (model.geom(name) for name in ("pad", "finger_tip", "finger_base"))
+    assert tip.pos[0] + tip.size[0] == pytest.approx(pad.pos[0] - pad.size[0])
+    assert tip.pos[2] == pad.pos[2] == 0.07
+    assert base.pos[2] + base.size[2] == pytest.approx(tip.pos[2] - tip.size[2])
+    parked = [model.geom(number).name for number in range(model.ngeom) if "parked" in model.geom(number).name]
+    assert parked == ["parked0", "parked2", "parked3"]
 
 
 def test_the_guarded_move_holds_still_in_the_pause(rng):

@@ -69,6 +69,18 @@ def test_a_line_that_is_cut_short_is_said_and_its_object_left_out(tmp_path):
     assert touches.object_names == ("can_b",)
     assert "line 1 of hold_haptics.txt (ball_a_t1) is cut short" in notes[0]
     assert "ball_a" in notes[1]
+    assert notes[2].startswith("no_object, behaviours in the air")
+
+
+def test_a_value_that_is_not_finite_leaves_its_object_out(tmp_path):
+    def change(name, lines):
+        broken = lines[0].replace(",", ",nan,", 1).rsplit(",", 1)[0]
+        return [broken, *lines[1:]] if name == "tap_vibro.txt" else lines
+
+    write_cy101(tmp_path, change)
+    touches, notes = read_recorded(tmp_path, "cy101")
+    assert touches.object_names == ("can_b",)
+    assert "line 1 of tap_vibro.txt (ball_a_t1) holds a value that is not finite" in notes[0]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +109,29 @@ def test_runs_of_zeros_in_a_pressure_file_are_spread(tmp_path):
     film = read_dsa(tmp_path / "a.dsa")
     assert film.frames.tolist() == [[5.0, 0.0, 0.0, 7.0], [0.0] * 4]
     assert [pad.shape for pad in film.pads(film.frames[0])] == [(1, 2), (2, 1)]
+
+
+@pytest.mark.parametrize("top", [".", "grasps"])
+def test_grasps_are_read_from_folders_of_objects_in_the_order_of_their_frames(top, tmp_path):
+    for name, first, frame in (
+        ("tennis_ball", 120, [4.0, -3.0]),
+        ("tennis_ball", 9, [1.0, -3.0]),
+        ("mug", 3, [-3.0, 2.0]),
+    ):
+        (tmp_path / top / name).mkdir(parents=True, exist_ok=True)
+        (tmp_path / top / name / f"grasp_{first:06d}-{first + 50}.dsa").write_bytes(dsa([frame]))
+    touches, notes = read_recorded(tmp_path, "sdh2")
+    assert notes == ()
+    assert touches.object_names == ("mug", "tennis_ball")
+    assert touches.labels["shapes"] == ("", "sphere")
+    assert touches.objects.tolist() == [0, 1, 1]
+    assert touches.sessions.tolist() == [0, 0, 1]
+    assert touches.controls["scalar features only"].tolist() == [[2.0, 2.0, 1.0], [1.0, 1.0, 1.0], [4.0, 4.0, 1.0]]
+    narrow = "<cells_x>3</cells_x><cells_y>1</cells_y>"
+    data = f"<frame_data>{np.array([-3.0], '>f4').tobytes().hex()}</frame_data>"
+    (tmp_path / top / "mug" / "grasp_000099-120.dsa").write_bytes(bz2.compress(f"<root>{narrow}{data}</root>".encode()))
+    with pytest.raises(BadRecording, match=r"grasp_000099-120\.dsa has pads \(\(1, 3\),\)"):
+        read_recorded(tmp_path, "sdh2")
 
 
 ENTITIES = "<!DOCTYPE r [<!ENTITY a 'x'><!ENTITY b '&a;&a;&a;&a;'>]>"

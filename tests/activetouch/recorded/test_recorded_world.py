@@ -141,6 +141,21 @@ def test_discriminants_without_a_prior_do_not_prefer_what_was_touched_more(rng):
     np.testing.assert_allclose(change[:, 0] - change[:, 1], np.log(9.0))
 
 
+def test_discriminants_know_how_often_a_label_is_and_heavy_tails_tell_little_far_away(rng):
+    labels = np.repeat([0, 1, 2], [10, 20, 70])
+    rows = rng.normal(size=(100, 4)) + labels[:, None]
+    normal, heavy = (LinearDiscriminants(0.1, is_heavy).fit(rows, labels) for is_heavy in (False, True))
+    centres = np.array([rows[labels == label].mean(axis=0) for label in range(3)])
+    own = np.log([0.1, 0.2, 0.7])
+    np.testing.assert_allclose(heavy.decision_function(centres).diagonal(), own, atol=1e-6)  # at distance zero
+    squares = 2.0 * (own - normal.decision_function(rows))  # squared distances, from the normal densities
+    # Student's kernel has the curvature of the normal one at its centre, and grows with the logarithm far away.
+    np.testing.assert_allclose(np.exp((own - heavy.decision_function(rows)) / 2.0), 1.0 + squares / 4.0, rtol=1e-6)
+    far = centres + 1e6
+    np.testing.assert_allclose(np.diff(heavy.decision_function(far)), np.tile(np.diff(own), (3, 1)), atol=1e-3)
+    assert np.abs(np.diff(normal.decision_function(far))).min() > 1e3
+
+
 def bank(sessions=3):
     things, actions, numbers = (a.ravel() for a in np.mgrid[:2, :2, :sessions])
     ratios = np.stack([100.0 * things + 10.0 * actions + numbers, np.zeros(len(things))], axis=1)

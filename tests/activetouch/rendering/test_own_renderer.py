@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -38,6 +39,7 @@ class Own:
             "a row": lambda: image[0],
             "not square": lambda: image[1:],
             "four colours": lambda: np.stack([image] * 4, axis=2),
+            "empty": lambda: image[:0, :0],
         }[self.how]()
 
 
@@ -60,11 +62,13 @@ def pressed(renderer):
         ("a row", r"shape \(16,\)"),
         ("not square", r"shape \(15, 16\)"),
         ("four colours", r"shape \(16, 16, 4\)"),
+        ("empty", r"shape \(0, 0\)"),
     ],
 )
 def test_what_is_no_image_is_refused_with_the_rule(how, told):
-    with pytest.raises(WrongRenderer, match=rf"(?s){told}.*floating-point images in \[0, 1\]"):
+    with pytest.raises(WrongRenderer, match=rf"(?s){told}.*floating-point images in \[0, 1\]") as caught:
         pressed(Own(how))
+    assert ("divide by 255" in str(caught.value)) == ("255" in told)  # where that would help, and only there
 
 
 def test_an_image_beyond_full_scale_saturates():
@@ -134,7 +138,9 @@ def test_a_fault_that_gives_an_image_of_another_shape_is_named(rng):
         scene.press(scene.sample_object("cone", rng), "front", rng)
 
 
-@pytest.mark.parametrize("faults", [Gain(0.1), (Gain,), (0.1,), (Undirected(),), None])
+@pytest.mark.parametrize(
+    "faults", [Gain(0.1), (Gain,), (0.1,), (Undirected(),), (SimpleNamespace(isotropic=True),), None]
+)
 def test_what_are_no_faults_is_refused_when_the_scene_is_made(faults):
     with pytest.raises(InvalidArgument, match="fault"):
         Scene(faults=faults)

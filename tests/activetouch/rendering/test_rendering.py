@@ -1,5 +1,7 @@
 """Every renderer obeys the same laws, and every fault does what its name says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +13,7 @@ from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.setup import Setup
+from activetouch.pressing.trace import Phase, Trace
 from activetouch.rendering import (
     RENDERERS,
     DeadTaxels,
@@ -84,6 +87,11 @@ def test_a_coarse_array_reads_the_mean_pressure_on_each_taxel(rng):
     coarse = PressureRenderer(binning=16)(contact)
     assert coarse.shape == (4, 4)
     np.testing.assert_allclose(coarse.mean(), PressureRenderer()(contact).mean())
+    assert coarse[1, 2] == pytest.approx(PressureRenderer()(contact)[16:32, 32:48].mean())
+    several = np.stack([contact.pressure, 2.0 * contact.pressure, contact.pressure.T]).reshape(3, 1, 64, 64)
+    means = PressureRenderer(binning=16).mean_pressure(several)
+    one = PressureRenderer(binning=16).mean_pressure(contact.pressure)
+    np.testing.assert_allclose(means, np.stack([one, 2.0 * one, one.T])[:, None])
     with pytest.raises(ValueError, match="binning must divide the pad's 64 points"):
         PressureRenderer(binning=7)(contact)
 
@@ -95,6 +103,32 @@ def test_a_slope_towards_a_light_is_brighter_in_its_colour():
     # Red light comes from +z (last rows). The wall of the dent that looks towards it is on the far side, at small z.
     assert red_by_row[24] > flat > red_by_row[40]
     np.testing.assert_allclose(image[0, 0], flat)
+
+
+@pytest.mark.parametrize("elevation", np.deg2rad([30.0, 45.0, 70.0]))
+def test_a_tilted_plane_is_as_bright_as_lamberts_law_says(elevation):
+    """A light of azimuth a and elevation e shines on a plane of normal n with n · (cos a cos e, sin a cos e, sin e)."""
+    pad = Pad(num_taxels=48)
+    up_y, up_z = -0.10, 0.15  # slopes of the membrane, whose height is minus the indentation
+    depth = 0.01 - up_y * pad.taxel_centres[1] - up_z * pad.taxel_centres[2]
+    image = GelSightRenderer(elevation=elevation)(
+        replace(press(SHAPES["cube"], pad=pad), indentation=depth.reshape(48, 48))
+    )
+    normal = np.array([-up_y, -up_z, 1.0]) / np.sqrt(1.0 + up_y**2 + up_z**2)
+    for colour, azimuth in enumerate(np.deg2rad([90.0, 210.0, 330.0])):
+        light = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+        expected = GelSightRenderer().brightness * (normal @ light) / np.sin(elevation)
+        np.testing.assert_allclose(image[10:-10, 10:-10, colour], expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("num_taxels", [96, 192])
+def test_a_membrane_over_a_step_slopes_as_a_gaussian_of_the_stated_width(num_taxels):
+    pad, renderer = Pad(num_taxels=num_taxels), GelSightRenderer(smoothing=0.001)
+    height, z = 1e-5, pad.taxel_centres[2].reshape(num_taxels, -1)
+    image = renderer(replace(press(SHAPES["cube"], pad=pad), indentation=np.where(z > 0.0, height, 0.0)))
+    slope = (image[:, num_taxels // 2, 0] / renderer.brightness - 1.0) * np.tan(renderer.elevation)  # red, from +z
+    gaussian = np.exp(-0.5 * (z[:, 0] / renderer.smoothing) ** 2) / (renderer.smoothing * np.sqrt(2.0 * np.pi))
+    np.testing.assert_allclose(slope, height * gaussian, atol=0.02 * height * gaussian.max())
 
 
 def test_a_stronger_force_draws_a_larger_patch():
@@ -118,6 +152,45 @@ def test_a_window_slides_over_a_press():
     assert all(window.shape == (64, 64, 3) for window in windows)
     with pytest.raises(ValueError, match="no trace"):
         next(ForcePatchRenderer().windows(press(SHAPES["cube"]), stride=0.02))
+
+
+def traced(phases, force, point, timestep=0.01):
+    """A contact whose trace has these phases, forces along x and contact points."""
+    steps = len(force)
+    forces, points = np.zeros((steps, 3)), np.column_stack([point, np.zeros(steps)])
+    forces[:, 0] = force
+    trace = Trace(timestep * np.arange(1, steps + 1), np.zeros((steps, 3)), forces, points, phases)
+    return replace(press(SHAPES["sphere"]), trace=trace)
+
+
+@pytest.mark.parametrize("steps_of_a_stride", [1, 2, 3, 7])
+def test_windows_end_every_stride_from_the_first_to_the_last_step_in_contact(steps_of_a_stride):
+    num_before, num_touched = 4, 12
+    force = np.concatenate([np.zeros(num_before), np.linspace(0.5, 3.0, num_touched), np.zeros(5)])
+    point = np.linspace(-0.010, 0.010, len(force))
+    renderer = ForcePatchRenderer(window=0.03)
+    found = list(renderer.windows(traced([Phase.CONTACT] * len(force), force, point), 0.01 * steps_of_a_stride))
+    ends = range(num_before + 1, num_before + num_touched + 1, steps_of_a_stride)
+    assert len(found) == len(ends)
+    for window, end in zip(found, ends, strict=True):  # as if the press had paused there
+        phases = [Phase.CONTACT] * (end - 1) + [Phase.PAUSE] + [Phase.WITHDRAW] * (len(force) - end)
+        np.testing.assert_array_equal(window, renderer(traced(phases, force, point)))
+
+
+def test_a_window_shows_the_readings_of_its_time_only():
+    force, phases = np.full(10, 2.0), [Phase.PAUSE] * 10
+    far, renderer = np.where(np.arange(10) < 6, -0.010, 0.004), ForcePatchRenderer(window=0.035)  # the last four
+    still = renderer(traced(phases, force, np.full(10, 0.004)))
+    np.testing.assert_array_equal(renderer(traced(phases, force, far)), still)
+    assert (replace(renderer, window=0.045)(traced(phases, force, far)) != still).any()
+
+
+def test_a_traced_press_without_contact_is_blank_and_has_no_windows():
+    missed = traced([Phase.APPROACH] * 4 + [Phase.WITHDRAW] * 4, np.zeros(8), np.zeros(8))
+    np.testing.assert_array_equal(
+        ForcePatchRenderer()(missed), ForcePatchRenderer()(press(SHAPES["sphere"], force=0.0))
+    )
+    assert list(ForcePatchRenderer().windows(missed, 0.02)) == []
 
 
 @every_fault

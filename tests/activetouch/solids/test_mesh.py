@@ -16,6 +16,7 @@ from activetouch.pressing.contact import surface_gap
 from activetouch.pressing.pad import Pad
 from activetouch.shapes import EXTENDED_SHAPES, BadMesh, Box, Mesh, Torus
 from activetouch.solids import raycast
+from activetouch.solids.triangles import tetrahedra
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 0.016
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -108,6 +109,11 @@ def test_the_mesh_of_a_cube_is_the_box(rng):
             CUBE.entry_distance(origins, direction), box.entry_distance(origins, direction), atol=1e-15
         )
     assert CUBE.bounding_radius == pytest.approx(box.bounding_radius)
+
+
+def test_a_closed_surface_encloses_its_volume_wherever_the_origin_is():
+    for shift in (0.0, 0.05):
+        assert tetrahedra(CORNERS + shift, CUBE_FACES).sum() == pytest.approx(0.032**3)
 
 
 def test_the_mesh_of_a_torus_is_the_torus_up_to_its_facets(rng):

@@ -1,0 +1,54 @@
+"""Distributions have the probabilities and the limits that their names say."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from activetouch.distributions import Constant, Distribution, LogUniform, Mixture, Normal, Uniform
+
+LAWS: list[tuple[Distribution, object]] = [
+    (Uniform(1.0, 3.0), stats.uniform(1.0, 2.0)),
+    (LogUniform(0.5, 8.0), stats.loguniform(0.5, 8.0)),
+    (Normal(1.0, 0.5), stats.truncnorm(-3.0, 3.0, 1.0, 0.5)),
+    (Normal(1.0, 0.5, limit=0.7), stats.truncnorm(-0.7, 0.7, 1.0, 0.5)),
+    (Normal(-1.0, 4.0, limit=0.09), stats.truncnorm(-0.09, 0.09, -1.0, 4.0)),
+]
+
+
+@pytest.mark.parametrize(("distribution", "law"), LAWS, ids=lambda part: repr(part)[:30])
+def test_draws_follow_the_law_and_fill_its_support(distribution, law, rng):
+    draws = [distribution.sample(rng) for _ in range(4000)]
+    assert stats.kstest(draws, law.cdf).pvalue > 1e-4  # which a right sampler misses with this probability
+    np.testing.assert_allclose(distribution.support, law.support())
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_mixture_draws_from_its_first_part_with_the_stated_probability(share, rng):
+    low, high = Uniform(0.0, 1.0), Uniform(2.0, 4.0)
+    mixed, swapped = Mixture(low, high, share), Mixture(high, low, share)
+    draws = np.array([mixed.sample(rng) for _ in range(2000)])
+    assert stats.binomtest(int((draws <= 1.0).sum()), 2000, share).pvalue > 1e-4
+    assert mixed.support == swapped.support == (0.0, 4.0)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize(
+    "make",
+    [
+        Constant,
+        lambda x: Uniform(x, 1.0),
+        lambda x: LogUniform(1.0, x),
+        lambda x: Normal(x, 1.0),
+        lambda x: Normal(0.0, x),
+        lambda x: Normal(0.0, 1.0, x),
+    ],
+)
+def test_every_parameter_of_a_distribution_is_finite(make, bad):
+    with pytest.raises(ValueError, match="must be finite"):
+        make(bad)
+
+
+def test_a_normal_distribution_may_be_one_number_and_keeps_some_of_its_deviates(rng):
+    assert Normal(2.0, 0.0).sample(rng) == 2.0
+    with pytest.raises(ValueError, match="limit > 0"):
+        Normal(2.0, 1.0, limit=0.0)
