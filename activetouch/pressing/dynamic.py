@@ -103,26 +103,34 @@ class Dynamic(SteppedPress):
 
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
+        from mujoco import mj_step
+
         require_force(target_force)
         gap, touching = first_touch(setup.pad, placement)
         rig, withdrawn = self._place(setup, placement)
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance  # per step [m], per newton [m/N]
-        end, slack, step = -self.travel, self.tolerance * target_force, rig.step
+        end, slack = -self.travel, self.tolerance * target_force
         skips = target_force > slack and not self.traced  # else the force 0 of the approach is near enough
         num_steps = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
         position = withdrawn - num_steps * advance
         force, num_settled = 0.0, 0
         wanted = round(self.pause / self.timestep)
         limit = round((self.patience + withdrawn / self.speed) / self.timestep)
-        approach, contact = Phase.APPROACH, Phase.CONTACT
+        model, data, command, reaction, step = rig.model, rig.data, rig.command, rig.reaction, rig.step
         while position > end and num_settled < wanted and num_steps < limit:
             if force > 0.0:
                 moves = gain * (target_force - force)
                 position -= -advance if moves < -advance else advance if moves > advance else moves
-                force = step(position, contact)
             else:
                 position -= advance
-                force = step(position, approach)
+            if self.traced:
+                force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
+            else:  # Rig.step without its call, which takes a twentieth of the time
+                command[0] = position
+                mj_step(model, data)
+                force = reaction[0]
+                if force < 0.0:
+                    force = 0.0
             num_settled = num_settled + 1 if -slack <= force - target_force <= slack else 0
             num_steps += 1
         at_end = position <= end  # missed, or glancing off

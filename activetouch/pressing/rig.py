@@ -7,7 +7,6 @@ orientation and offset in place, so that MuJoCo's bounding volumes remain valid.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import mujoco
@@ -150,10 +149,12 @@ class Rig:
         self._position = self.data.qpos[joint.qposadr[0] :]
         self._velocity = self.data.qvel[joint.dofadr[0] :]
         # A memory view gives its numbers as floats, which calculate faster than the scalars of an array.
-        self._reaction = memoryview(self.data.qfrc_constraint)[joint.dofadr[0] :]
+        self.reaction = memoryview(self.data.qfrc_constraint)[joint.dofadr[0] :]
+        """Its first number is the constraint force on the guide [N]."""
         self._warnings = self.data.warning.number
         actuator = self.model.actuator("guide")
-        self._control = self.data.ctrl[actuator.id :]
+        self.command = self.data.ctrl[actuator.id :]
+        """Its first number is the position to which the guide is commanded [m]."""
         self._lag = -float(actuator.biasprm[2] / actuator.gainprm[0])  # of the servo behind its command [s]
         servos = self.model.actuator_trnid[1:, 0]  # of a robot's joints
         self._stance = self.model.qpos0[self.model.jnt_qposadr[servos]]
@@ -163,8 +164,6 @@ class Rig:
         self._rows: list[tuple[float, NDArray[np.float64]]] = []
         self._phases: list[Phase] = []
         self._num_skipped = 0  # steps before the first row
-        self.step: Callable[[float, Phase], float] = self._traced_step if traced else self._stepper()
-        """Command the guide to a position [m], simulate one timestep, and return the normal force [N]."""
 
     def place(self, position: float, placement: Placement) -> None:
         """Put the object at rest with its centre ``position`` [m] in front of the pad.
@@ -188,8 +187,8 @@ class Rig:
         model.pair_friction[0, :2] = placement.friction
         model.body_pos[self._body, 1:] = placement.offset
         self.turn(placement.orientation)
-        self._position[0] = self._control[0] = position
-        self._control[1:] = self._stance
+        self._position[0] = self.command[0] = position
+        self.command[1:] = self._stance
 
     def turn(self, orientation: Quaternion) -> None:
         """Set the orientation of the object."""
@@ -228,24 +227,13 @@ class Rig:
         self._position[0], self._velocity[0] = position, 0.0
         return 0
 
-    def _stepper(self) -> Callable[[float, Phase], float]:
-        """The fastest step that records nothing: names and views are looked up once."""
-        model, data, simulate = self.model, self.data, mujoco.mj_step
-        control, reaction = self._control, self._reaction
-
-        def step(position: float, phase: Phase) -> float:
-            control[0] = position
-            simulate(model, data)
-            force: float = reaction[0]
-            return 0.0 if force < 0.0 else force
-
-        return step
-
-    def _traced_step(self, position: float, phase: Phase) -> float:
-        self._control[0] = position
+    def step(self, position: float, phase: Phase) -> float:
+        """Command the guide to a position [m], simulate one timestep, and return the normal force [N]."""
+        self.command[0] = position
         mujoco.mj_step(self.model, self.data)
-        self._rows.append((self._position[0], self.data.sensordata.copy()))
-        self._phases.append(phase)
+        if self._traced:
+            self._rows.append((self._position[0], self.data.sensordata.copy()))
+            self._phases.append(phase)
         return self.force
 
     def relabel(self, num_steps: int, phase: Phase) -> None:
@@ -270,7 +258,7 @@ class Rig:
     @property
     def force(self) -> float:
         """Normal force between pad and object [N], the constraint force on the guide; 0 behind the pad's rim."""
-        return max(float(self._reaction[0]), 0.0)
+        return max(float(self.reaction[0]), 0.0)
 
     @property
     def num_warnings(self) -> int:
