@@ -160,6 +160,10 @@ class Version:
         print(name, file=self.process.stdin, flush=True)
         return float(self._line())
 
+    def end(self) -> None:
+        """End the process, and wait for it, so that its time counts."""
+        self.process.communicate()
+
     def _line(self) -> str:
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
@@ -241,6 +245,8 @@ def main() -> None:
     if arguments.commands is None:
         earlier, this = Version(arguments.before), Version(HERE)
         compare(chosen(this.names), lambda name: (earlier.time(name), this.time(name)), arguments.rounds, "ms")
+        for version in (earlier, this):
+            version.end()
         return
     with tempfile.TemporaryDirectory() as plans:
 
