@@ -107,6 +107,33 @@ def test_an_edge_leaves_a_line_of_offsets_and_a_face_an_area():
     np.testing.assert_allclose(contacts._measure(Faces(*CUBE.planes), np.array([1.0, 1.2]), flat), 1.0)
 
 
+@pytest.mark.parametrize(
+    ("axis", "half_angle", "across"),
+    [((0.0, 0.0, 1.0), 0.05, 0.0095), ((0.0, 0.6, 0.8), 0.05, 0.0095), ((0.0, 0.0, 1.0), 0.35, 0.013)],
+)
+def test_the_offsets_at_which_one_face_of_a_smaller_box_looks_the_same_are_those_of_equal_images(
+    axis, half_angle, across, rng
+):
+    turn = np.array([np.cos(half_angle), *np.sin(half_angle) * np.array(axis)])
+    wide, narrow, offset = Box((0.004, 0.03, 0.03)), Box((0.004, across, 0.0105)), np.array([0.001, -0.0005])
+    placed = Faces(wide.planes[0] @ to_matrix(turn).T, wide.planes[1])
+    seen = see(SCENE.pad, placed, offset, 2.0)
+    assert len(seen.faces.distances) == 1
+    sizes = np.array([0.8, 0.9, 1.0, 1.2])
+    body = Faces(narrow.planes[0] @ to_matrix(turn).T, narrow.planes[1])
+    found = CongruentContacts(SCENE)._measure(body, sizes, seen)
+
+    def image(box, size, where):
+        gap = surface_gap(SCENE.pad, Placement(box, size, turn, where))
+        return elastic_contact(SCENE.pad, gap, 2.0).indentation
+
+    felt, tried = image(wide, 1.0, offset), rng.uniform(-0.002, 0.002, (1600, 2))
+    same = [[np.abs(image(narrow, size, where) - felt).max() < 1e-9 for where in tried] for size in sizes.tolist()]
+    # 1 600 draws: four standard errors are 0.05. The measure is of a grid of offsets, which adds less than that.
+    np.testing.assert_allclose(found, np.mean(same, axis=1), atol=0.1)
+    assert len(set(found.tolist())) > 2
+
+
 def test_what_is_seen_does_not_depend_on_faces_without_an_effect():
     rng = np.random.default_rng(3)
     for _ in range(10):
