@@ -19,12 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy  # whose parts load at first use
 from numpy.typing import ArrayLike
-from scipy.special import betaincinv, expit
+from scipy.special import expit
 
 from belief.calibration.inputs import finite_logits
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
 from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
+from belief.statistics.proportion import exact_interval
 from belief.validation import as_real, unmasked
 
 _ROUNDING = 1e-20  # largest variance of an AUROC that is taken as zero
@@ -174,13 +175,11 @@ def auroc_interval(
     if min(len(known), len(novel)) < 2:
         raise ValueError(f"an interval needs at least two rows of each, got {len(known)} known and {len(novel)} novel")
     require_fraction("confidence", confidence)
-    value, tail = auroc(known, novel), (1.0 - confidence) / 2
+    value = auroc(known, novel)
     variance = _row_means(novel, known).var(ddof=1) / len(novel) + _row_means(known, novel).var(ddof=1) / len(known)
     if variance < _ROUNDING:
         right, wrong = np.array([value, 1.0 - value]) * min(len(known), len(novel))
-        low = betaincinv(right, wrong + 1.0, tail) if right else 0.0
-        high = betaincinv(right + 1.0, wrong, 1.0 - tail) if wrong else 1.0
-        return value, float(low), float(high)
+        return value, *exact_interval(right, wrong, confidence)
     centre = np.log(value) - np.log1p(-value)
     reach = normal_quantile(confidence) * np.sqrt(variance) / (value * (1.0 - value))
     return value, float(expit(centre - reach)), float(expit(centre + reach))

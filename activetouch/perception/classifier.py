@@ -94,7 +94,7 @@ class TouchClassifier:
             ValueError: there are no images, or they are something else.
         """
         require_stack(images)
-        if self.card.embedding:
+        if self.card.knows_orientations:
             raise InvalidArgument(
                 "this network embeds images, and tells shapes only with hypotheses: read with the reader that training "
                 "wrote beside it, or train a plain classifier (--recipe large)"

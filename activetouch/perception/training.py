@@ -90,7 +90,7 @@ class Trainer:
         self._task: dict[str, Any] = json.loads(json.dumps(task))  # as the state file has it
         self.optimizers = Optimizers(classifier.network, recipe)
         labels = classifier.card.shape_labels
-        contrast = classifier.card.embedding > 0
+        contrast = classifier.card.knows_orientations
         self.objective: Objective = (Contrast if contrast else ShapeObjective)(train, labels, recipe)
         if contrast and symmetry is Symmetry.ROTATIONS_AND_MIRROR:
             self.symmetry = Symmetry.ROTATIONS  # how a mirrored body lies depends on its shape

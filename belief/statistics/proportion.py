@@ -40,9 +40,14 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
     [0.0, 0.0362]
     """
     some, every = _checked(successes, trials, confidence)
-    tail = (1.0 - float(confidence)) / 2
-    low = 0.0 if some == 0 else float(betaincinv(some, every - some + 1, tail))
-    return low, 1.0 if some == every else float(betainccinv(some + 1, every - some, tail))
+    return exact_interval(some, every - some, float(confidence))
+
+
+def exact_interval(right: float, wrong: float, confidence: float) -> tuple[float, float]:
+    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0."""
+    tail = (1.0 - confidence) / 2
+    low = float(betaincinv(right, wrong + 1, tail)) if right else 0.0
+    return low, float(betainccinv(right + 1, wrong, tail)) if wrong else 1.0
 
 
 def _checked(successes: int, trials: int, confidence: float) -> tuple[int, int]:

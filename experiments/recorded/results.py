@@ -165,9 +165,7 @@ def law_table(part: Part, threshold: float) -> Table:
             if not chosen:
                 cells += ["–", "–"]
                 continue
-            right, things = np.array([(one.result.is_right, one.thing) for one in chosen]).T
-            share = accuracy_of_objects(right, things, np.random.default_rng(0))
-            cells += [f"{np.mean([one.result.stated for one in chosen]):.3f}", interval(*share)]
+            cells += [f"{np.mean([one.result.stated for one in chosen]):.3f}", interval(*_share_right(chosen))]
         rows.append((LAW_NAMES[law], *cells))
     return Table(
         f"Correlation of touches: loss of unseen sequences, and stops that state at least {threshold:g}",
@@ -206,11 +204,16 @@ def stated_bins(part: Part, law: Law, threshold: float) -> list[StatedBin]:
     for first, last in pairwise(edges.tolist()):
         inside = [one for one in chosen if first <= one.result.stated < last]
         if inside:
-            right, things = np.array([(one.result.is_right, one.thing) for one in inside]).T
-            share = accuracy_of_objects(right, things, np.random.default_rng(0))
             stated = float(np.mean([one.result.stated for one in inside]))
-            found.append(StatedBin(first, last, stated, share, len(inside), len(np.unique(things))))
+            num_objects = len({one.thing for one in inside})
+            found.append(StatedBin(first, last, stated, _share_right(inside), len(inside), num_objects))
     return found
+
+
+def _share_right(some: Sequence[Named]) -> tuple[float, float, float]:
+    """Share of identifications that are right, with its 95 % interval over objects."""
+    right, things = np.array([(one.result.is_right, one.thing) for one in some]).T
+    return accuracy_of_objects(right, things, np.random.default_rng(0))
 
 
 def stop_table(part: Part, threshold: float) -> Table:

@@ -55,8 +55,7 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     """Copy all intact shards of run folders into one, and write its ``run.json`` and ``episodes.jsonl``.
 
     Of two shards with the same key, the one with more episodes is kept. The run has the largest number of episodes of
-    all, so that its report leaves none out. Shards of earlier versions of a decider are not
-    copied.
+    all, so that its report leaves none out. Shards of earlier versions of a decider are not copied.
 
     Args:
         sources: at least one run folder.
