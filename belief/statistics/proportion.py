@@ -44,7 +44,11 @@ def clopper_pearson_interval(successes: int, trials: int, confidence: float = 0.
 
 
 def exact_interval(right: float, wrong: float, confidence: float) -> tuple[float, float]:
-    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0."""
+    """Clopper-Pearson interval for numbers of right and wrong trials that need not be whole, both ≥ 0, not both 0.
+
+    >>> [round(x, 3) for x in exact_interval(2.5, 2.5, 0.95)]
+    [0.094, 0.906]
+    """
     tail = (1.0 - confidence) / 2
     low = float(betaincinv(right, wrong + 1, tail)) if right else 0.0
     return low, float(betainccinv(right + 1, wrong, tail)) if wrong else 1.0
