@@ -46,14 +46,14 @@ def progress_bar() -> Progress:
 
 
 def run_tasks(
-    tasks: Sequence[Callable[[], T]], jobs: int, description: str, scheduler: str | None = None
+    tasks: Sequence[Callable[[], T]], jobs: int | None, description: str, scheduler: str | None = None
 ) -> Iterator[T]:
     """Yield the result of every task in order of completion; see :func:`run_lazily`."""
     return run_lazily(tasks, len(tasks), jobs, description, scheduler)
 
 
 def run_lazily(
-    tasks: Iterable[Callable[[], T]], total: int, jobs: int, description: str, scheduler: str | None = None
+    tasks: Iterable[Callable[[], T]], total: int, jobs: int | None, description: str, scheduler: str | None = None
 ) -> Iterator[T]:
     """Yield the result of every task in order of completion; take each task from the iterable shortly before it runs.
 
@@ -63,7 +63,7 @@ def run_lazily(
     Args:
         tasks: at most ``total`` tasks.
         total: number at which the progress bar is full.
-        jobs: number of processes on this machine.
+        jobs: number of processes on this machine; as many as processors if None.
         description: text of the progress bar.
         scheduler: address of a Dask scheduler whose workers run the tasks instead, such as tcp://10.0.0.1:8786.
 
@@ -72,6 +72,7 @@ def run_lazily(
     """
     from threadpoolctl import threadpool_limits
 
+    jobs = default_jobs() if jobs is None else jobs
     alone = jobs == 1 and scheduler is None
     with threadpool_limits(1) if alone else _backend(scheduler), progress_bar() as progress:
         bar = progress.add_task(description, total=total)

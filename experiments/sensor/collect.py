@@ -18,7 +18,7 @@ from belief.errors import ActiveTouchError, CorruptFile
 from experiments.command_line.arguments import Jobs, check_arguments
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.trust import Trust
-from experiments.parallel import default_jobs, run_tasks
+from experiments.parallel import run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
 
 
@@ -50,8 +50,8 @@ class Collect:
     """Folder of a collection, or its manifest.json: make the same once more in another folder, and compare."""
     trust: bool = False
     """With --from-manifest: run code of your own that it names, such as a scene module:attribute."""
-    jobs: Jobs = field(default_factory=default_jobs)
-    """Processes; the bytes do not depend on it."""
+    jobs: Jobs | None = None
+    """Processes; as many as processors by default. The bytes do not depend on it."""
 
     def run(self) -> None:
         """Record all missing shards, and check all."""
@@ -88,13 +88,13 @@ class Collect:
         print(f"{len(recorded.sha256)} shards identical")
 
 
-def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int) -> Manifest:
+def collect(choice: SceneChoice, plan: CollectionPlan, folder: Path, jobs: int | None) -> Manifest:
     """Record what a folder lacks of a collection of a scene that the command line names; see :func:`record`."""
     return record(choice.named.scene, plan, folder, jobs, choice.to_dict())
 
 
 def record(
-    scene: Scene, plan: CollectionPlan, folder: Path, jobs: int, choice: Mapping[str, Any] | None = None
+    scene: Scene, plan: CollectionPlan, folder: Path, jobs: int | None, choice: Mapping[str, Any] | None = None
 ) -> Manifest:
     """Record what a folder lacks of a collection, check what it had, and return its manifest, digests and all.
 
@@ -102,7 +102,7 @@ def record(
         scene: whose touches to record.
         plan: how many.
         folder: of the collection.
-        jobs: processes; the bytes do not depend on it.
+        jobs: processes; as many as processors if None. The bytes do not depend on it.
         choice: the command line's words for the scene, if there are any.
 
     Raises:
