@@ -27,7 +27,7 @@ _UNIT_SLACK = 1e-3  # of a norm, for numbers that were rounded to three digits
 
 def multiply(left: Quaternion, right: Quaternion) -> Quaternion:
     """The rotation ``right`` followed by ``left`` (Hamilton product, ``wxyz``)."""
-    return np.array(hamilton_product(left, right))
+    return np.array(hamilton_product(_components(left), _components(right)))
 
 
 def hamilton_product(left: Iterable[Any], right: Iterable[Any]) -> list[Any]:
@@ -43,7 +43,13 @@ def hamilton_product(left: Iterable[Any], right: Iterable[Any]) -> list[Any]:
 
 def to_matrix(quaternion: Quaternion) -> NDArray[np.float64]:
     """Rotation matrix ``(3, 3)`` of a unit quaternion ``wxyz``: its columns are the rotated axes."""
-    return np.array(matrix_rows(quaternion))
+    return np.array(matrix_rows(_components(quaternion)))
+
+
+def _components(quaternions: Quaternion) -> Iterable[Any]:
+    """The components ``wxyz``; of a single quaternion as Python's numbers, whose arithmetic is faster than numpy's."""
+    found = np.asarray(quaternions, float)
+    return found.tolist() if found.ndim == 1 else found
 
 
 def matrix_rows(quaternion: Iterable[Any]) -> list[list[Any]]:
