@@ -37,6 +37,15 @@ def test_asking_for_help_loads_nothing_heavy():
     assert not loaded & set(HEAVY)
 
 
+@pytest.mark.mujoco
+def test_one_process_collects_touches_without_joblib(tmp_path):
+    plan = "--plan.train 0 --plan.calibration 1 --plan.test 0"
+    words = f"collect --scene coarse --fidelity quasistatic {plan} --out {tmp_path / 'touches'} --jobs 1".split()
+    loaded = modules_loaded_by(f"from experiments.cli import main; sys.argv[1:] = {words}; main()")
+    assert "mujoco" in loaded
+    assert "joblib" not in loaded
+
+
 def test_belief_needs_numpy_and_scipy_only():
     loaded = {name.split(".")[0] for name in modules_loaded_by("from belief import *")}
     others = (*PACKAGES, *HEAVY, "gymnasium", "joblib", "rich", "tyro", "jinja2", "PIL")
