@@ -1,6 +1,7 @@
 """Estimator for several touches where images are fine: a lower bound on the loss, by congruent contacts.
 
-See :mod:`experiments.bayes_error.congruent` for the bound. It is compared with the sensor on the same touches.
+See :mod:`experiments.bayes_error.congruent` for the bound. It is compared with the sensor on the same touches, and with
+the loss of the same ideal reader if it multiplies its posteriors of single touches.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_softmax
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.sensor import TactileSensor
@@ -58,21 +60,20 @@ class CongruentBound:
         truth = test.shapes[:: len(scene.poses)]
         shapes, objects = np.tile(truth, self.orders), np.tile(np.arange(len(truth)), self.orders)
         flat = np.flatnonzero(np.isin(shapes, list(contacts.shapes)))
-        posterior = np.zeros((len(shapes), touches[-1], 2))  # log probability of the true shape, and of the likeliest
+        posterior = np.zeros((len(shapes), touches[-1], 3))
         tasks = [
-            partial(
-                _true_and_likeliest, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some
-            )
+            partial(_logs_of_interest, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some)
             for some in chunks(len(flat), _SEQUENCES_PER_TASK)
         ]
         for some, found in run_tasks(tasks, jobs, "congruent contacts"):
             posterior[flat[some]] = found
-        true, likeliest = np.moveaxis(posterior[:, np.array(touches) - 1], 2, 0)
-        bound = np.maximum(-true, 0.0)  # without rounding errors
+        true, likeliest, true_if_independent = np.moveaxis(posterior[:, np.array(touches) - 1], 2, 0)
+        bound, independent = (np.maximum(-logs, 0.0) for logs in (true, true_if_independent))  # without rounding errors
         known = np.stack([log_posteriors(sensor.model, read.first(n)) for n in touches], axis=1)
         loss = np.stack([log_loss(logs, shapes) for logs in np.moveaxis(known, 1, 0)], axis=1)
         measured = {
             "bound": bound,
+            "independent": independent,
             "sensor": loss,
             "excess": loss - bound,
             "accuracy_bound": np.exp(likeliest),
@@ -96,16 +97,22 @@ class CongruentBound:
         return Findings("Least loss of any reader of several touches", _sentences(numbers), _tables(numbers), numbers)
 
 
-def _true_and_likeliest(
+def _logs_of_interest(
     contacts: CongruentContacts, test: TouchSet, objects: NDArray[np.int64], poses: NDArray[np.int64], some: range
 ) -> tuple[range, Floats]:
-    """The rows, and log posteriors of the true and the likeliest shape after 1 to T touches, ``(S, T, 2)``."""
+    """The rows, and log posteriors after 1 to T touches, ``(S, T, 3)``.
+
+    They are those of the true and of the likeliest shape, and that of the true one if touches are taken as independent.
+    """
     found, num_poses, flat = [], len(contacts.scene.poses), list(contacts.shapes)
     for row, order in zip(objects * num_poses, poses, strict=True):
         where, shape = row + order, int(test.shapes[row])
         body = shape, test.rests[row], float(test.sizes[row])
-        logs = contacts.log_posteriors(*body, order, test.offsets[where], test.forces[where])
-        found.append(np.stack([logs[:, flat.index(shape)], logs.max(axis=1)], axis=1))
+        touched, true = (order, test.offsets[where], test.forces[where]), flat.index(shape)
+        logs = contacts.log_posteriors(*body, *touched)
+        singles = [contacts.log_posteriors(*body, *(of[t : t + 1] for of in touched)) for t in range(len(order))]
+        independent = log_softmax(np.cumsum(np.concatenate(singles), axis=0), axis=1)
+        found.append(np.stack([logs[:, true], logs.max(axis=1), independent[:, true]], axis=1))
     return some, np.stack(found)
 
 
@@ -124,6 +131,8 @@ def _sentences(numbers: dict[str, Any]) -> list[str]:
         "shapes its loss is taken as zero. A real reader knows less, so its expected loss is larger.",
         f"{numbers['objects']} unseen objects, their poses in {numbers['orders']} random orders. After "
         f"{numbers['touches'][-1]} touches the bound is {last['bound']} nats, the sensor has {last['sensor']}.",
+        "The same reader can also take touches as independent given the shape, and multiply its posteriors of single "
+        "touches. The ratio of both losses tells what an ideal reader gains by knowing that touches are of one body.",
     ]
 
 
@@ -137,9 +146,16 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
         for label, entry in numbers["by_shape"].items()
         for name, values in entry.items()
     ]
+    pairs = zip(numbers["bound"], numbers["independent"], strict=True)
+    ratios = [f"{one['value'] / other['value']:.2f}" if other["value"] else "" for one, other in pairs]
     heads = [f"{n} touch{'es' * (n > 1)}" for n in touches]
     return [
         by_touches("NLL of the shape [nats]", touches, columns(no_reader_below="bound", sensor="sensor")),
+        by_touches(
+            "NLL of the ideal reader [nats]",
+            touches,
+            columns(one_body="bound", independent="independent") | {"ratio": ratios},
+        ),
         by_touches("NLL of the sensor minus the bound [nats]", touches, columns(difference="excess")),
         by_touches("Accuracy", touches, columns(no_reader_above="accuracy_bound", sensor="sensor_accuracy")),
         Table("NLL by shape [nats]", ("shape", "of", *heads), by_shape),

@@ -21,7 +21,7 @@ from activetouch.pressing.press import Quasistatic
 from activetouch.scene import Variation
 from activetouch.shapes import EXTENDED_SHAPES, Box, Sphere
 from experiments.bayes_error.congruent import CongruentContacts, Faces, alignments, see, two_directions
-from experiments.bayes_error.congruent_bound import CongruentBound, _true_and_likeliest
+from experiments.bayes_error.congruent_bound import CongruentBound, _logs_of_interest
 from experiments.bayes_error.limit import Limit
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import record
@@ -180,6 +180,9 @@ def test_the_command_compares_the_sensor_with_the_bound(tmp_path, capsys):
     assert found["touches"] == [1, 3]
     assert found["flat_faced"] == ["cube", "cuboid", "wedge", "hexagonal_prism"]
     assert all(entry["value"] >= 0.0 for entry in found["bound"])
+    of_one, of_three = ([found[name][n]["value"] for name in ("independent", "bound")] for n in (0, 1))
+    assert of_one[0] == pytest.approx(of_one[1])
+    assert of_three[0] > of_three[1]
     assert set(found["by_shape"]) == set(found["flat_faced"])
     for name in ("bound", "sensor"):
         assert all(len(entry[name]) == 2 for entry in found["by_shape"].values())
@@ -210,10 +213,12 @@ def test_each_touch_has_the_offset_and_the_force_of_its_object_and_pose():
             return np.log([[0.3, 0.7]] * len(order))
 
     orders = np.array([[3, 0], [1, 2], [2, 3]])
-    some, found = _true_and_likeliest(Named(), test, np.array([2, 0, 1]), orders, range(4, 7))
+    some, found = _logs_of_interest(Named(), test, np.array([2, 0, 1]), orders, range(4, 7))
     assert some == range(4, 7)
     true = [0.7, 0.7, 0.3]  # of objects 2, 0 and 1, in the order of the shapes
-    np.testing.assert_allclose(np.exp(found), [[[p, 0.7]] * 2 for p in true])
+    product = [p**2 / (0.3**2 + 0.7**2) for p in true]
+    wanted = [[[p, 0.7, p], [p, 0.7, both]] for p, both in zip(true, product, strict=True)]
+    np.testing.assert_allclose(np.exp(found), wanted)
 
 
 def test_two_directions_of_faces_leave_the_rotations_of_a_body():
