@@ -30,7 +30,7 @@ from experiments.sensor.scores import read_touches
 from experiments.sensor.several_touches import first_round, in_random_orders
 
 Floats = NDArray[np.float64]
-_SEQUENCES_PER_TASK = 40
+_OBJECTS_PER_TASK = 8
 
 
 @dataclass(frozen=True)
@@ -59,15 +59,17 @@ class CongruentBound:
         read = in_random_orders(read_touches(sensor.reader, test, f"{data}, test touches"), test, self.orders, seed)
         truth = test.shapes[:: len(scene.poses)]
         shapes, objects = np.tile(truth, self.orders), np.tile(np.arange(len(truth)), self.orders)
-        flat = np.flatnonzero(np.isin(shapes, list(contacts.shapes)))
-        posterior = np.zeros((len(shapes), touches[-1], 3))
+        flat = np.flatnonzero(np.isin(truth, list(contacts.shapes)))
+        orders = read.poses[:, : touches[-1]].reshape(self.orders, len(truth), -1).swapaxes(0, 1)
+        posterior = np.zeros((self.orders, len(truth), touches[-1], 3))
         tasks = [
-            partial(_logs_of_interest, contacts, test, objects[flat[some]], read.poses[flat[some], : touches[-1]], some)
-            for some in chunks(len(flat), _SEQUENCES_PER_TASK)
+            partial(_logs_of_interest, contacts, test, flat[some], orders[flat[some]], some)
+            for some in chunks(len(flat), _OBJECTS_PER_TASK)
         ]
         for some, found in run_tasks(tasks, jobs, "congruent contacts"):
-            posterior[flat[some]] = found
-        true, likeliest, true_if_independent = np.moveaxis(posterior[:, np.array(touches) - 1], 2, 0)
+            posterior[:, flat[some]] = found.swapaxes(0, 1)
+        after = posterior[:, :, np.array(touches) - 1].reshape(len(shapes), len(touches), 3)
+        true, likeliest, true_if_independent = np.moveaxis(after, 2, 0)
         bound, independent = (np.maximum(-logs, 0.0) for logs in (true, true_if_independent))  # without rounding errors
         known = np.stack([log_posteriors(sensor.model, read.first(n)) for n in touches], axis=1)
         loss = np.stack([log_loss(logs, shapes) for logs in np.moveaxis(known, 1, 0)], axis=1)
@@ -98,22 +100,24 @@ class CongruentBound:
 
 
 def _logs_of_interest(
-    contacts: CongruentContacts, test: TouchSet, objects: NDArray[np.int64], poses: NDArray[np.int64], some: range
+    contacts: CongruentContacts, test: TouchSet, objects: NDArray[np.int64], orders: NDArray[np.int64], some: range
 ) -> tuple[range, Floats]:
-    """The rows, and log posteriors after 1 to T touches, ``(S, T, 3)``.
+    """The objects' places, and log posteriors after 1 to T touches in each of O orders, ``(S, O, T, 3)``.
 
     They are those of the true and of the likeliest shape, and that of the true one if touches are taken as independent.
     """
-    found, num_poses, flat = [], len(contacts.scene.poses), list(contacts.shapes)
-    for row, order in zip(objects * num_poses, poses, strict=True):
-        where, shape = row + order, int(test.shapes[row])
-        body = shape, test.rests[row], float(test.sizes[row])
-        touched, true = (order, test.offsets[where], test.forces[where]), flat.index(shape)
-        logs = contacts.log_posteriors(*body, *touched)
-        singles = [contacts.log_posteriors(*body, *(of[t : t + 1] for of in touched)) for t in range(len(order))]
-        independent = log_softmax(np.cumsum(np.concatenate(singles), axis=0), axis=1)
-        found.append(np.stack([logs[:, true], logs.max(axis=1), independent[:, true]], axis=1))
-    return some, np.stack(found)
+    found, num_poses, flat = np.empty((*orders.shape, 3)), len(contacts.scene.poses), list(contacts.shapes)
+    for place, row in enumerate((objects * num_poses).tolist()):
+        shape, rest, size = int(test.shapes[row]), test.rests[row], float(test.sizes[row])
+        touched, true = slice(row, row + num_poses), flat.index(shape)
+        offsets, forces = test.offsets[touched], test.forces[touched]
+        posterior = partial(contacts.log_posteriors, shape, rest, size)
+        singles = [posterior(poses, offsets[poses], forces[poses]) for poses in np.arange(num_poses)[:, None]]
+        for number, order in enumerate(orders[place]):
+            logs = posterior(order, offsets[order], forces[order])
+            independent = log_softmax(np.cumsum(np.concatenate(singles)[order], axis=0), axis=1)
+            found[place, number] = np.stack([logs[:, true], logs.max(axis=1), independent[:, true]], axis=1)
+    return some, found
 
 
 def _mean(values: NDArray[Any], objects: NDArray[np.int64], seed: int) -> dict[str, Any]:

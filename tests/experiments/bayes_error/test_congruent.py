@@ -212,13 +212,13 @@ def test_each_touch_has_the_offset_and_the_force_of_its_object_and_pose():
             np.testing.assert_allclose(forces, number + order / 10)
             return np.log([[0.3, 0.7]] * len(order))
 
-    orders = np.array([[3, 0], [1, 2], [2, 3]])
+    orders = np.array([[[3, 0], [1, 3]], [[1, 2], [2, 0]], [[2, 3], [0, 1]]])
     some, found = _logs_of_interest(Named(), test, np.array([2, 0, 1]), orders, range(4, 7))
     assert some == range(4, 7)
     true = [0.7, 0.7, 0.3]  # of objects 2, 0 and 1, in the order of the shapes
     product = [p**2 / (0.3**2 + 0.7**2) for p in true]
     wanted = [[[p, 0.7, p], [p, 0.7, both]] for p, both in zip(true, product, strict=True)]
-    np.testing.assert_allclose(np.exp(found), wanted)
+    np.testing.assert_allclose(np.exp(found), np.stack([wanted, wanted], axis=1))
 
 
 def test_two_directions_of_faces_leave_the_rotations_of_a_body():
