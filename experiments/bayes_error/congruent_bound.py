@@ -112,10 +112,10 @@ def _logs_of_interest(
         touched, true = slice(row, row + num_poses), flat.index(shape)
         offsets, forces = test.offsets[touched], test.forces[touched]
         posterior = partial(contacts.log_posteriors, shape, rest, size)
-        singles = [posterior(poses, offsets[poses], forces[poses]) for poses in np.arange(num_poses)[:, None]]
+        single = [posterior(poses, offsets[poses], forces[poses])[0] for poses in np.arange(num_poses)[:, None]]
         for number, order in enumerate(orders[place]):
             logs = posterior(order, offsets[order], forces[order])
-            independent = log_softmax(np.cumsum(np.concatenate(singles)[order], axis=0), axis=1)
+            independent = log_softmax(np.cumsum(np.array(single)[order], axis=0), axis=1)
             found[place, number] = np.stack([logs[:, true], logs.max(axis=1), independent[:, true]], axis=1)
     return some, found
 
