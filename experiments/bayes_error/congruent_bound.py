@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_softmax
 
 from activetouch.data.dataset import TouchSet, read_split
 from activetouch.sensor import TactileSensor
@@ -21,6 +20,8 @@ from belief.observation_model.selection import log_posteriors
 from belief.statistics import cluster_bootstrap
 from experiments.bayes_error.congruent import CongruentContacts
 from experiments.bayes_error.estimator import Findings, chunks, words
+from experiments.bayes_error.image_bank import log_posterior
+from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.joint_report import by_touches
 from experiments.bayes_error.simulation import log_loss
 from experiments.command_line.arguments import Count
@@ -113,10 +114,10 @@ def _logs_of_interest(
         offsets, forces = test.offsets[touched], test.forces[touched]
         posterior = partial(contacts.log_posteriors, shape, rest, size)
         single = [posterior(poses, offsets[poses], forces[poses])[0] for poses in np.arange(num_poses)[:, None]]
-        for number, order in enumerate(orders[place]):
-            logs = posterior(order, offsets[order], forces[order])
-            independent = log_softmax(np.cumsum(np.array(single)[order], axis=0), axis=1)
-            found[place, number] = np.stack([logs[:, true], logs.max(axis=1), independent[:, true]], axis=1)
+        logs = np.stack([posterior(order, offsets[order], forces[order]) for order in orders[place]])
+        evidence = Evidence(logs, np.stack([single] * len(logs)))
+        independent = log_posterior(evidence.independent(orders[place]))
+        found[place] = np.stack([logs[..., true], logs.max(axis=2), independent[..., true]], axis=2)
     return some, found
 
 
