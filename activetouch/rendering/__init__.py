@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from activetouch.rendering.check import check_renderer
 from activetouch.rendering.faults import (
+    Blur,
     DeadTaxels,
     DrawnDeadTaxels,
     DrawnNoise,
@@ -17,6 +18,8 @@ from activetouch.rendering.faults import (
     Hysteresis,
     Noise,
     Quantisation,
+    Shift,
+    StuckTaxels,
     read_out,
 )
 from activetouch.rendering.force_patch import ForcePatchRenderer
@@ -31,6 +34,7 @@ RENDERERS: Mapping[str, TactileRenderer] = MappingProxyType(
 
 __all__ = [
     "RENDERERS",
+    "Blur",
     "DeadTaxels",
     "DrawnDeadTaxels",
     "DrawnNoise",
@@ -42,6 +46,8 @@ __all__ = [
     "Noise",
     "PressureRenderer",
     "Quantisation",
+    "Shift",
+    "StuckTaxels",
     "TactileRenderer",
     "check_renderer",
     "read_out",

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from numbers import Integral
 from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -94,6 +95,34 @@ class DeadTaxels:
         """See :class:`Fault`."""
         faulty = image.copy()
         faulty[_broken(self.share, self.seed, image.shape[:2])] = 0.0
+        return faulty
+
+
+@dataclass(frozen=True)
+class StuckTaxels:
+    """Broken taxels, which read the same value in every touch.
+
+    Attributes:
+        share: fraction of all taxels, rounded to a whole number of taxels.
+        level: what they read, in [0, 1]; 1 is full scale.
+        seed: determines which taxels are broken.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    share: float
+    level: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("share", "level"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        faulty = image.copy()
+        faulty[_broken(self.share, self.seed, image.shape[:2])] = self.level
         return faulty
 
 
@@ -190,6 +219,61 @@ class Hysteresis:
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return np.maximum(image - self.width, 0.0)
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A sensor that is mounted beside its place: the image is displaced, and reads zero where it shows nothing.
+
+    Attributes:
+        rows, columns: displacement [taxels], towards higher indices; taxels that leave the image are lost.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    rows: int = 0
+    columns: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("rows", "columns"):
+            if not isinstance(getattr(self, name), Integral):
+                raise ValueError(f"{name} must be a whole number of taxels, got {getattr(self, name)!r}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        shifted = np.zeros_like(image)
+        (to_row, from_row), (to_column, from_column) = map(_displaced, (self.rows, self.columns), image.shape[:2])
+        shifted[to_row, to_column] = image[from_row, from_column]
+        return shifted
+
+
+def _displaced(by: int, size: int) -> tuple[slice, slice]:
+    """Where the indices of an axis are after a displacement, and where they were."""
+    by = max(-size, min(by, size))
+    return slice(max(by, 0), size + min(by, 0)), slice(max(-by, 0), size - max(by, 0))
+
+
+@dataclass(frozen=True)
+class Blur:
+    """A soft skin that spreads the pressure over neighbouring taxels, as a Gaussian filter.
+
+    Attributes:
+        std: of the filter [taxels].
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    std: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.std < np.inf:
+            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
+
+    def __call__(self, image: Image, rng: np.random.Generator) -> Image:
+        """See :class:`Fault`."""
+        from scipy.ndimage import gaussian_filter
+
+        return np.asarray(gaussian_filter(image, self.std, mode="constant", axes=(0, 1)))
 
 
 def require_faults(faults: object) -> None:

@@ -311,7 +311,9 @@ def _markdown(text: str) -> Iterator[tuple[str, list[dict[str, str]]]]:
 def _condition(name: str, models: Mapping[str, Any]) -> str:
     joint, independent = models["rigid body"], models["independent"]
     searches, unsure = joint["searches"], joint["searches"]["abstaining"]
-    when = f", in search {unsure['searches_to_alarm']:g}" if unsure["alarms"] else ""
+    when = (
+        f", in search {unsure['searches_to_alarm']:g}, touch {unsure['touches_to_alarm']:g}" if unsure["alarms"] else ""
+    )
     return _row(
         name,
         *(f"{model['stops']['stated']:.3f}, {_kept(model['stops']['achieved'])}" for model in (joint, independent)),

@@ -11,9 +11,10 @@ from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from activetouch.distributions import Constant, Distribution, LogUniform, Uniform
-from activetouch.rendering import DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation
+from activetouch.rendering import Blur, DeadTaxels, Fault, Gain, Hysteresis, Noise, Quantisation, Shift, StuckTaxels
 from activetouch.rendering.faults import change_faults, faults_of
 from activetouch.scene import Scene
+from activetouch.shapes import Cylinder
 from experiments.scene_choice import FIDELITIES, PRESENTATIONS
 
 Change: TypeAlias = Callable[[Scene], Scene]
@@ -53,6 +54,41 @@ def _dead(share: float) -> Change:
         return _faulty(lambda faults: (*(fault for fault in faults if fault not in old), more))(scene)
 
     return changed
+
+
+def _stuck(share: float) -> Change:
+    """Taxels that read full scale, in addition to the faults of the sensor."""
+
+    def changed(scene: Scene) -> Scene:
+        _require_taxels(scene, share * scene.image_shape[0] ** 2, f"{100 * share:g} % of its taxels")
+        return _faulty(lambda faults: (*faults, StuckTaxels(share)))(scene)
+
+    return changed
+
+
+def _shifted(taxels: int = 0, share: float = 0.0) -> Change:
+    """An image that is displaced by some taxels and by a share of its edge."""
+
+    def changed(scene: Scene) -> Scene:
+        by = taxels + share * scene.image_shape[0]
+        _require_taxels(scene, by, f"{100 * share:g} % of its edge")
+        return _faulty(lambda faults: (Shift(columns=round(by)), *faults))(scene)
+
+    return changed
+
+
+def _require_taxels(scene: Scene, number: float, what: str) -> None:
+    """Check that a number of taxels is at least one when rounded."""
+    if round(number) < 1:
+        raise DoesNotApply(f"{what} is less than one taxel")
+
+
+def _longer_cylinder(scene: Scene) -> Scene:
+    """A cylinder of twice the length, with the name of the one that the sensor knows."""
+    known = scene.solids.get("cylinder")
+    if not isinstance(known, Cylinder):
+        raise DoesNotApply("it has no cylinder")
+    return replace(scene, shapes={**scene.solids, "cylinder": replace(known, half_length=2.0 * known.half_length)})
 
 
 def _varied(**changes: Distribution) -> Change:
@@ -121,11 +157,16 @@ CONDITIONS: Mapping[str, Change] = MappingProxyType(
         "1 % more dead": _dead(0.01),
         "5 % more dead": _dead(0.05),
         "19 % more dead": _dead(3 / 16),
+        "6 % stuck at full scale": _stuck(1 / 16),
+        "shifted by 1 taxel": _shifted(taxels=1),
+        "shifted by 3 % of the edge": _shifted(share=1 / 32),
+        "blurred by 1 taxel": _faulty(lambda faults: (Blur(1.0), *faults)),
         "4 bits": _faulty(lambda faults: (*faults, Quantisation(4))),
         "hysteresis 5 %": _faulty(lambda faults: (Hysteresis(0.05), *faults)),
         "size ± 25 %": _varied(size=Uniform(0.75, 1.25)),
         "smaller by ≤ 15 %": _sized(-0.15, 0.0),
         "larger by ≤ 15 %": _sized(0.0, 0.15),
+        "cylinder twice as long": _longer_cylinder,
         "friction 0.3 to 1": _rubbing,
         "stiffness × 0.4": _varied(stiffness=Constant(0.4)),
         "stiffness × 0.7": _varied(stiffness=Constant(0.7)),

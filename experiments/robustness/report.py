@@ -69,7 +69,9 @@ def robustness_tables(numbers: Mapping[str, Any]) -> list[Table]:
     return found
 
 
-def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts: Parts) -> Table:
+def _beside(
+    numbers: Mapping[str, Any], title: str, note: str, right: str, parts: Parts, more: tuple[str, ...] = ()
+) -> Table:
     """One row per condition, and for every model: how often it is right, and what it states and achieves at the end.
 
     Args:
@@ -77,12 +79,14 @@ def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts
         title: of the table.
         note: what stated and achieved mean.
         right: heading of the first of a model's columns.
-        parts: from the scores of a model: value and interval of the first column, and the other three; None without.
+        parts: from the scores of a model: value and interval of the first column, and the other ones; None without.
+        more: names of columns of text after those.
     """
     models = list(numbers["conditions"][AS_TRAINED]["models"])
     columns: list[Sequence[str]] = ["condition"]
     for model in models:
         columns += [(f"{model}: {right}", ""), ("touches", ".2f"), ("stated", ".3f"), ("achieved", ".3f")]
+        columns += [(name, "") for name in more]
     rows: list[tuple[Value, ...]] = []
     gaps: dict[str, dict[str, float]] = {model: {} for model in models}
     for condition, row in numbers["conditions"].items():
@@ -90,7 +94,7 @@ def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts
         for model in models:
             value, ends = parts(row["models"][model])
             cells += [None if value is None else interval(*value)]
-            cells += [None if ends is None else ends[key] for key in ("touches", "stated", "achieved")]
+            cells += [None if ends is None else ends[key] for key in ("touches", "stated", "achieved", *more)]
             if ends is not None and ends["stated"] is not None and not row["is_chance"]:
                 gaps[model][condition] = ends["stated"] - ends["achieved"]
         rows.append((condition, *cells))
@@ -103,12 +107,17 @@ def _beside(numbers: Mapping[str, Any], title: str, note: str, right: str, parts
 
 
 def _stops_table(numbers: Mapping[str, Any]) -> Table:
+    def parts(own: Mapping[str, Any]) -> tuple[tuple[float, float, float], Mapping[str, Any] | None]:
+        found, fused = own["stops"], (own["fused_accuracy"], *own["fused_interval"])
+        return fused, found and found | {"worst shape": "{} {:.3f}".format(*found["worst_shape"])}
+
     return _beside(
         numbers,
         "stated confidence and accuracy at the stop",
         f"Each object is touched in its poses in random order, until a shape has a posterior of {CONFIDENCE:g}.",
         "all touches fused",
-        lambda own: ((own["fused_accuracy"], *own["fused_interval"]), own["stops"]),
+        parts,
+        ("worst shape",),
     )
 
 
@@ -224,14 +233,16 @@ def _abstention_table(numbers: Mapping[str, Any]) -> Table:
         rows,
         "Fractions of all searches. The same searches are made by a decider that always answers and by one that may be "
         f"unsure; {robots} robots share those, and intervals resample the robots. The conflict test of a robot runs "
-        "on from search to search. Alarms: how many robots had one, and in which search, the median.",
+        "on from search to search, and the targets come in random order. Alarms: how many robots had one, in which "
+        "search and after how many touches in all, the medians.",
     )
 
 
 def _alarms(found: Mapping[str, Any]) -> str:
-    """How many robots had an alarm, and in which search."""
-    when = found["searches_to_alarm"]
-    return f"{found['alarms']}" + ("" if when is None else f", in search {when:g}")
+    """How many robots had an alarm, in which search, and after how many touches."""
+    if not found["alarms"]:
+        return "0"
+    return f"{found['alarms']}, in search {found['searches_to_alarm']:g}, touch {found['touches_to_alarm']:g}"
 
 
 def draw_conditions(numbers: Mapping[str, Any], *paths: Path) -> None:

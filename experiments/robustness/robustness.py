@@ -8,13 +8,14 @@ out-of-distribution scores by their AUROC.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import load_observation_model, observation_file
@@ -26,7 +27,7 @@ from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
 from belief.out_of_distribution import MahalanobisScore, auroc_interval, energy_score
 from belief.statistics import clopper_pearson_interval, paired_bootstrap
-from experiments.calibration.sequences import Sequences, stops
+from experiments.calibration.sequences import Sequences, Stops, stops
 from experiments.command_line.arguments import BadArgument, CountOrNone, Jobs, Seed, Within, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
@@ -218,9 +219,8 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
 
     Returns:
         ``nll`` and ``ece`` of single touches; ``fused_accuracy`` of all touches of an object, with its exact binomial
-        interval; ``stops``: their ``number``, mean number of ``touches``, mean ``stated`` confidence, and ``achieved``
-        accuracy with its ``interval``; ``conflict``: :func:`~experiments.robustness.conflict.stream_scores`, None for
-        a model without a conflict test.
+        interval; ``stops``: see :func:`stops_scores`; ``conflict``:
+        :func:`~experiments.robustness.conflict.stream_scores`, None for a model without a conflict test.
     """
     num_objects, num_poses, _ = outputs.logits.shape
     probs, labels = np.exp(log_posteriors(model, outputs.singles())), outputs.shapes.repeat(num_poses)
@@ -237,9 +237,29 @@ def model_scores(outputs: ClassifierOutputs, model: ArrayModel, seed: int) -> di
         "ece": expected_calibration_error(probs, labels),
         "fused_accuracy": num_found / num_objects,
         "fused_interval": clopper_pearson_interval(num_found, num_objects),
-        "stops": confidence_at_stops(stopped.claims, stopped.correct, stopped.num_touches),
+        "stops": stops_scores(stopped, outputs.shapes, model.shape_labels),
         "conflict": None if found is None else stream_scores(found[0], stopped, seed),
     }
+
+
+def stops_scores(stopped: Stops, shapes: NDArray[np.int64], labels: Sequence[str]) -> dict[str, Any] | None:
+    """What stops state and achieve; None without a stop.
+
+    Args:
+        stopped: the stops.
+        shapes: true shape of every sequence, ``(S,)``.
+        labels: of the shapes.
+
+    Returns:
+        Their ``number``, mean number of ``touches``, mean ``stated`` confidence, ``achieved`` accuracy with its
+        ``interval``, and ``worst_shape``: the shape whose objects have the lowest accuracy, with this accuracy.
+    """
+    found = confidence_at_stops(stopped.claims, stopped.correct, stopped.num_touches)
+    if found is None:
+        return None
+    here = shapes[stopped.sequences]
+    right = {labels[k]: float(stopped.correct[here == k].mean()) for k in np.unique(here).tolist()}
+    return found | {"worst_shape": min(right.items(), key=lambda item: item[1])}
 
 
 def out_of_distribution(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import accumulate, count
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,8 @@ def search_scores(
         with "I do not know", with their intervals; ``sure``: calibration of the confirmations that state
         :data:`CONFIDENCE` or more, as :func:`confidence_at_stops`; ``alarms``: how many robots had an alarm of their
         test, which runs on from search to search (there are :data:`SET_UPS` of them, or one for each of fewer
-        searches); ``searches_to_alarm``: median number of the search in which.
+        searches, which search for all targets in random order); ``searches_to_alarm`` and ``touches_to_alarm``: median
+        number of the search in which, and of all touches until then.
     """
     problem = SearchProblem(
         named.scene.shape_labels,
@@ -137,14 +139,15 @@ def _scores(
         worlds.append(TouchWorld.sample(sensor, sample_arrangement(problem, rng), rng))
 
     if abstain is not None:
-        parts = [slice(first, None, SET_UPS) for first in range(SET_UPS)]
+        order = np.random.default_rng(seed).permutation(len(seeds)).tolist()  # a robot seeks all targets from the start
+        parts = [order[first::SET_UPS] for first in range(SET_UPS)]
         by_robot = search_in_turn(
-            [worlds[part] for part in parts],
+            [[worlds[n] for n in part] for part in parts],
             Abstaining(decider, abstain, CONFIDENCE),
             replace(problem, unsure_reward=0.0),
-            [targets[part] for part in parts],
+            [[targets[n] for n in part] for part in parts],
             sensor.model,
-            [seeds[part] for part in parts],
+            [[seeds[n] for n in part] for part in parts],
             partial(_read_together, sensor),
         )
         return {"abstaining": _abstention(by_robot)}
@@ -228,17 +231,22 @@ def _abstention(by_robot: Sequence[Sequence[Episode]]) -> dict[str, Any]:
         for episode in played
         if episode.outcome is Outcome.CONFIRMED
     ]
-    alarms = [num for some in by_robot if (num := _searches_to_alarm(some)) is not None]
+    alarms = [found for some in by_robot if (found := _to_alarm(some)) is not None]
+    searches, touches = np.median(alarms, axis=0).tolist() if alarms else (None, None)
     return {
         "wrong": rate([_is_wrong(episode) for episode in played]),
         "unsure": rate([episode.outcome is Outcome.UNSURE for episode in played]),
         "sure": confidence_at_stops(*zip(*sure, strict=True)) if sure else None,
         "alarms": len(alarms),
-        "searches_to_alarm": float(np.median(alarms)) if alarms else None,
+        "searches_to_alarm": searches,
+        "touches_to_alarm": touches,
     }
 
 
-def _searches_to_alarm(episodes: Sequence[Episode]) -> int | None:
-    """Number of the search, from 1, in which the conflict test first stopped a set-up; None if it did not."""
-    stopped = (n for n, episode in enumerate(episodes, 1) if "is_conflict" in episode.steps[-1].decision.scores)
-    return next(stopped, None)
+def _to_alarm(episodes: Sequence[Episode]) -> tuple[int, int] | None:
+    """Searches and touches of a set-up until its conflict test first stopped it; None if it did not."""
+    touches = accumulate(episode.num_touches for episode in episodes)
+    after = zip(count(1), touches, episodes, strict=False)
+    return next(
+        ((n, touched) for n, touched, episode in after if "is_conflict" in episode.steps[-1].decision.scores), None
+    )

@@ -6,6 +6,7 @@ what it names. Conditions that differ only in the sensor's faults share their pr
 
 from __future__ import annotations
 
+import json
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from activetouch.errors import UnstablePress
 from activetouch.rendering import Fault, read_out
 from activetouch.scene import Scene, WorldObject
+from activetouch.scene_description import scene_fields
 from activetouch.sensor import TactileSensor
 from belief.seeding import keyed_rng
 from belief.touch_batch import TouchBatch
@@ -40,8 +42,7 @@ class ShiftedScene:
     @property
     def presses(self) -> Hashable:
         """All that determines the presses: equal for scenes that differ only in the sensor's faults."""
-        how = (self.scene.press_model, self.scene.variation, self.scene.presentation, self.scene.shape_labels)
-        return (*how, self.num_objects, self.stream)
+        return json.dumps(scene_fields(replace(self.scene, faults=()))), self.num_objects, self.stream
 
 
 @dataclass(frozen=True, eq=False)

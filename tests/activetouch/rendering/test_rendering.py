@@ -16,6 +16,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 from activetouch.rendering import (
     RENDERERS,
+    Blur,
     DeadTaxels,
     ForcePatchRenderer,
     Gain,
@@ -24,12 +25,17 @@ from activetouch.rendering import (
     Noise,
     PressureRenderer,
     Quantisation,
+    Shift,
+    StuckTaxels,
     read_out,
 )
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES
 
 PAD = Pad(num_taxels=64)
-FAULTS = [Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(4), Hysteresis(0.05)]
+FAULTS = [
+    *(Gain(0.1), Noise(0.02), DeadTaxels(0.05), Quantisation(4), Hysteresis(0.05)),
+    *(StuckTaxels(0.1), Shift(1, -3), Shift(columns=1), Blur(0.0), Blur(1.0)),
+]
 every_renderer = pytest.mark.parametrize("name", list(RENDERERS))
 every_fault = pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: type(fault).__name__)
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -211,6 +217,31 @@ def test_dead_taxels_are_the_same_in_every_touch(rng):
     assert (DeadTaxels(0.1, seed=4)(np.ones((20, 20)), rng) == 0.0).sum() == 40
 
 
+def test_stuck_taxels_read_their_level_and_the_others_what_they_feel(rng):
+    image = rng.uniform(0.1, 0.9, (20, 20))
+    read, dead = StuckTaxels(0.1, seed=3)(image, rng), DeadTaxels(0.1, seed=3)(image, rng) == 0.0
+    np.testing.assert_array_equal(read, np.where(dead, 1.0, image))
+    assert (StuckTaxels(1 / 16, level=0.5)(np.zeros((4, 4)), rng) == 0.5).sum() == 1
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(0, 0), (1, 0), (0, -2), (-3, 1), (4, 0), (-9, 0), (10**20, 1)])
+def test_a_shift_moves_every_taxel_by_as_much_and_shows_nothing_beyond_the_edge(rows, columns, rng):
+    image = rng.uniform(0.1, 1.0, (4, 5, 3))
+    shifted = Shift(rows, columns)(image, rng)
+    for row, column in np.ndindex(4, 5):
+        here = 0 <= row - rows < 4 and 0 <= column - columns < 5
+        np.testing.assert_array_equal(shifted[row, column], image[row - rows, column - columns] if here else 0.0)
+
+
+def test_a_blur_keeps_the_force_inside_and_the_colours_apart(rng):
+    image = np.zeros((41, 41, 3))
+    image[20, 20, 0] = 1.0
+    blurred = Blur(2.0)(image, rng)
+    assert blurred[..., 0].sum() == pytest.approx(1.0)
+    assert blurred[20, 22, 0] / blurred[20, 20, 0] == pytest.approx(np.exp(-0.5), rel=1e-3)
+    assert not blurred[..., 1:].any()
+
+
 def test_gain_scales_the_whole_image(rng):
     ratios = [Gain(0.1)(np.full((3, 3), 0.5), rng) / 0.5 for _ in range(50)]
     assert all(np.ptp(ratio) < 1e-12 for ratio in ratios)
@@ -238,7 +269,19 @@ def test_faults_are_applied_in_turn_and_end_in_eight_bits(rng):
     np.testing.assert_array_equal(read_out(2 * image - 0.5, (), rng), [[0, 128], [255, 255]])
 
 
-@pytest.mark.parametrize("wrong", [lambda: DeadTaxels(1.5), lambda: Quantisation(0)])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: DeadTaxels(1.5),
+        lambda: Quantisation(0),
+        lambda: StuckTaxels(np.nan),
+        lambda: StuckTaxels(0.1, level=2.0),
+        lambda: Shift(0.5),
+        lambda: Shift(columns=np.nan),
+        lambda: Blur(-1.0),
+        lambda: Blur(np.inf),
+    ],
+)
 def test_a_fault_that_makes_no_sense_is_refused(wrong):
-    with pytest.raises(ValueError, match="must be in"):
+    with pytest.raises(ValueError, match="must be"):
         wrong()

@@ -14,14 +14,16 @@ from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
-from activetouch.rendering import DeadTaxels, Hysteresis, Noise, Quantisation
+from activetouch.rendering import Blur, DeadTaxels, Hysteresis, Noise, Quantisation, Shift
 from activetouch.rendering.faults import faults_of
 from activetouch.sensor_files import MODELS, load_observation_model
 from belief import Belief, Confirm, Probe, Reject, Touch, Unsure
 from belief.errors import UnknownName
+from belief.seeding import arrangement_rng
 from belief.statistics import clopper_pearson_interval
+from belief.synthetic import sample_arrangement
 from experiments.reporting.tables import interval
-from experiments.robustness import shifted_touches
+from experiments.robustness import searches, shifted_touches
 from experiments.robustness.conditions import CONDITIONS, DoesNotApply, _together
 from experiments.robustness.report import robustness_tables
 from experiments.robustness.robustness import Robustness, condition_scores, out_of_distribution
@@ -101,6 +103,8 @@ def test_every_condition_changes_a_scene_or_is_left_out_with_a_reason(name):
         (SCENES["paper"].scene, "4 bits", "not readings of taxels"),
         (SCENES["hard"].scene, "size ± 25 %", "was trained"),
         (SCENES["coarse"].scene, "1 % more dead", "1 % of its 16 taxels"),
+        (SCENES["coarse"].scene, "shifted by 3 % of the edge", "less than one taxel"),
+        (SCENES["keyed"].scene, "cylinder twice as long", "no cylinder"),
         (COARSE, "friction 0.3 to 1", "nothing slides"),
         (SCENES["gel"].scene, "press deformable", "--deformable"),
     ],
@@ -120,6 +124,42 @@ def test_dead_taxels_stay_dead_when_more_of_them_die():
     dead, more = old(image, rng) == 0.0, new(image, rng) == 0.0
     assert (dead.sum(), more.sum()) == (2, 3)
     assert more[dead].all()
+
+
+def test_the_pad_is_blurred_and_displaced_before_it_is_read_and_stuck_taxels_say_nothing_else():
+    for name, kind in (("blurred by 1 taxel", Blur), ("shifted by 1 taxel", Shift)):
+        assert isinstance(CONDITIONS[name](COARSE).faults[0], kind)
+    assert CONDITIONS["shifted by 1 taxel"](COARSE).faults[0] == Shift(columns=1)
+    assert CONDITIONS["shifted by 3 % of the edge"](SCENES["hard"].scene).faults[0] == Shift(columns=4)
+    stuck = CONDITIONS["6 % stuck at full scale"](COARSE).faults[-1]
+    read = stuck(np.zeros((4, 4)), np.random.default_rng(0))
+    assert (read == 1.0).sum() == 1
+    [dead] = faults_of(DeadTaxels, COARSE.faults)
+    assert dead(read, np.random.default_rng(0)).max() == 1.0  # it is none of those that are dead
+
+
+def test_a_longer_cylinder_is_another_object_of_the_same_name():
+    for name in ("coarse", "gel", "hard", "many", "paper"):
+        scene = SCENES[name].scene
+        longer = CONDITIONS["cylinder twice as long"](scene)
+        assert longer.shape_labels == scene.shape_labels
+        assert longer.solids["cylinder"].half_length == 2.0 * scene.solids["cylinder"].half_length
+        assert {k: v for k, v in longer.solids.items() if k != "cylinder"} == {
+            k: v for k, v in scene.solids.items() if k != "cylinder"
+        }
+        assert ShiftedScene(longer, 1).presses != ShiftedScene(scene, 1).presses
+
+
+def test_scenes_that_differ_in_faults_only_share_their_presses():
+    first = ShiftedScene(COARSE, 3)
+    assert first.presses == ShiftedScene(replace(COARSE, faults=()), 3).presses
+    others = [
+        ShiftedScene(COARSE, 4),
+        ShiftedScene(COARSE, 3, stream=1),
+        ShiftedScene(replace(COARSE, poses="directions26"), 3),
+        ShiftedScene(CONDITIONS["stiffness × 0.4"](COARSE), 3),
+    ]
+    assert all(some.presses != first.presses for some in others)
 
 
 def test_hysteresis_comes_before_the_noise_and_the_converter_last():
@@ -231,7 +271,7 @@ def test_a_joint_model_reads_embeddings_and_is_compared_with_its_independent_one
         "left_out": {},
     }
     stops, conflict, searches = robustness_tables(report | {"conditions": numbers})[1:]
-    assert [len(table.columns) for table in (stops, conflict, searches)] == [9, 5, 9]
+    assert [len(table.columns) for table in (stops, conflict, searches)] == [11, 5, 9]
     assert "Largest gap of rigid body" in stops.note
     assert "Largest gap of independent" in searches.note
     first = next(iter(scenes))
@@ -384,6 +424,7 @@ def test_what_robots_that_may_be_unsure_did_is_counted():
     doubt, alarm = (episode(Outcome.UNSURE, reason=reason) for reason in ("is_doubtful", "is_conflict"))
     found = _abstention([[right, doubt, alarm, alarm], [right, wrong, right, right], [alarm, right, right, right]])
     assert (found["alarms"], found["searches_to_alarm"]) == (2, 2.0)  # in the third search, and in the first
+    assert found["touches_to_alarm"] == 4.0  # of six, and of two
     assert (found["wrong"][0], found["unsure"][0]) == (pytest.approx(1 / 12), pytest.approx(4 / 12))
     sure = found["sure"]
     assert (sure["number"], sure["achieved"]) == (8, 7 / 8)
@@ -396,7 +437,31 @@ def test_what_robots_that_may_be_unsure_did_is_counted():
     for events, name in (([[doubt] * 3] * 2, "unsure"), ([[wrong] * 3] * 2, "wrong")):  # always: no point
         assert _abstention(events)[name] == [1.0, *clopper_pearson_interval(6, 6)]
     assert _abstention([[doubt]])["sure"] is None
-    assert _abstention([[doubt]])["searches_to_alarm"] is None
+    assert _abstention([[doubt]])["searches_to_alarm"] is _abstention([[doubt]])["touches_to_alarm"] is None
+
+
+def test_robots_seek_all_targets_from_the_start(sensor, monkeypatch):
+    seen = []
+
+    def played(worlds, decider, problem, targets, model, seeds, touch_many):
+        seen.append((targets, seeds))
+        assert [[world.arrangement for world in some] for some in worlds] == [
+            [tuple(sample_arrangement(problem, arrangement_rng(key))) for key in some] for some in seeds
+        ]
+        return [[episode(Outcome.CONFIRMED, True)] * len(some) for some in targets]
+
+    monkeypatch.setattr(searches, "search_in_turn", played)
+    for seed in (0, 0, 1):
+        search_scores(sensor, {"own": sensor.model}, {"": COARSE}, SCENES["coarse"], 16, seed, 1, abstain=0.02)
+    same, again, other = seen
+    assert same == again
+    assert same != other
+    targets, seeds = same
+    assert [[key[1] for key in some] for some in seeds] == targets
+    assert sorted(key for some in seeds for key in some) == [(0, k, n) for k in range(4) for n in range(16)]
+    firsts = [some[0] for some in targets]  # in the order of targets all eight would seek the first
+    assert len(set(firsts)) > 1
+    assert all(len(set(some)) > 1 for some in targets)
 
 
 RECORDS = Path(__file__).parents[3] / "docs" / "robustness"
