@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from belief.statistics import wilson_interval
 from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
@@ -50,11 +51,40 @@ def test_a_command_that_fails_leaves_no_record(run_record, tmp_path):
     assert not (tmp_path / "records").exists()
 
 
-def test_a_comparison_with_settings_that_its_record_would_not_name_is_refused(tmp_path):
+@pytest.fixture
+def records():
     spec = spec_from_file_location("records", Path(__file__).parent.parent / "docs" / "generate" / "records.py")
-    records = module_from_spec(spec)
-    spec.loader.exec_module(records)
+    script = module_from_spec(spec)
+    spec.loader.exec_module(script)
+    return script
+
+
+def test_a_comparison_with_settings_that_its_record_would_not_name_is_refused(records, tmp_path):
     arguments = asdict(Compare(targets=("cone",), seed=1, setting=Setting(SceneChoice("coarse"), touch_cost=0.05)))
     (tmp_path / "run.json").write_text(json.dumps({"arguments": arguments, "identity": {}}, default=str))
     with pytest.raises(SystemExit, match=r"other settings: targets \['cone'\], touch_cost 0\.05$"):
         records.record(tmp_path)
+
+
+def found(seed, won, searches=100, touches=4.0, **others):
+    row = {"searches": searches, "success": [won / searches, 0.0, 1.0], "touches": touches, "return": 0.5}
+    return {"command": f"activetouch compare --seed {seed}", "commit": "abc", "deciders": {"mine": row}} | others
+
+
+def test_a_record_of_several_seeds_counts_all_their_searches(records):
+    one = records.pooled([found(1, 90), found(2, 300, searches=300, touches=8.0)])
+    assert one["seeds"] == [1, 2]
+    assert one["command"].endswith("--seed 1")
+    mine = one["deciders"]["mine"]
+    assert mine["searches"] == 400
+    assert mine["success"] == [390 / 400, *wilson_interval(390, 400)]
+    assert (mine["touches"], mine["return"], mine["touches_by_seed"]) == (7.0, 0.5, [4.0, 8.0])
+
+
+@pytest.mark.parametrize(
+    "other",
+    [found(1, 80), found(2, 80, commit="def"), found(2, 80) | {"command": "activetouch compare --cost 1 --seed 2"}],
+)
+def test_runs_of_one_seed_or_of_other_code_are_not_pooled(records, other):
+    with pytest.raises(SystemExit, match="not pooled"):
+        records.pooled([found(1, 90), other])

@@ -1,8 +1,9 @@
 """Keep the records of finished comparisons whose numbers the pages state: command, code, versions, results.
 
-Run: python docs/generate/records.py FOLDER ...        (folders that `activetouch compare` wrote; one record per scene)
+Run: python docs/generate/records.py FOLDER ...        (folders that `activetouch compare` wrote; one record per sensor)
 
-A test compares README and docs/results.md with these records.
+Runs of one sensor that differ in their seed only are pooled. A test compares README and docs/results.md with these
+records.
 """
 
 from __future__ import annotations
@@ -11,11 +12,12 @@ import csv
 import json
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from belief.statistics import wilson_interval
 from experiments.search.compare import Compare
 
 RECORDS = Path(__file__).parent.parent / "results" / "searches.json"
@@ -52,6 +54,42 @@ def record(folder: Path) -> dict[str, Any]:
     }
 
 
+def pooled(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """One record of runs that differ in their seed only, with the command of the first.
+
+    Raises:
+        SystemExit: two runs differ in something else, or have the same seed.
+    """
+    commands = [one["command"].rpartition(" --seed ") for one in found]
+    if any(one | _FREE != found[0] | _FREE for one in found) or len({words for words, _, _ in commands}) > 1:
+        raise SystemExit(f"runs of different code, sensors or commands are not pooled: {[c for c, _, _ in commands]}")
+    seeds = [int(seed) for _, _, seed in commands]
+    if len(set(seeds)) < len(seeds):
+        raise SystemExit(f"runs of one seed are not pooled, they hold the same searches; the seeds are {seeds}")
+    return {**found[0], "seeds": seeds, "deciders": {name: _together(found, name) for name in found[0]["deciders"]}}
+
+
+_FREE = {"command": None, "deciders": None}  # what pooled runs may differ in
+
+
+def _together(found: Sequence[Mapping[str, Any]], decider: str) -> dict[str, Any]:
+    """The numbers of a decider over all searches of some runs."""
+    rows = [one["deciders"][decider] for one in found]
+    searches = [row["searches"] for row in rows]
+    total = sum(searches)
+    won = sum(round(row["success"][0] * number) for row, number in zip(rows, searches, strict=True))
+    means = {
+        key: sum(row[key] * number for row, number in zip(rows, searches, strict=True)) / total
+        for key in ("touches", "return")
+    }
+    return {
+        "searches": total,
+        "success": [won / total, *wilson_interval(won, total)],
+        **means,
+        "touches_by_seed": [row["touches"] for row in rows],
+    }
+
+
 def _changed(found: dict[str, Any], default: dict[str, Any]) -> Iterator[str]:
     """Names of the arguments that are not their default, nor in the command of a record, nor without effect."""
     for name, value in found.items():
@@ -69,9 +107,11 @@ def _rows(folder: Path, table: str) -> list[dict[str, str]]:
 def main(folders: list[Path]) -> None:
     """Add or replace the records of these runs."""
     kept = json.loads(RECORDS.read_text()) if RECORDS.exists() else {}
+    of_sensor: dict[str, list[dict[str, Any]]] = {}
     for found in map(record, folders):
         words = found["command"].split()
-        kept[words[words.index("--sensor") + 1]] = found
+        of_sensor.setdefault(words[words.index("--sensor") + 1], []).append(found)
+    kept |= {sensor: pooled(some) for sensor, some in of_sensor.items()}
     RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1, ensure_ascii=False) + "\n")
 
 
