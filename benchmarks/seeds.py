@@ -1,0 +1,65 @@
+"""One comparison over several seeds: the searches of all of them in one table and one verdict.
+
+    python -m benchmarks.seeds 1 2 -- --scene coarse --deciders information_gain random_poses --episodes 125
+
+The arguments after -- are those of `activetouch compare`. Searches of each seed are kept in a folder of their own, so
+that an interrupted run continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import textwrap
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import chain
+
+import numpy as np
+import tyro
+
+from experiments.command_line.console import plain_console
+from experiments.search.compare import Compare
+from experiments.search.run_folder import Seconds
+from experiments.search.short_names import short_names
+from experiments.search.summary import Comparison, compare_episodes
+from experiments.search.terminal import terminal_table
+from experiments.search.verdict import verdict_sentences
+
+
+def pooled(found: Sequence[Comparison], seed: int = 0) -> Comparison:
+    """The comparison of all searches of several.
+
+    Args:
+        found: comparisons of the same deciders, targets and problem, with different seeds.
+        seed: of the bootstraps.
+    """
+    first = found[0]
+    solved = {target: list(chain.from_iterable(one.solved[target] for one in found)) for target in first.targets}
+    episodes = {}
+    for key in first.episodes:
+        parts = [(one.episodes[key], len(one.solved[key[1]])) for one in found]
+        with_oracle = [some[:tried] for some, tried in parts]  # come first, as the oracle's answers do
+        episodes[key] = list(chain(*with_oracle, *(some[tried:] for some, tried in parts)))
+    seconds = {key: sum((one.cells[key].seconds for one in found), Seconds()) for key in first.episodes}
+    return compare_episodes(first.problem, episodes, seconds, solved, first.reference, np.random.default_rng(seed))
+
+
+def main() -> None:
+    """Play what is missing, and print the table and the verdict."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seeds", nargs="+", type=int)
+    here = sys.argv.index("--") if "--" in sys.argv else len(sys.argv)
+    seeds = parser.parse_args(sys.argv[1:here]).seeds
+    asked = tyro.cli(Compare, args=sys.argv[here + 1 :])
+    runs = [replace(asked, seed=seed, out=asked.folder.with_name(f"{asked.folder.name}-seed{seed}")) for seed in seeds]
+    comparison = pooled([run.play() for run in runs])
+    names, said = short_names(comparison.deciders)
+    spoken, console = comparison.renamed(names), plain_console()
+    console.print(terminal_table(spoken, console.width).rich())
+    for sentence in [*said, *verdict_sentences(spoken), f"Seeds: {', '.join(map(str, seeds))}."]:
+        print(textwrap.fill(sentence, 78))
+
+
+if __name__ == "__main__":
+    main()
