@@ -1,4 +1,4 @@
-"""Atomic writing of files, JSON that contains a digest of its content, and the digest of arrays.
+"""Atomic writing of files, refusal of input that is no regular file, and digests of JSON and of arrays.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -23,6 +23,7 @@ import hashlib
 import json
 import os
 import re
+import stat
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -32,7 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.errors import ActiveTouchError, CannotWrite
+from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
 
 
 @contextmanager
@@ -131,6 +132,37 @@ def _cause(error: Exception, temporary: Path) -> OSError | None:
         return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     found = re.search(r"\(os error (\d+)\)", str(error))
     return OSError(int(found[1]), os.strerror(int(found[1]))) if found else None
+
+
+def require_regular_file(path: Path, error: type[Exception] = CorruptFile) -> Path:
+    """Refuse to read a path that is a folder, a pipe, a device or a socket; reading a pipe waits for ever.
+
+    Args:
+        path: file to read; links are followed. A path that does not exist is left to the reader.
+        error: class of the error.
+
+    Returns:
+        ``path``.
+
+    Raises:
+        error: by default CorruptFile; the path is there and is no regular file.
+
+    >>> require_regular_file(Path(os.devnull))
+    Traceback (most recent call last):
+    ...
+    belief.errors.CorruptFile: /dev/null is a device, not a regular file; copy its content into a file and name that
+    """
+    try:
+        kind = stat.S_IFMT(path.stat().st_mode)
+    except (OSError, ValueError):  # the reader says why it cannot be read
+        return path
+    if kind != stat.S_IFREG:
+        remedy = "name a file in it" if kind == stat.S_IFDIR else "copy its content into a file and name that"
+        raise error(f"{path} is {_KINDS.get(kind, 'a device')}, not a regular file; {remedy}")
+    return path
+
+
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
 def write_text(path: Path, text: str) -> None:

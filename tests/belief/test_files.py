@@ -2,14 +2,16 @@
 
 import errno
 import os
+import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from belief.errors import CannotWrite, CorruptFile
-from belief.files import atomic_path, require_writable, write_text
+from belief.errors import CannotWrite, CorruptFile, InvalidArgument
+from belief.files import atomic_path, require_regular_file, require_writable, write_text
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 NOT_ALLOWED = (errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO)
@@ -178,3 +180,24 @@ def test_numbers_written_through_a_temporary_path_read_back(tmp_path):
     with atomic_path(tmp_path / "numbers.npy") as temporary:
         np.save(temporary, np.arange(3))
     assert np.load(tmp_path / "numbers.npy").tolist() == [0, 1, 2]
+
+
+def test_a_folder_a_pipe_a_device_and_a_socket_are_refused_as_input(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the name of a socket has at most 107 bytes
+    Path("folder").mkdir()
+    os.mkfifo("pipe")
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+        for kind in ("folder", "pipe", "socket"):
+            with pytest.raises(CorruptFile, match=f"{kind} is a {kind}, not a regular file"):
+                require_regular_file(Path(kind))
+    with pytest.raises(InvalidArgument, match="is a device"):
+        require_regular_file(Path("/dev/zero"), InvalidArgument)
+
+
+def test_a_file_a_link_to_one_and_a_missing_path_may_be_read(tmp_path):
+    file, link = tmp_path / "file", tmp_path / "link"
+    file.write_text("")
+    link.symlink_to(file)
+    for path in (file, link, tmp_path / "missing", Path("\0")):
+        assert require_regular_file(path) == path
