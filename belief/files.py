@@ -231,3 +231,26 @@ def array_digest(arrays: Mapping[str, NDArray[Any]]) -> str:
         digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
+
+
+def plain_number(text: str) -> float:
+    """The number that a text in a file writes in decimal digits, also ``nan`` and ``inf``.
+
+    Python itself also reads ``1_000`` and the digits of other scripts, which in a file of numbers are mistakes.
+
+    Raises:
+        ValueError: it is not such a number.
+
+    >>> plain_number("-1.5e3")
+    -1500.0
+    >>> plain_number("1_000")
+    Traceback (most recent call last):
+    ...
+    ValueError: '1_000' is not a decimal number
+    """
+    try:
+        if text.isascii() and "_" not in text:
+            return float(text)
+    except ValueError:
+        pass
+    raise ValueError(f"{text[:40]!r} is not a decimal number")

@@ -58,7 +58,7 @@ class Mesh:
     def from_file(cls, path: Path | str, scale: float = 1.0) -> Mesh:
         """The mesh in an STL, OBJ, PLY or OFF file, with its centre of mass moved to the origin.
 
-        Corners within 10 nm are merged, and triangles are oriented consistently.
+        Corners within 10 nm of each other are merged, and triangles are oriented consistently.
 
         Args:
             path: the file. Files that it refers to are not opened.
@@ -66,7 +66,8 @@ class Mesh:
 
         Raises:
             FileNotFoundError: the file does not exist.
-            BadMesh: the file cannot be read, or its contents are not a solid.
+            BadMesh: the path is no regular file of up to 256 MiB, the file cannot be read, or its contents are not a
+                solid; the message names the line of a text.
             ValueError: the scale is not positive and finite.
         """
         from activetouch.solids.mesh_file import read_surface  # loads trimesh

@@ -275,7 +275,7 @@ def test_a_file_that_holds_no_mesh_is_refused_by_name(name, content, problem, tm
 
 def test_a_folder_is_refused_by_name(tmp_path):
     (tmp_path / "mug.stl").mkdir()
-    with pytest.raises(BadMesh, match=r"mug\.stl: cannot be read as STL"):
+    with pytest.raises(BadMesh, match=r"mug\.stl is a folder, not a regular file"):
         Mesh.from_file(tmp_path / "mug.stl")
 
 

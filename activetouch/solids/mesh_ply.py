@@ -1,0 +1,148 @@
+"""The reader of PLY files, of text or bytes: vertices ``(v, 3)`` in the file's unit, and triangles ``(f, 3)``."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Protocol
+
+from activetouch.solids.mesh_formats import Lines, Surface, from_text, index_of_vertex
+from activetouch.solids.solid import Floats
+from activetouch.solids.triangles import Ints
+from belief.files import plain_number
+
+_HEADER = re.compile(rb"ply\s.*?\nend_header[ \t]*\r?\n", re.DOTALL)
+_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
+_ALIASES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
+_CODES = {name: code for names in (_NAMES, _ALIASES) for name, code in zip(names, "bBhHiIfd", strict=True)}
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+_CORNERS = ("vertex_indices", "vertex_index")
+
+
+class _Rows(Protocol):
+    """The rows below a header."""
+
+    def start(self, what: str) -> None:
+        """Go to the next row; ``what`` names it in errors."""
+
+    def take(self, codes: str, number: int) -> Sequence[float]:
+        """The next numbers of the row, given their codes in the module ``struct``, and how many they are."""
+
+
+class _TextRows:
+    def __init__(self, lines: Lines) -> None:
+        self._lines = lines
+
+    def start(self, what: str) -> None:
+        self._words = iter(self._lines.next(what))
+
+    def take(self, codes: str, number: int) -> Sequence[float]:
+        taken = [plain_number(word) for word in islice(self._words, number)]
+        if len(taken) < number:
+            raise ValueError(f"the line ends after {len(taken)} of {number} numbers")
+        return taken
+
+
+class _ByteRows:
+    def __init__(self, content: bytes, place: int, order: str) -> None:
+        self._content, self._place, self._order = content, place, order
+
+    def start(self, what: str) -> None:
+        self._what = what
+
+    def take(self, codes: str, number: int) -> Sequence[float]:
+        try:
+            taken = struct.unpack_from(self._order + codes, self._content, self._place)
+        except struct.error as error:
+            raise ValueError(f"the file ends before {self._what}") from error
+        self._place += struct.calcsize(self._order + codes)
+        return taken
+
+
+@dataclass
+class _Column:
+    """Properties of one number each that follow each other, or one property that is a list."""
+
+    names: list[str]
+    codes: str
+    code_of_length: str = ""
+
+    def add_to(self, row: dict[str, Sequence[float]], rows: _Rows) -> None:
+        if not self.code_of_length:
+            values = rows.take(self.codes, len(self.names))
+            row.update((name, (value,)) for name, value in zip(self.names, values, strict=True))
+            return
+        length = index_of_vertex(rows.take(self.code_of_length, 1)[0])
+        if length < 0:
+            raise ValueError(f"a list has the length {length}")
+        row[self.names[0]] = rows.take(f"{length}{self.codes}", length)
+
+
+@dataclass
+class _Element:
+    """Rows of one kind, such as vertices."""
+
+    name: str
+    number: int
+    columns: list[_Column] = field(default_factory=list)
+
+
+def read_ply(content: bytes) -> tuple[Floats, Ints]:
+    """The faces of a PLY file of text or bytes; elements besides vertices and faces are skipped."""
+    header = _HEADER.match(content)
+    if header is None:
+        raise ValueError("it has no header from 'ply' to 'end_header'")
+    encoding, elements = _header(header[0].decode("utf-8", "replace"))
+    if encoding == "ascii":
+        above = b"\n" * header[0].count(b"\n")  # so that lines are counted from the beginning of the file
+        return from_text(above + content[header.end() :], lambda lines, it: _fill(it, elements, _TextRows(lines)))
+    surface = Surface()
+    _fill(surface, elements, _ByteRows(content, header.end(), _ORDERS[encoding]))
+    return surface.arrays()
+
+
+def _header(text: str) -> tuple[str, list[_Element]]:
+    """The encoding, and the elements in the order of the file."""
+    encoding, elements = "", list[_Element]()
+    for line in text.splitlines():
+        match line.split():
+            case ["format", name, *_]:
+                encoding = name
+            case ["element", name, number]:
+                elements.append(_Element(name, index_of_vertex(plain_number(number))))
+            case ["property", "list", length, kind, name] if elements and {length, kind} <= _CODES.keys():
+                elements[-1].columns.append(_Column([name], _CODES[kind], _CODES[length]))
+            case ["property", kind, name] if elements and kind in _CODES:
+                columns = elements[-1].columns
+                if not columns or columns[-1].code_of_length:
+                    columns.append(_Column([], ""))
+                columns[-1].names.append(name)
+                columns[-1].codes += _CODES[kind]
+            case ["element" | "property", *_]:
+                raise ValueError(f"the line {line[:80]!r} of its header is not understood")
+    if encoding not in ("ascii", *_ORDERS):
+        raise ValueError(f"its format is {encoding[:40]!r}; ascii, {' and '.join(_ORDERS)} are read")
+    for element in elements:
+        names = [name for column in element.columns for name in column.names]
+        needed = {"vertex": {"x", "y", "z"}, "face": {*_CORNERS}}.get(element.name, {*names})
+        has_all = bool(needed & {*names}) if element.name == "face" else needed <= {*names}
+        if not names or not has_all:
+            raise ValueError(f"its element {element.name} needs the properties {sorted(needed)}, it has {names[:12]}")
+    return encoding, elements
+
+
+def _fill(surface: Surface, elements: Sequence[_Element], rows: _Rows) -> None:
+    for element in elements:
+        for number in range(element.number):
+            rows.start(f"the end of {element.name} {number + 1} of {element.number}, which its header promises")
+            row: dict[str, Sequence[float]] = {}
+            for column in element.columns:
+                column.add_to(row, rows)
+            if element.name == "vertex":
+                surface.coordinates.extend([row[axis][0] for axis in "xyz"])
+            elif element.name == "face":
+                corners = next(row[name] for name in _CORNERS if name in row)
+                surface.add_face([index_of_vertex(corner) for corner in corners])

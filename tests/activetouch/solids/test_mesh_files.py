@@ -1,0 +1,197 @@
+"""Files of meshes: what the formats allow is read, and what is damaged is refused, quietly and by name."""
+
+import os
+import struct
+import warnings
+
+import numpy as np
+import pytest
+import trimesh
+
+from activetouch.errors import BadMesh
+from activetouch.shapes import Mesh
+from activetouch.solids.mesh_file import read_surface
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+FACES = np.array([triangle for a, b, c, d in QUADS for triangle in ((a, b, c), (a, c, d))])
+BOX = CORNERS * [0.005, 0.010, 0.0025]  # 10 × 20 × 5 mm
+TRIANGLES = trimesh.Trimesh(BOX, FACES, process=False)
+
+
+def obj(vertices, faces, offset=1):
+    """An OBJ file."""
+    lines = ["v {:.12g} {:.12g} {:.12g}".format(*vertex) for vertex in vertices]
+    return "\n".join([*lines, *(" ".join(["f", *(str(i + offset) for i in face)]) for face in faces)]) + "\n"
+
+
+def ply(kind, faces, order="<"):
+    """A PLY file with colours, an element before the vertices, and lists of two lengths."""
+    head = f"ply\nformat {kind} 1.0\ncomment it is a box\nelement camera 1\nproperty int16 id\n"
+    head += f"element vertex {len(BOX)}\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+    head += f"element face {len(faces)}\nproperty list uchar int vertex_index\nproperty list uint8 float texcoord\n"
+    rows = [(order + "h", 7), *((order + "fffB", *vertex, 255) for vertex in BOX.tolist())]
+    rows += [(order + f"B{len(face)}iB2f", len(face), *face, 2, 0.5, 0.25) for face in faces]
+    if kind == "ascii":
+        return (head + "end_header\n" + "".join(" ".join(map(str, row[1:])) + "\n" for row in rows)).encode()
+    return (head + "end_header\n").encode() + b"".join(struct.pack(*row) for row in rows)
+
+
+def stl(header, num_promised=12):
+    """A binary STL file of the box."""
+    rows = (struct.pack("<12fH", *(np.nan,) * 3, *BOX[list(face)].ravel(), 0) for face in FACES)
+    return header.ljust(80) + struct.pack("<I", num_promised) + b"".join(rows)
+
+
+def off(colour=""):
+    rows = [" ".join(map(str, vertex)) for vertex in BOX.tolist()]
+    return "\n".join([f"{len(BOX)} {len(QUADS)} 0", *rows, *(f"4 {a} {b} {c} {d}{colour}" for a, b, c, d in QUADS)])
+
+
+STL_TEXT = trimesh.exchange.stl.export_stl_ascii(TRIANGLES)
+FULL = [*FACES[:2].tolist(), *QUADS[1:]]
+BOXES = {
+    "plain.obj": obj(BOX, FACES),
+    "quads.obj": obj(BOX, QUADS).replace("\n", "\r\n"),
+    "marks.obj": "# a comment\nmtllib no.mtl\no box\nvt 0 0\nvn 0 0 1\n"
+    + obj(BOX, FULL).replace("f 1 ", "f 1/1/1 \\\n"),
+    "colours.obj": obj(np.hstack([BOX, CORNERS]), FACES),
+    "relative.obj": obj(BOX, FACES, -8) + "o curve\n" + obj(BOX * [1, 0.4, 3], []) + "l -8 -7 -6 -5\n",
+    "soup.obj": "".join(obj(BOX[face], []) + "f -3 -2 -1\n" for face in FACES),
+    "text.ply": ply("ascii", FULL),
+    "little.ply": ply("binary_little_endian", FULL),
+    "big.ply": ply("binary_big_endian", FULL, ">"),
+    "plain.off": "OFF\n" + off(),
+    "colours.off": "# of a box\ncoff " + off(" 255 0 0 # red"),
+    "solid.stl": stl(b"solid box"),
+    "text.stl": STL_TEXT,
+    "two.stl": STL_TEXT.replace("solid", "solid vertex 7") + "solid empty\nendsolid empty\n",
+    "normals.stl": STL_TEXT.replace("facet normal", "facet normal none 1e999 1_0"),
+}
+
+
+def write(folder, name, content):
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_every_way_to_write_a_box_gives_the_box(name, tmp_path, capfd):
+    mesh = Mesh.from_file(write(tmp_path, name, BOXES[name]))
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.010, 0.020, 0.005], atol=1e-8)
+    np.testing.assert_allclose(np.abs(mesh.vertices), np.tile([0.005, 0.010, 0.0025], (8, 1)), atol=1e-8)
+    assert len(mesh.faces) == 12
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.002500005, 1e-9])
+def test_corners_are_merged_by_their_distance_wherever_they_are(shift, tmp_path):
+    corners = (np.sign(CORNERS) * 0.0025 + shift)[FACES].reshape(-1, 3)
+    apart = np.array([[1.0], [-1.0]])[np.arange(36) % 2] / np.sqrt(3.0)  # along a diagonal
+    triangles = np.arange(36).reshape(-1, 3)
+    for distance in (2e-12, 9.9e-9):
+        mesh = Mesh.from_file(write(tmp_path, "near.obj", obj(corners + 0.5 * distance * apart, triangles)))
+        assert (len(mesh.vertices), len(mesh.faces)) == (8, 12)
+    with pytest.raises(BadMesh, match="open edges"):
+        Mesh.from_file(write(tmp_path, "far.obj", obj(corners + 0.5 * 1.1e-8 * apart, triangles)))
+
+
+def test_corners_that_are_all_near_each_other_are_refused_before_their_pairs_are_listed(tmp_path):
+    crowd = obj(np.random.default_rng(0).normal(size=(6000, 3)), np.arange(6000).reshape(-1, 3))
+    with pytest.raises(BadMesh, match=r"pairs of corners are within 1e-08 m of each other; is the scale right"):
+        Mesh.from_file(write(tmp_path, "crowd.obj", crowd), scale=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (
+            "long.stl",
+            stl(b"") + bytes(17),
+            "promises 12 triangles, 684 bytes; the file has 701 bytes, which hold 12 tri",
+        ),
+        ("vast.stl", stl(b"", 2**32 - 1), "promises 4294967295 triangles, .* the file has 684 bytes, which hold 12"),
+        ("short.stl", stl(b"")[:-30], "promises 12 triangles, 684 bytes; the file has 654 bytes, which hold 11"),
+        ("cut.stl", STL_TEXT[: STL_TEXT.rindex("vertex")], "the file ends within a triangle"),
+        ("two.stl", STL_TEXT.replace("vertex", "x", 1), "line 7: a triangle has 2 corners instead of 3"),
+        ("few.obj", "v 1 2\n", "line 1: a vertex has 2 numbers instead of 3"),
+        ("back.obj", obj(BOX, [(0, 1, -10)]), "line 9: a face has the vertex -9; they count from 1, or back from -1"),
+        ("zero.obj", obj(BOX, [(0, 1, -1)]), "line 9: a face has the vertex 0; they count from 1"),
+        ("far.obj", obj(BOX, [(0, 1, 8)]), "a face has the vertex 8, counted from 0, and there are 8 vertices"),
+        ("two.obj", obj(BOX, [(0, 1)]), "line 9: a face has 2 corners, it needs at least 3"),
+        ("score.obj", "v 1_0 2 3\n", "line 1: '1_0' is not a decimal number"),
+        ("arabic.obj", "v \u0661\u0662 2 3\n", "is not a decimal number"),
+        ("score.off", "OFF\n" + off().replace("4 0 1", "4 0 0_1"), "line 11: '0_1' is not a decimal number"),
+        ("vast.off", "OFF\n4000000000 12 0\n" + off()[6:], "the file ends before vertex 15 of 4000000000"),
+        ("half.off", "OFF\n" + off().replace("4 0 1", "4 0 1.5"), "line 11: 1.5 is not a whole number"),
+        ("far.off", "OFF\n" + off().replace("4 0 1", "4 0 8"), "vertex 8, counted from 0, and there are 8"),
+        ("few.off", "OFF\n" + off().replace("4 0 1", "5 0 1"), "a face of 5 corners has 4 indices"),
+        ("far.ply", ply("ascii", [*FULL, (0, 1, 8)]), "vertex 8, counted from 0, and there are 8"),
+        ("back.ply", ply("binary_little_endian", [*FULL, (0, 1, -1)]), "vertex -1, counted from 0, and there are 8"),
+        ("text.ply", ply("ascii", FULL).replace(b"3 0", b"9 0"), "line 24: the line ends after 6 of 9 numbers"),
+        ("cut.ply", ply("binary_big_endian", FULL, ">")[:-1], "ends before the end of face 7 of 7, which its header"),
+        ("none.ply", b"ply\nformat ascii 1.0\nelement face 4000000000\nend_header\n", "needs the properties"),
+        (
+            "vast.ply",
+            ply("binary_little_endian", FULL).replace(b"face 7", b"face 4000000000"),
+            "the file ends before the end of face 8 of 4000000000",
+        ),
+    ],
+)
+def test_a_damaged_file_says_what_it_promises_and_holds(name, content, words, tmp_path):
+    path = write(tmp_path, name, content)
+    with pytest.raises(BadMesh, match=f"{name}: cannot be read as {name[-3:].upper()}: .*{words}"):
+        Mesh.from_file(path)
+
+
+def test_a_pipe_is_refused_and_so_is_a_file_larger_than_the_limit(tmp_path):
+    os.mkfifo(tmp_path / "pipe.stl")
+    with pytest.raises(BadMesh, match=r"pipe\.stl is a pipe, not a regular file"):
+        Mesh.from_file(tmp_path / "pipe.stl")
+    with (tmp_path / "huge.obj").open("wb") as file:
+        file.truncate(2**40)  # without room on the disk
+    with pytest.raises(BadMesh, match=r"huge\.obj: .*it has 1099511627776 bytes, 268435456 are the most"):
+        Mesh.from_file(tmp_path / "huge.obj")
+
+
+def damaged(content, rng):
+    """A file with a few bytes, lines or numbers changed, or with its end cut off."""
+    kind = rng.integers(5)
+    if kind == 0:
+        return content[: rng.integers(len(content))]
+    if kind == 1:
+        changed = bytearray(content)
+        for place in rng.integers(len(content), size=rng.integers(1, 5)):
+            changed[place] ^= 1 << rng.integers(8)
+        return bytes(changed)
+    ends = b"\n" if kind == 2 else b" "
+    parts = content.split(ends)
+    one, other = rng.integers(len(parts), size=2)
+    if kind == 4:
+        extremes = [b"-1", b"0", b"99", b"1e400", b"-nan", b"4294967296", b"9" * 400, b"1_0", b"0.5", b"", b"\xd9\xa1"]
+        parts[one] = extremes[rng.integers(len(extremes))]
+    else:
+        parts[one], parts[other] = parts[other], parts[one]
+    return ends.join(parts)
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_a_damaged_file_is_read_or_refused_by_name_and_nothing_else_is_said(name, tmp_path, capfd):
+    content = BOXES[name] if isinstance(BOXES[name], bytes) else BOXES[name].encode()
+    rng, read, refused = np.random.default_rng(0), 0, 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(40):
+            path = write(tmp_path, name, damaged(content, rng))
+            try:
+                vertices, faces = read_surface(path, 1.0)
+                assert 0 <= faces.min(initial=0) <= faces.max(initial=0) <= len(vertices)
+                Mesh.from_file(path)
+            except BadMesh as error:
+                refused += name in str(error)
+                continue
+            read += 1
+    assert read + refused == 40
+    assert min(read, refused) > 0
+    assert capfd.readouterr() == ("", "")
