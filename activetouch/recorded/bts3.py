@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import lines_of, require_folder
+from activetouch.recorded.bounded import Numbers, lines_of, require_folder
 from activetouch.recorded.touches import RecordedTouches, scalar_features
+from belief.files import plain_number
 from belief.observation_model.kernel_fit import numbered_sessions
 
 POSES = ("down", "45", "side")
@@ -27,11 +28,12 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         BadRecording: a file is missing or cannot be read; the message names the line.
     """
     require_folder(folder, "bts3v2_palm_down.csv, bts3v2_palm_45.csv and bts3v2_palm_side.csv (or .csv.gz)")
-    rows: list[list[float]] = []
+    numbers = Numbers()
+    electrodes: tuple[str, ...] = ()
     names: list[str] = []
     actions: list[int] = []
     for action, pose in enumerate(POSES):
-        found = [path for end in ("csv", "csv.gz") if (path := folder / f"bts3v2_palm_{pose}.{end}").is_file()]
+        found = [path for end in ("csv", "csv.gz") if (path := folder / f"bts3v2_palm_{pose}.{end}").exists()]
         if not found:
             raise BadRecording(f"there is no file bts3v2_palm_{pose}.csv or .csv.gz in {folder}")
         for number, line in lines_of(found[0]):
@@ -42,20 +44,23 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                     f"slipped, {_ELECTRODES} electrodes"
                 )
             if number == 1:
+                electrodes = tuple(name.strip() for name in cells[2:])
                 continue
             try:
-                rows.append([float(cell) for cell in cells[2:]])
+                row = [plain_number(cell) for cell in cells[2:]]
             except ValueError as error:
                 raise BadRecording(
                     f"line {number} of {found[0]} holds something that is not a number: {error}"
                 ) from error
+            numbers.add(row)
             names.append(cells[0])
             actions.append(action)
-    if not rows:
+    if not names:
         raise BadRecording(f"the files in {folder} have no rows below their headers")
     known = sorted(set(names))
-    objects = np.array([known.index(name) for name in names])
-    values = np.array(rows)
+    index_of = {name: index for index, name in enumerate(known)}
+    objects = np.array([index_of[name] for name in names])
+    values = numbers.table()
     fingers = values.reshape(len(values), _FINGERS, -1)
     scalars = np.concatenate([scalar_features(fingers[:, finger]) for finger in range(_FINGERS)], axis=1)
     touches = RecordedTouches(
@@ -69,5 +74,6 @@ def read_bts3(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         {"scalar features only": scalars},
         "BioTac SP Stability Set v2 (3dperceptionlab/biotacsp-stability-set-v2), files of the 41 training objects",
         "MIT",
+        electrodes,
     )
-    return touches, ()
+    return touches, ("the column 'slipped' is left out: it is known only after the touch",)

@@ -8,16 +8,18 @@ names begin with ``untouched:`` are a control; all others are features.
 from __future__ import annotations
 
 import csv
+from array import array
+from bisect import bisect
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import lines_of, require_folder
-from activetouch.recorded.named_columns import UNTOUCHED, touches_of_columns
+from activetouch.recorded.bounded import Numbers, lines_of, require_folder, require_short
+from activetouch.recorded.named_columns import NAMES, UNTOUCHED, ignored, mistaken, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
-
-_NAMES = ("object", "action", "session", "category", "shape")
+from belief.files import plain_number
 
 
 def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -32,57 +34,77 @@ def read_csv(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     if not paths:
         raise BadRecording(f"there is no .csv or .csv.gz file in {folder}")
     header: list[str] = []
-    columns: dict[str, list[str]] = {name: [] for name in _NAMES}
-    numbers: list[list[float]] = []
-    places: list[tuple[Path, int]] = []
+    columns: dict[str, list[str]] = {name: [] for name in NAMES}
+    numbers, known = Numbers(), dict[str, str]()
+    line_of, firsts = array("q"), list[int]()  # line of each row, and first row of each file
     for path in paths:
         lines = lines_of(path)
-        names = [name.strip() for name in _cells(path, *next(lines, (1, "")))]
-        if "object" not in names or len(set(names)) < len(names):
-            raise BadRecording(
-                f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
-                f"them; got {names[:12]}"
-            )
-        if "" in names:
-            raise BadRecording(
-                f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
-                "feature (pandas writes none with to_csv(index=False))"
-            )
+        names = _header(path, *next(lines, (1, "")))
         if header and names != header:
             raise BadRecording(f"{path} has the columns {names[:12]}, {paths[0]} has {header[:12]}")
         header = names
+        features = [column for column, name in enumerate(header) if name not in columns]
+        labels = [(columns[name], column) for column, name in enumerate(header) if name in columns]
+        firsts.append(numbers.num_rows)
         for number, line in lines:
             cells = _cells(path, number, line)
             if len(cells) != len(header):
                 raise BadRecording(f"line {number} of {path} has {len(cells)} cells, the header has {len(header)}")
-            values = []
-            for name, cell in zip(header, cells, strict=True):
-                if name in columns:
-                    columns[name].append(cell.strip())
-                    continue
-                try:
-                    values.append(float(cell))
-                except ValueError:
-                    raise BadRecording(
-                        f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, no number"
-                        + (" (decimals have a point)" if "," in cell else "")
-                    ) from None
-                if not np.isfinite(values[-1]):
-                    raise BadRecording(f"line {number} of {path}: the feature {name!r} is {cell[:40]!r}, not finite")
-            numbers.append(values)
-            places.append((path, number))
-    if not numbers:
+            try:
+                values = [plain_number(cells[column]) for column in features]
+            except ValueError:
+                raise _no_number(f"line {number} of {path}", header, cells, features) from None
+            numbers.add(values)
+            for words, column in labels:
+                cell = cells[column].strip()
+                words.append(known.setdefault(cell, cell))  # once in memory
+            line_of.append(number)
+    if not numbers.num_rows:
         raise BadRecording(f"the CSV files in {folder} have no rows below their headers")
-    features = [name for name in header if name not in columns]
-    is_control = np.array([name.startswith(UNTOUCHED) for name in features], np.bool_)
-    table = np.array(numbers).reshape(len(numbers), -1)
-    given = {name: np.array(cells) for name, cells in columns.items() if cells}
 
     def place(row: int) -> str:
-        path, number = places[row]
-        return f"line {number} of {path}"
+        return f"line {line_of[row]} of {paths[bisect(firsts, row) - 1]}"
 
-    return touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder), place), ()
+    names = [header[column] for column in features]
+    table = numbers.table()
+    if (wrong := np.argwhere(~np.isfinite(table))).size:
+        row, column = wrong[0].tolist()
+        raise BadRecording(f"{place(row)}: the feature {names[column]!r} is '{table[row, column]}', not finite")
+    for name, words in columns.items():
+        require_short(name, max(map(len, words), default=0), numbers.num_rows, str(folder))
+    given = {name: np.array(words) for name, words in columns.items() if words}
+    is_control = np.array([name.startswith(UNTOUCHED) for name in names], np.bool_)
+    kept = tuple(name for name in names if not name.startswith(UNTOUCHED))
+    touches = touches_of_columns(table[:, ~is_control], table[:, is_control], given, str(folder), place, kept)
+    others = sorted(path.name for path in folder.iterdir() if path not in paths)
+    return touches, (*mistaken(kept), *ignored("file", others, ()))
+
+
+def _header(path: Path, number: int, line: str) -> list[str]:
+    """The names of the columns."""
+    names = [name.strip() for name in _cells(path, number, line)]
+    if "object" not in names or len(set(names)) < len(names):
+        raise BadRecording(
+            f"the first line of {path} must name the columns, each once, separated by commas, with 'object' among "
+            f"them; got {names[:12]}"
+        )
+    if "" in names:
+        raise BadRecording(
+            f"column {names.index('') + 1} of {path} has no name: name it or leave it out, as a row number is no "
+            "feature (pandas writes none with to_csv(index=False))"
+        )
+    return names
+
+
+def _no_number(place: str, header: Sequence[str], cells: Sequence[str], features: Sequence[int]) -> BadRecording:
+    """The error about the first of some cells that is not a decimal number."""
+    for column in features:
+        try:
+            plain_number(cells[column])
+        except ValueError:
+            hint = " (decimals have a point)" if "," in cells[column] else ""
+            return BadRecording(f"{place}: the feature {header[column]!r} is {cells[column][:40]!r}, no number{hint}")
+    raise AssertionError("all are numbers")
 
 
 def _cells(path: Path, number: int, line: str) -> list[str]:

@@ -13,15 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import lines_of, require_folder
+from activetouch.recorded.bounded import lines_of, require_bounded, require_folder
 from activetouch.recorded.touches import RecordedTouches, scalar_features
+from belief.files import plain_number
 from belief.problem import Floats
 
 BEHAVIOURS = ("crush", "grasp", "hold", "lift_slow", "low_drop", "poke", "push", "shake", "tap")
 _WIDTHS = {"haptics": 70, "vibro": 100}
 _FIRST = {"haptics": 7, "vibro": 10}  # features of the first tenth of a behaviour
 _NOTHING = "no_object"
-_NAME = re.compile(r"([A-Za-z0-9_-]{1,80})_t(\d{1,4})")
+_NAME = re.compile(r"([A-Za-z0-9_-]{1,80})_t([0-9]{1,4})")
 
 
 def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -43,6 +44,7 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
                     raise BadRecording(f"{path} has two lines for {name}_t{session}")
                 else:
                     rows[key] = values
+                    require_bounded((len(rows) + 1) // 2, sum(_WIDTHS.values()) * len(rows) // 2, str(folder))
     sessions = sorted({key[1] for key in rows})
     wanted = [(session, action) for session in sessions for action in range(len(BEHAVIOURS))]
     names, incomplete = [], []
@@ -78,13 +80,14 @@ def read_cy101(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         },
         "CY101 features in keke-220/predicate-learning, data/cy101/sensorimotor_features",
         "none stated: not redistributed",
+        tuple(f"{modality} {number}" for modality, width in _WIDTHS.items() for number in range(1, width + 1)),
     )
     return touches, tuple(notes)
 
 
 def _lines(path: Path, width: int) -> Iterator[tuple[str, int, Floats, str]]:
     """Object, trial and values of each line, or what is wrong with the line."""
-    if not path.is_file():
+    if not path.exists():
         raise BadRecording(f"there is no file {path}; cy101 has one for each behaviour and modality")
     for number, line in lines_of(path):
         name, *values = line.split(",")
@@ -96,7 +99,7 @@ def _lines(path: Path, width: int) -> Iterator[tuple[str, int, Floats, str]]:
             yield found[1], int(found[2]), np.empty(0), f"{where} is cut short: {len(values)} values instead of {width}"
             continue
         try:
-            row = np.array(values, np.float64)
+            row = np.array([plain_number(value) for value in values])
         except ValueError as error:
             raise BadRecording(f"{where} holds something that is not a number: {error}") from error
         if not np.isfinite(row).all():

@@ -13,6 +13,7 @@ import numpy as np
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bounded import read_bounded
+from belief.files import plain_number
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
 
@@ -84,7 +85,10 @@ class _Collected:
             return
         content, self.parts = "".join(self.parts), None
         if name in self.cells:
-            self.cells[name].append(int(content))
+            number = plain_number(content.strip())
+            if not (number.is_integer() and 0 < number <= _MOST_CELLS):
+                raise ValueError(f"{name} must be a whole number from 1 to {_MOST_CELLS}, got {content[:40]!r}")
+            self.cells[name].append(int(number))
         else:
             self.frames.append(_decoded(content, self.size))
             if len(self.frames) > _MOST_FRAMES or len(self.frames) * self.size > _MOST_NUMBERS:

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias, get_args
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bts3 import read_bts3
+from activetouch.recorded.checking import features_read, suspicious_features
 from activetouch.recorded.csv_format import read_csv
 from activetouch.recorded.cy101 import read_cy101
 from activetouch.recorded.npz_format import read_npz
@@ -25,7 +26,7 @@ assert tuple(FORMATS) == get_args(Format)
 
 
 def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple[str, ...]]:
-    """Recorded touches from a folder, and what was left out.
+    """Recorded touches from a folder, and sentences about what was read, what was left out, and suspicious features.
 
     Args:
         data: folder of the recordings; for ``npz`` also the file.
@@ -36,4 +37,5 @@ def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple
     """
     if format not in FORMATS:
         raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
-    return FORMATS[format](Path(data))
+    touches, notes = FORMATS[format](Path(data))
+    return touches, (features_read(touches), *notes, *suspicious_features(touches))

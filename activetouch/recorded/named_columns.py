@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.touches import RecordedTouches, scalar_features
+from belief.files import plain_number
 from belief.observation_model.kernel_fit import numbered_sessions
 from belief.problem import Floats
 
+NAMES = ("object", "action", "session", "category", "shape")
+"""Names of the columns that are no features."""
 UNTOUCHED = "untouched:"
 """Begin of the names of columns that were measured where nothing was touched."""
 _TASK_OF = {"category": "categories", "shape": "shapes"}
+_FEW, _LONGEST = 12, 40  # names, and characters of one, that are said in full
+_NEAR = 0.7  # similarity of names that may have been mistaken for each other
 _MOST = 2**53  # session number, so that it is exact as a float
 
 
@@ -24,6 +30,7 @@ def touches_of_columns(
     columns: Mapping[str, NDArray[np.generic]],
     source: str,
     place: Callable[[int], str] | None = None,
+    feature_names: tuple[str, ...] = (),
 ) -> RecordedTouches:
     """The touches of a table.
 
@@ -33,6 +40,7 @@ def touches_of_columns(
         columns: ``object`` and, where given, ``action``, ``session``, ``category`` and ``shape``, each ``(n,)``.
         source: where the table comes from, for messages.
         place: names a row in messages, such as "line 7 of mugs.csv"; by default "row 5 of SOURCE", counted from 0.
+        feature_names: F names, where the features have some.
 
     Raises:
         BadRecording: no feature, an object without a name or with two categories or shapes, or sessions that are not
@@ -80,14 +88,58 @@ def touches_of_columns(
         labels,
         controls,
         source,
+        feature_names=feature_names,
     )
+
+
+def mistaken(feature_names: Sequence[str]) -> tuple[str, ...]:
+    """Sentences about features whose names are nearly those of other columns.
+
+    >>> mistaken(("force", "Session"))
+    ("the column 'Session' is read as a feature; did you mean 'session'?",)
+    """
+    nearest = ((name, _nearest(name, NAMES)) for name in feature_names)
+    return tuple(f"the column {name!r} is read as a feature; did you mean {near!r}?" for name, near in nearest if near)
+
+
+def ignored(kind: str, names: Iterable[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Sentences about what is not read.
+
+    Args:
+        kind: what it is, such as "array".
+        names: of what is not read.
+        known: names of what is read.
+
+    >>> ignored("array", ["categories"], ["category"])
+    ("the array 'categories' is ignored; did you mean 'category'?",)
+    """
+    found = [(name, _nearest(name, known)) for name in names]
+    likely = [f"the {kind} {name!r} is ignored; did you mean {near!r}?" for name, near in found if near]
+    others = [repr(name) for name, near in found if not near]
+    return (*likely, *([f"ignored {kind}s: {abbreviated(others)}"] if others else []))
+
+
+def abbreviated(names: Sequence[str]) -> str:
+    """Names with commas, the middle ones left out if they are many.
+
+    >>> abbreviated(tuple("abc")), abbreviated([str(i) for i in range(99)])
+    ('a, b, c', '0, 1, 2, 3, 4, 5, 6, 7, …, 97, 98')
+    """
+    shown = [name if len(name) <= _LONGEST else f"{name[:_LONGEST]}…" for name in names]
+    return ", ".join(shown if len(shown) <= _FEW else [*shown[: _FEW - 4], "…", *shown[-2:]])
+
+
+def _nearest(name: str, known: Sequence[str]) -> str | None:
+    """The known name that a name was probably meant to be."""
+    return next(iter(get_close_matches(name.strip().lower(), known, n=1, cutoff=_NEAR)), None)
 
 
 def _whole_numbers(name: str, values: NDArray[np.generic], place: Callable[[int], str]) -> NDArray[np.int64]:
     """A column as integers."""
     for row, value in enumerate(values.tolist()):
         try:
-            is_whole = float(value).is_integer() and abs(float(value)) < _MOST
+            number = plain_number(value) if isinstance(value, str) else float(value)
+            is_whole = number.is_integer() and abs(number) < _MOST
         except (TypeError, ValueError):  # such as dates
             is_whole = False
         if not is_whole:

@@ -2,7 +2,7 @@
 
 ``features (n, F)`` and ``object (n,)`` are needed; ``action``, ``session``, ``category``, ``shape``, each ``(n,)``, and
 ``untouched (n, C)`` are optional and mean what the columns of :mod:`activetouch.recorded.csv_format` do. More controls
-are ``control:NAME (n, C)``; ``provenance`` and ``licence`` are text.
+are ``control:NAME (n, C)``; ``feature_names (F,)``, ``provenance`` and ``licence`` are text.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import MOST_BYTES
-from activetouch.recorded.named_columns import touches_of_columns
+from activetouch.recorded.bounded import MOST_BYTES, require_bounded, require_short
+from activetouch.recorded.named_columns import NAMES, ignored, touches_of_columns
 from activetouch.recorded.touches import RecordedTouches
-from belief.files import atomic_path
+from belief.files import atomic_path, require_regular_file
 
-_NAMES = ("object", "action", "session", "category", "shape")
 _WORDS = ("provenance", "licence")
 _CONTROL = "control:"
+_KNOWN = (*NAMES, *_WORDS, "features", "feature_names", "untouched")
 
 
 def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
@@ -37,6 +37,7 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         if len(found) != 1:
             raise BadRecording(f"{path} must hold one .npz file, it holds {len(found)}; give the file itself")
         path = found[0]
+    require_regular_file(path, BadRecording)
     try:
         with zipfile.ZipFile(path) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
@@ -44,7 +45,8 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             raise BadRecording(f"{path} holds {size} bytes when decompressed; at most {MOST_BYTES} are read")
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if _is_known(name)}
-            given = {name: _text(arrays[name]) for name in _NAMES if name in arrays}
+            others = [name for name in file.files if name not in arrays]
+            given = {name: _text(name, arrays[name], str(path)) for name in NAMES if name in arrays}
     except BadRecording:
         raise
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes
@@ -57,11 +59,13 @@ def read_npz(path: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
             width = "F" if name == "features" else "C"
             raise BadRecording(f"{name} in {path} must be numbers (n, {width}), got {rows.dtype} {rows.shape}")
     features = arrays["features"]
+    require_bounded(len(features), sum(rows.size for rows in arrays.values() if rows.ndim == 2), str(path))
     untouched = arrays.get("untouched", np.empty((len(features), 0)))
     touches = touches_of_columns(features.astype(np.float64), untouched, given, str(path))
     controls = {name.removeprefix(_CONTROL): arrays[name] for name in arrays if name.startswith(_CONTROL)}
     words: dict[str, Any] = {name: str(arrays[name]) for name in _WORDS if name in arrays}
-    return replace(touches, controls={**touches.controls, **controls}, **words), ()
+    words["feature_names"] = tuple(map(str, np.atleast_1d(arrays.get("feature_names", ())).tolist()))
+    return replace(touches, controls={**touches.controls, **controls}, **words), ignored("array", others, _KNOWN)
 
 
 def write_npz(path: Path, touches: RecordedTouches) -> None:
@@ -79,17 +83,20 @@ def write_npz(path: Path, touches: RecordedTouches) -> None:
         **{columns[task]: np.array(names)[touches.objects] for task, names in touches.labels.items()},
         **{f"{_CONTROL}{name}": rows for name, rows in touches.controls.items()},
         **{name: np.array(getattr(touches, name)) for name in _WORDS},
+        **({"feature_names": np.array(touches.feature_names)} if touches.feature_names else {}),
     }
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
 
 def _is_known(name: str) -> bool:
-    return name in (*_NAMES, *_WORDS, "features", "untouched") or name.startswith(_CONTROL)
+    return name in _KNOWN or name.startswith(_CONTROL)
 
 
-def _text(column: NDArray[Any]) -> NDArray[Any]:
+def _text(name: str, column: NDArray[Any], source: str) -> NDArray[Any]:
     """A column, whose bytes are text in UTF-8, and in which NaN is an empty cell."""
+    if column.dtype.kind in "SU":
+        require_short(name, column.dtype.itemsize // np.dtype(f"{column.dtype.kind}1").itemsize, column.size, source)
     if column.dtype.kind == "f" and np.isnan(column).any():
         return np.where(np.isnan(column), "", column.astype(str))
     return np.char.decode(column, "utf-8") if column.dtype.kind == "S" else column

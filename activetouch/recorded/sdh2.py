@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.errors import BadRecording
-from activetouch.recorded.bounded import require_folder
+from activetouch.recorded.bounded import require_bounded, require_folder
 from activetouch.recorded.dsa import read_dsa
 from activetouch.recorded.pressure_features import before_contact, grasp_features, pressure_scalars
 from activetouch.recorded.touches import RecordedTouches
 from belief.observation_model.kernel_fit import numbered_sessions
 
 _MOST_FILES = 100_000
-_FIRST_FRAME = re.compile(r"_(\d+)-\d+\.dsa$")
+_FIRST_FRAME = re.compile(r"_([0-9]+)-[0-9]+\.dsa$")
 SHAPES: Mapping[str, tuple[str, ...]] = {
     "sphere": (
         "christmas_ball",
@@ -53,19 +53,25 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
     """
     require_folder(folder, "a folder for each object with its .dsa files")
     top = folder / "grasps" if (folder / "grasps").is_dir() else folder
-    paths = sorted((path for path in top.glob("*/*.dsa") if path.is_file()), key=_place)
+    paths = sorted(top.glob("*/*.dsa"), key=_place)
     if not 0 < len(paths) <= _MOST_FILES:
         raise BadRecording(f"{top} must hold folders with 1 to {_MOST_FILES} .dsa files, found {len(paths)}")
-    films = [read_dsa(path) for path in paths]
-    for path, film in zip(paths, films, strict=True):
-        if film.shapes != films[0].shapes:
-            raise BadRecording(f"{path} has pads {film.shapes}, {paths[0]} has {films[0].shapes}")
+    features, scalars, before = [], [], []
+    shapes = read_dsa(paths[0]).shapes
+    for path in paths:
+        film = read_dsa(path)
+        if film.shapes != shapes:
+            raise BadRecording(f"{path} has pads {film.shapes}, {paths[0]} has {shapes}")
+        features.append(grasp_features(film))
+        scalars.append(pressure_scalars(film))
+        before.append(before_contact(film))
+        require_bounded(len(paths), len(paths) * len(features[0]), str(top))
     names = sorted({path.parent.name for path in paths})
     objects = np.array([names.index(path.parent.name) for path in paths])
     actions = np.zeros(len(paths), np.int64)
     shape_of = {name: shape for shape, members in SHAPES.items() for name in members}
     touches = RecordedTouches(
-        np.array([grasp_features(film) for film in films]),
+        np.array(features),
         actions,
         objects,
         numbered_sessions(objects, actions),
@@ -73,8 +79,8 @@ def read_sdh2(folder: Path) -> tuple[RecordedTouches, tuple[str, ...]]:
         tuple(names),
         {"shapes": tuple(shape_of.get(name, "") for name in names)},
         {
-            "scalar features only": np.array([pressure_scalars(film) for film in films]),
-            "first frames, before contact": np.array([before_contact(film) for film in films]),
+            "scalar features only": np.array(scalars),
+            "first frames, before contact": np.array(before),
         },
         "peter-kiechle/tactile-sensors, training_grasp_profiles_thesis; joint angles left out",
         "GPL-3.0: not redistributed",

@@ -38,6 +38,7 @@ class RecordedTouches(FrozenArrays):
         controls: features that should know nothing or little of the object, by name, ``(n, C)``.
         provenance: where the set comes from.
         licence: its licence.
+        feature_names: F names, or none.
 
     Raises:
         BadRecording: the arrays do not fit each other, hold values that are not finite or too large, or indices and
@@ -58,6 +59,7 @@ class RecordedTouches(FrozenArrays):
     controls: Mapping[str, Floats] = field(default_factory=dict)
     provenance: str = "the user"
     licence: str = "not stated"
+    feature_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("actions", "objects", "sessions"):
@@ -73,6 +75,8 @@ class RecordedTouches(FrozenArrays):
             raise BadRecording(
                 f"features must be (n, F) with at least one touch and feature, got {self.features.shape}"
             )
+        if self.feature_names and len(self.feature_names) != self.features.shape[1]:
+            raise BadRecording(f"feature_names must be none or {self.features.shape[1]}, got {len(self.feature_names)}")
         for name, size in (
             ("actions", len(self.action_names)),
             ("objects", len(self.object_names)),

@@ -67,9 +67,10 @@ def test_a_line_that_is_cut_short_is_said_and_its_object_left_out(tmp_path):
     write_cy101(tmp_path, change)
     touches, notes = read_recorded(tmp_path, "cy101")
     assert touches.object_names == ("can_b",)
-    assert "line 1 of hold_haptics.txt (ball_a_t1) is cut short" in notes[0]
-    assert "ball_a" in notes[1]
-    assert notes[2].startswith("no_object, behaviours in the air")
+    assert notes[0].startswith("170 features: haptics 1, haptics 2, ")
+    assert "line 1 of hold_haptics.txt (ball_a_t1) is cut short" in notes[1]
+    assert "ball_a" in notes[2]
+    assert notes[3].startswith("no_object, behaviours in the air")
 
 
 def test_a_value_that_is_not_finite_leaves_its_object_out(tmp_path):
@@ -80,7 +81,7 @@ def test_a_value_that_is_not_finite_leaves_its_object_out(tmp_path):
     write_cy101(tmp_path, change)
     touches, notes = read_recorded(tmp_path, "cy101")
     assert touches.object_names == ("can_b",)
-    assert "line 1 of tap_vibro.txt (ball_a_t1) holds a value that is not finite" in notes[0]
+    assert "line 1 of tap_vibro.txt (ball_a_t1) holds a value that is not finite" in notes[1]
 
 
 @pytest.mark.parametrize(
@@ -121,7 +122,7 @@ def test_grasps_are_read_from_folders_of_objects_in_the_order_of_their_frames(to
         (tmp_path / top / name).mkdir(parents=True, exist_ok=True)
         (tmp_path / top / name / f"grasp_{first:06d}-{first + 50}.dsa").write_bytes(dsa([frame]))
     touches, notes = read_recorded(tmp_path, "sdh2")
-    assert notes == ()
+    assert notes == ("60 features without names",)
     assert touches.object_names == ("mug", "tennis_ball")
     assert touches.labels["shapes"] == ("", "sphere")
     assert touches.objects.tolist() == [0, 1, 1]

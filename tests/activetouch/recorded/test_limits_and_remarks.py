@@ -1,0 +1,208 @@
+"""What the readers of recorded touches say about features, which numbers they take, and what they refuse to unpack."""
+
+import bz2
+import gzip
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from activetouch.errors import BadRecording
+from activetouch.recorded import FORMATS, RecordedTouches, bounded, check_recorded, read_recorded
+from activetouch.recorded.cy101 import BEHAVIOURS
+from activetouch.recorded.npz_format import write_npz
+
+NOISE = np.random.default_rng(0).normal(size=(12, 2))
+
+
+def write_bts3(folder, cell="0.5"):
+    rows = [",".join(["object", "slipped", *(f"ff_{i}" for i in range(72))])]
+    rows += [",".join(["mug", "0", cell, *["1.5"] * 71])]
+    for pose in ("down", "45", "side"):
+        (folder / f"bts3v2_palm_{pose}.csv").write_text("\n".join(rows))
+
+
+def write_cy101(folder, cell="0.5"):
+    for behaviour in BEHAVIOURS:
+        for modality, width in (("haptics", 70), ("vibro", 100)):
+            lines = [",".join([name, cell, *["1.5"] * (width - 1)]) for name in ("mug_t1", "can_t1")]
+            (folder / f"{behaviour}_{modality}.txt").write_text("\n".join(lines))
+
+
+def write_sdh2(folder, cell="2"):
+    (folder / "mug").mkdir()
+    data = np.array([1.0, 2.0], ">f4").tobytes().hex()
+    text = f"<r><cells_x>{cell}</cells_x><cells_y>1</cells_y><frame_data>{data}</frame_data></r>"
+    (folder / "mug" / "a_0-1.dsa").write_bytes(bz2.compress(text.encode()))
+
+
+def write_npz_sessions(folder, cell="1"):
+    np.savez(folder / "a.npz", features=NOISE[:2], object=np.array(["mug", "can"]), session=np.array([cell, "2"]))
+
+
+def write_csv_feature(folder, cell="1"):
+    (folder / "a.csv").write_text(f"object,session,x\nmug,1,{cell}\nmug,2,7\n")
+
+
+def write_csv_session(folder, cell="1"):
+    (folder / "a.csv").write_text(f"object,session,x\nmug,{cell},5\nmug,2,7\n")
+
+
+WRITERS = {
+    "bts3": ("bts3", write_bts3),
+    "cy101": ("cy101", write_cy101),
+    "sdh2": ("sdh2", write_sdh2),
+    "npz session": ("npz", write_npz_sessions),
+    "csv feature": ("csv", write_csv_feature),
+    "csv session": ("csv", write_csv_session),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("cell", ["1_0", " \u0661\u0662", "\uff11", "0x1", "1d0", "\u22121", "1,5"])
+def test_only_decimal_numbers_are_numbers_in_every_format(name, cell, tmp_path):
+    format_name, write = WRITERS[name]
+    write(tmp_path)
+    assert read_recorded(tmp_path, format_name)[0].num_touches > 0
+    shutil.rmtree(tmp_path)
+    tmp_path.mkdir()
+    write(tmp_path, cell)
+    if name == "cy101" and cell == "1,5":
+        with pytest.raises(BadRecording, match="no object"):  # lines of too many cells are left out
+            read_recorded(tmp_path, format_name)
+        return
+    with pytest.raises(BadRecording, match=r"number|cells"):
+        read_recorded(tmp_path, format_name)
+
+
+@pytest.mark.parametrize("cell", ["infinity", "nan", "-inf", "NaN", "1e999"])
+@pytest.mark.parametrize("name", ["csv feature", "csv session", "npz session", "bts3", "sdh2"])
+def test_what_is_not_finite_is_refused_by_place(name, cell, tmp_path):
+    format_name, write = WRITERS[name]
+    write(tmp_path, cell)
+    with pytest.raises(BadRecording, match=r"finite|whole number"):
+        read_recorded(tmp_path, format_name)
+
+
+def test_the_readers_know_all_formats():
+    assert {format_name for format_name, _ in WRITERS.values()} == FORMATS.keys()
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_the_features_that_were_read_are_counted_and_named(name, tmp_path):
+    format_name, write = WRITERS[name]
+    write(tmp_path)
+    touches, notes = read_recorded(tmp_path, format_name)
+    assert notes[0].startswith(f"{touches.features.shape[1]} features")
+    assert touches.feature_names == () or len(touches.feature_names) == touches.features.shape[1]
+    assert all(said in notes[0] for said in touches.feature_names[:8])
+
+
+def write_labelled(folder, extra="session,label,trial,f1,f2"):
+    rows = [f"o{i // 4},{i % 4},{7 * (i // 4)},{10 + i % 4},{NOISE[i, 0]},{NOISE[i, 1]}" for i in range(12)]
+    (folder / "a.csv").write_text("\n".join([f"object,{extra}", *rows]) + "\n")
+
+
+def test_a_feature_that_names_the_object_or_numbers_the_session_is_said_by_name(tmp_path):
+    write_labelled(tmp_path)
+    touches, notes = read_recorded(tmp_path, "csv")
+    assert notes[0] == "4 features: label, trial, f1, f2"
+    assert notes[1].startswith("1 of 4 features name the object (equal in all touches of an object, different")
+    assert "objects): label; leave out" in notes[1]
+    assert "1 of 4 features number the session" in notes[2]
+    assert "sessions): trial; leave out" in notes[2]
+    assert check_recorded(touches)[:2] == notes[1:3]
+    write_npz(tmp_path / "a.npz", touches)
+    again, notes_of_npz = read_recorded(tmp_path, "npz")
+    assert (again.feature_names, notes_of_npz) == (touches.feature_names, notes)
+
+
+def test_features_without_names_that_name_the_object_are_numbered():
+    rows = np.column_stack([NOISE[:, 0], np.repeat([3.0, 3.0, 5.0], 4), np.arange(12.0)])
+    sessions = np.tile(np.arange(4), 3)
+    touches = RecordedTouches(rows, [0] * 12, np.repeat(np.arange(3), 4), sessions, ("press",), ("a", "b", "c"))
+    said = check_recorded(touches)
+    assert (
+        "1 of 3 features name the object (equal in all touches of an object, different between objects): feature 1;"
+        in said[0]
+    )
+    assert "1 of 3 features count the rows: feature 2;" in said[1]
+
+
+def test_measured_features_and_constants_are_not_said_to_name_the_object():
+    rows = np.column_stack([NOISE, np.ones(12)])
+    touches = RecordedTouches(
+        rows, [0] * 12, np.repeat(np.arange(3), 4), np.tile(np.arange(4), 3), ("p",), tuple("abc")
+    )
+    assert not any("name" in remark or "number the" in remark for remark in check_recorded(touches))
+
+
+def test_a_misspelt_name_is_said_with_what_was_meant(tmp_path):
+    write_labelled(tmp_path, "Session,label,trial,f1,f2")
+    (tmp_path / "b.CSV").write_text("")
+    (tmp_path / "notes.txt").write_text("")
+    notes = read_recorded(tmp_path, "csv")[1]
+    assert "the column 'Session' is read as a feature; did you mean 'session'?" in notes
+    assert "ignored files: 'b.CSV', 'notes.txt'" in notes
+    np.savez(tmp_path / "a.npz", features=NOISE, object=np.arange(12) // 4, categories=np.arange(12) // 4, mood=1)
+    notes = read_recorded(tmp_path, "npz")[1]
+    assert notes[0] == "2 features without names"
+    assert "the array 'categories' is ignored; did you mean 'category'?" in notes
+    assert "ignored arrays: 'mood'" in notes
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_pipe_among_recordings_is_refused_in_every_format(name, tmp_path):
+    format_name, write = WRITERS[name]
+    write(tmp_path)
+    for path in [path for path in tmp_path.rglob("*") if path.is_file()]:
+        path.unlink()
+        os.mkfifo(path)
+    with pytest.raises(BadRecording, match="is a pipe, not a regular file"):
+        read_recorded(tmp_path, format_name)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("limit", ["MOST_TOUCHES", "MOST_NUMBERS"])
+def test_a_set_with_more_than_the_limit_is_refused_in_every_format(name, limit, tmp_path, monkeypatch):
+    format_name, write = WRITERS[name]
+    write(tmp_path)
+    num_touches, num_features = read_recorded(tmp_path, format_name)[0].features.shape
+    size = num_touches if limit == "MOST_TOUCHES" else num_touches * num_features
+    monkeypatch.setattr(bounded, limit, size)
+    read_recorded(tmp_path, format_name)
+    monkeypatch.setattr(bounded, limit, size - 1)
+    with pytest.raises(BadRecording, match=r"holds? more than"):
+        read_recorded(tmp_path, format_name)
+
+
+def test_a_bomb_is_left_where_the_limit_is_reached(tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "MOST_TOUCHES", 500)
+    for row, words in (
+        (b"mug,0\n", "hold more than 500 touches"),
+        (b"\n", "characters or 1000 lines when decompressed"),
+    ):
+        content = gzip.compress(b"object,x\n" + row * 100_000)
+        (tmp_path / "a.csv.gz").write_bytes(content)
+        with pytest.raises(BadRecording, match=words):
+            read_recorded(tmp_path, "csv")
+    assert len(content) < 1000
+
+
+def test_long_names_of_many_touches_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "MOST_CHARACTERS", 1000)
+    (tmp_path / "a.csv").write_text("object,x\n" + "mug,1\n" * 20 + "m" * 51 + ",1\n")
+    with pytest.raises(BadRecording, match="a name of 51 characters; of 21 names each has at most 47"):
+        read_recorded(tmp_path, "csv")
+    np.savez(tmp_path / "a.npz", features=np.zeros((21, 1)), object=np.array(["m" * 51] * 21))
+    with pytest.raises(BadRecording, match="a name of 51 characters"):
+        read_recorded(tmp_path, "npz")
+
+
+def test_a_long_line_is_refused_before_it_is_whole_in_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "_LONGEST_LINE", 100)
+    Path(tmp_path / "a.csv").write_text("object,x\nmug," + "1" * 100 + "\n")
+    with pytest.raises(BadRecording, match=r"line 2 of .*a\.csv has more than 100 characters"):
+        read_recorded(tmp_path, "csv")
