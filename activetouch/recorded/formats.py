@@ -9,9 +9,9 @@ from typing import Literal, TypeAlias, get_args
 
 from activetouch.errors import BadRecording
 from activetouch.recorded.bts3 import read_bts3
-from activetouch.recorded.checking import features_read, suspicious_features
 from activetouch.recorded.csv_format import read_csv
 from activetouch.recorded.cy101 import read_cy101
+from activetouch.recorded.named_columns import features_read
 from activetouch.recorded.npz_format import read_npz
 from activetouch.recorded.sdh2 import read_sdh2
 from activetouch.recorded.touches import RecordedTouches
@@ -38,4 +38,4 @@ def read_recorded(data: str | Path, format: str) -> tuple[RecordedTouches, tuple
     if format not in FORMATS:
         raise BadRecording(f"unknown format {format!r}; known are {', '.join(FORMATS)}")
     touches, notes = FORMATS[format](Path(data))
-    return touches, (features_read(touches), *notes, *suspicious_features(touches))
+    return touches, (features_read(touches), *notes)

@@ -119,6 +119,65 @@ def ignored(kind: str, names: Iterable[str], known: Sequence[str]) -> tuple[str,
     return (*likely, *([f"ignored {kind}s: {abbreviated(others)}"] if others else []))
 
 
+def features_read(touches: RecordedTouches) -> str:
+    """A sentence about the number and names of the features of a set, and those that say nothing about the touch.
+
+    >>> features_read(RecordedTouches(np.ones((1, 2)), [0], [0], [0], ("press",), ("mug",), feature_names=("f", "g")))
+    '2 features: f, g'
+    """
+    count = f"{touches.features.shape[1]} features"
+    read = f"{count}: {abbreviated(touches.feature_names)}" if touches.feature_names else f"{count} without names"
+    return "; ".join([read, *(f"features that {what}: {names}" for what, (names, _) in _suspicious(touches).items())])
+
+
+def suspicious_features(touches: RecordedTouches) -> tuple[str, ...]:
+    """Sentences about features that name the object of a touch, or number its session or row.
+
+    >>> rows = [[0.1, 7.0], [0.3, 7.0], [0.2, 8.0], [0.4, 8.0]]
+    >>> mugs = RecordedTouches(rows, [0] * 4, [0, 0, 1, 1], [0, 1] * 2, ("press",), ("mug", "cup"))
+    >>> suspicious_features(mugs)  # doctest: +ELLIPSIS
+    ('these features name the object: feature 1. They are equal in all touches of an object and differ between...',)
+    """
+    return tuple(
+        f"these features {what}: {names}. They {why}; leave out what was not measured in the touch"
+        for what, (names, why) in _suspicious(touches).items()
+    )
+
+
+def _suspicious(touches: RecordedTouches) -> dict[str, tuple[str, str]]:
+    """What features say instead of what was felt: their names, and how that is known."""
+    steps = np.diff(touches.features, axis=0)
+    counts = (steps == steps[:1]).all(axis=0) & (steps[:1] != 0.0).any(axis=0) & (touches.num_touches > 2)
+    found = {
+        "name the object": (
+            _tells(touches.features, touches.objects),
+            "are equal in all touches of an object and differ between objects",
+        ),
+        "number the session": (
+            _tells(touches.features, touches.sessions),
+            "are equal in all touches of a session and differ between sessions",
+        ),
+        "count the rows": (counts, "grow by the same in every row"),
+    }
+    return {what: (_named(touches, which), why) for what, (which, why) in found.items() if which.any()}
+
+
+def _tells(features: Floats, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each feature is equal within every group and differs between groups of two rows or more on average."""
+    order = np.argsort(groups, kind="stable")
+    starts = np.flatnonzero(np.diff(groups[order], prepend=groups.min() - 1))
+    if 2 * len(starts) > len(groups):
+        return np.zeros(features.shape[1], np.bool_)
+    low, high = (bound.reduceat(features[order], starts) for bound in (np.minimum, np.maximum))
+    return np.asarray((low == high).all(axis=0) & (np.ptp(low, axis=0) > 0.0))
+
+
+def _named(touches: RecordedTouches, which: NDArray[np.bool_]) -> str:
+    """The names of some features."""
+    places = np.flatnonzero(which).tolist()
+    return abbreviated([touches.feature_names[i] if touches.feature_names else f"feature {i}" for i in places])
+
+
 def abbreviated(names: Sequence[str]) -> str:
     """Names with commas, the middle ones left out if they are many.
 

@@ -103,7 +103,7 @@ def leaks_of(data: Path, format: str, task: str, folds: int, num_random: int, se
         out: folder.
     """
     touches, notes = read_recorded(data, format)
-    remarks = tuple(remark for remark in check_recorded(touches, task) if remark not in notes)
+    remarks = check_recorded(touches, task)
     chosen = touches.for_task(task)
     main, splits = main_splits(chosen, folds)
     found = controls(chosen, splits, [read(chosen, split) for split in splits], main, seed, num_random)

@@ -101,7 +101,7 @@ class Recorded:
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
         touches, notes = read_recorded(self.data, self.format)
-        remarks = tuple(remark for remark in check_recorded(touches, self.task) if remark not in notes)
+        remarks = check_recorded(touches, self.task)
         chosen = touches.for_task(self.task)
         if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
             raise BadArgument(

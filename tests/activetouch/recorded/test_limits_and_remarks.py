@@ -108,12 +108,13 @@ def write_labelled(folder, extra="session,label,trial,f1,f2"):
 def test_a_feature_that_names_the_object_or_numbers_the_session_is_said_by_name(tmp_path):
     write_labelled(tmp_path)
     touches, notes = read_recorded(tmp_path, "csv")
-    assert notes[0] == "4 features: label, trial, f1, f2"
-    assert notes[1].startswith("1 of 4 features name the object (equal in all touches of an object, different")
-    assert "objects): label; leave out" in notes[1]
-    assert "1 of 4 features number the session" in notes[2]
-    assert "sessions): trial; leave out" in notes[2]
-    assert check_recorded(touches)[:2] == notes[1:3]
+    assert notes[0] == (
+        "4 features: label, trial, f1, f2; features that name the object: label; features that number the session: "
+        "trial"
+    )
+    said = check_recorded(touches)
+    assert said[0].startswith("these features name the object: label. They are equal in all touches of an object and")
+    assert said[1].startswith("these features number the session: trial. They are equal in all touches of a session")
     write_npz(tmp_path / "a.npz", touches)
     again, notes_of_npz = read_recorded(tmp_path, "npz")
     assert (again.feature_names, notes_of_npz) == (touches.feature_names, notes)
@@ -124,11 +125,8 @@ def test_features_without_names_that_name_the_object_are_numbered():
     sessions = np.tile(np.arange(4), 3)
     touches = RecordedTouches(rows, [0] * 12, np.repeat(np.arange(3), 4), sessions, ("press",), ("a", "b", "c"))
     said = check_recorded(touches)
-    assert (
-        "1 of 3 features name the object (equal in all touches of an object, different between objects): feature 1;"
-        in said[0]
-    )
-    assert "1 of 3 features count the rows: feature 2;" in said[1]
+    assert said[0].startswith("these features name the object: feature 1. They are equal in all touches of an object")
+    assert said[1].startswith("these features count the rows: feature 2. They grow by the same in every row")
 
 
 def test_measured_features_and_constants_are_not_said_to_name_the_object():
@@ -136,7 +134,7 @@ def test_measured_features_and_constants_are_not_said_to_name_the_object():
     touches = RecordedTouches(
         rows, [0] * 12, np.repeat(np.arange(3), 4), np.tile(np.arange(4), 3), ("p",), tuple("abc")
     )
-    assert not any("name" in remark or "number the" in remark for remark in check_recorded(touches))
+    assert not any("these features" in remark for remark in check_recorded(touches))
 
 
 def test_a_misspelt_name_is_said_with_what_was_meant(tmp_path):
