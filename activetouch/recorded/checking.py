@@ -53,9 +53,10 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
         remarks.append(
             f"{copies} touches have exactly the features of an earlier touch; copies leak from training into tests"
         )
+    remarks.extend(suspicious_features(touches))
     constant = int((np.ptp(rows, axis=0) == 0.0).sum())
     if constant:
         remarks.append(f"{constant} of {rows.shape[1]} features are equal in all touches")
     if not any("touched" in name or "contact" in name or "tenth" in name for name in touches.controls):
         remarks.append("there are no features from where nothing was touched, so that this leak control is missing")
-    return (*suspicious_features(touches), *remarks)
+    return tuple(remarks)
