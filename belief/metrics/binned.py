@@ -77,23 +77,43 @@ def debiased_calibration_error(
         E² = Σ_b (n_b / n) (gap_b² - s_b² / n_b),        returned: √E², or -√-E² if E² is negative.
 
     For equal confidences within each bin this is the debiased estimator of Kumar et al. (2019). Negative values are
-    kept, so that E² of a calibrated model has mean zero. Bins of one row are left out, as their variance is unknown.
+    kept, so that E² of a calibrated model has mean zero. The variance in a bin of one row is unknown: such a bin is
+    joined with the next one. For one row in all, the variance of a calibrated model is subtracted.
 
-    Arguments and errors are those of :func:`expected_calibration_error`; ``mass`` avoids bins of one row.
+    Arguments and errors are those of :func:`expected_calibration_error`.
 
     >>> round(debiased_calibration_error([[0.9, 0.1]] * 4, [0, 0, 1, 1]), 3)  # √(0.16 - 0.25/3)
     0.277
     """
     p, y = checked_pair(probs, labels)
     confidence, correct = top_label(p, y)
-    index = bin_index(confidence, num_bins, binning)
+    gaps = confidence - correct
+    index = _of_two_rows(bin_index(confidence, num_bins, binning))
     counts = np.bincount(index)
-    sizes = np.maximum(counts, 1)
-    means = np.bincount(index, confidence - correct) / sizes
-    scatter = np.bincount(index, np.square(confidence - correct - means[index]))  # Σ (gap - mean gap)²
+    means = np.bincount(index, gaps) / counts
+    scatter = np.bincount(index, np.square(gaps - means[index]))  # Σ (gap - mean gap)²
+    if len(y) == 1:
+        scatter = confidence * (1.0 - confidence)
     squares = counts * np.square(means) - scatter / np.maximum(counts - 1, 1)
-    square = float(squares[counts > 1].sum() / len(y))
+    square = float(squares.sum() / len(y))
     return float(np.copysign(np.sqrt(abs(square)), square))
+
+
+def _of_two_rows(index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Bins ``(n,)``, numbered from 0, in which a bin of one row is joined with the next, or the last with its neighbour.
+
+    >>> _of_two_rows(np.array([0, 0, 1, 4, 5])).tolist()
+    [0, 0, 1, 1, 1]
+    """
+    _, index, counts = np.unique(index, return_inverse=True, return_counts=True)
+    joined, number, rows = np.empty_like(counts), 0, 0
+    for old, count in enumerate(counts.tolist()):
+        if rows > 1:
+            number, rows = number + 1, 0
+        joined[old], rows = number, rows + count
+    if rows == 1:
+        joined[-1] = max(number - 1, 0)
+    return joined[index]
 
 
 def bin_index(values: Floats, num_bins: int, binning: Binning) -> NDArray[np.int64]:

@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 from functools import partial
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -133,19 +133,42 @@ def test_labels_drawn_from_the_predictions_are_nearly_calibrated(rng, binning):
     assert metrics.expected_calibration_error(probs, labels, binning=binning) < 0.02
 
 
-@pytest.mark.parametrize("num_bins", [6, 25, 40])  # of ten rows, of two or three, and of one or two
+@pytest.mark.parametrize("num_bins", [6, 25, 40, 60])  # of ten rows, of two or three, of one or two, and of one
 def test_the_debiased_error_is_the_mean_product_of_the_gaps_of_two_rows(num_bins, rng):
     # Gaps of different rows are independent: the product of two estimates the square of their mean without bias.
     probs, labels = draw(rng, 60)
     confidence, correct = probs.max(axis=1), probs.argmax(axis=1) == labels
     index = bin_index(confidence, num_bins, "mass")
-    square = 0.0
-    for b in range(num_bins):
-        gaps = (confidence - correct)[index == b]
-        if len(gaps) > 1:
-            square += len(gaps) / 60 * np.mean([x * y for x, y in permutations(gaps, 2)])
+    groups = [[]]
+    for b in range(num_bins):  # a group of one row takes in the next bin
+        if len(groups[-1]) > 1:
+            groups.append([])
+        groups[-1].extend((confidence - correct)[index == b].tolist())
+    if len(groups[-1]) < 2:
+        groups[-2:] = [groups[-2] + groups[-1]]
+    square = sum(len(gaps) / 60 * np.mean([x * y for x, y in permutations(gaps, 2)]) for gaps in groups)
     expected = np.sign(square) * np.sqrt(abs(square))
     assert metrics.debiased_calibration_error(probs, labels, num_bins) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", sorted(ERRORS))
+def test_every_error_of_rows_that_are_all_wrong_is_their_confidence(name):
+    for n in range(1, 101):
+        confidence = np.linspace(0.8, 0.99, n)
+        error = ERRORS[name](np.stack([confidence, 1.0 - confidence], axis=1), np.ones(n, int))
+        one = n == 1 and name == "debiased"  # the square less what chance adds for a calibrated model
+        assert error == pytest.approx(np.sqrt(0.8**2 - 0.8 * 0.2) if one else confidence.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("binning", ["width", "mass"])
+@pytest.mark.parametrize("n", [*range(1, 8), 12])
+def test_the_debiased_square_of_a_calibrated_model_is_zero_in_the_mean_over_all_outcomes(n, binning):
+    confidence = np.linspace(0.55, 0.99, n)
+    probs, mean = np.stack([confidence, 1.0 - confidence], axis=1), 0.0
+    for labels in product([0, 1], repeat=n):
+        error = metrics.debiased_calibration_error(probs, labels, 15, binning)
+        mean += probs[np.arange(n), labels].prod() * np.sign(error) * error**2
+    assert mean == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("true_share", [0.8, 0.7, 1.0])
@@ -162,10 +185,6 @@ def test_the_debiased_error_of_a_lucky_model_is_negative():
     # Eight of ten right at .8: no gap at all, less chance: .8 · .2 / 9.
     error = metrics.debiased_calibration_error([[0.8, 0.2]] * 10, [0] * 8 + [1] * 2)
     assert error == pytest.approx(-np.sqrt(0.16 / 9))
-
-
-def test_one_row_says_nothing_about_chance():
-    assert metrics.debiased_calibration_error([[0.8, 0.2]], [1]) == 0.0
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.integers(1, 5), st.sampled_from(["width", "mass"]))

@@ -181,4 +181,4 @@ def test_one_row_has_a_report():
     report = calibration_report([[0.6, 0.4]], [1], num_resamples=20)
     assert report.accuracy == 0.0
     assert report.ece_width.value == pytest.approx(0.6)
-    assert report.debiased.value == 0.0
+    assert report.debiased.value == pytest.approx(np.sqrt(0.6**2 - 0.6 * 0.4))
