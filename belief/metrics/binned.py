@@ -100,7 +100,7 @@ def debiased_calibration_error(
 
 
 def _of_two_rows(index: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Bins ``(n,)``, numbered from 0, in which a bin of one row is joined with the next, or the last with its neighbour.
+    """Bins ``(n,)``, numbered from 0, in which a bin of one row is joined with the next one, or with the last.
 
     >>> _of_two_rows(np.array([0, 0, 1, 4, 5])).tolist()
     [0, 0, 1, 1, 1]
