@@ -28,7 +28,16 @@ from scipy.special import entr
 
 from belief.errors import ImpossibleObservation
 from belief.problem import Floats
-from belief.validation import SUM_TOLERANCE, as_real, at, normalise_log_probs, normalise_probs, require, require_index
+from belief.validation import (
+    SUM_TOLERANCE,
+    as_logs,
+    as_real,
+    at,
+    normalise_log_probs,
+    normalise_probs,
+    require,
+    require_index,
+)
 
 _FEW_SHAPES = 16  # up to here plain floats are faster than arrays
 _BLOCK = 16_384  # numbers in a block; three such arrays fit the second-level cache
@@ -37,25 +46,31 @@ _LARGEST = np.finfo(np.float64).max
 _DOUBLE = np.dtype(np.float64)
 
 
-def update(log_prior: ArrayLike, log_likelihood: ArrayLike) -> tuple[Floats, Floats]:
+def update(
+    log_prior: ArrayLike, log_likelihood: ArrayLike | None = None, *, likelihood: ArrayLike | None = None
+) -> tuple[Floats, Floats]:
     """Log posterior over shapes, and log evidence.
 
     Args:
         log_prior: log p(y), ``(..., K)``; every row's probabilities sum to one (float16 rows are renormalised).
         log_likelihood: log p(o | y), ``(..., K)``; any finite value or -inf.
+        likelihood: p(o | y) instead, ``(..., K)``; finite and not negative.
 
     Returns:
         log p(y | o), ``(..., K)``, and log p(o), ``(...,)``, limited to the range of floats: only a shape that the
         prior or the likelihood rules out gets -inf.
 
     Raises:
-        ValueError: NaN, +inf, an empty array, shapes that do not fit, a prior that does not sum to one.
+        ValueError: NaN, +inf, an empty array, shapes that do not fit, a prior that does not sum to one; or not exactly
+            one of the last two arguments.
         ImpossibleObservation: in some row, every shape has prior or likelihood zero.
 
     >>> log_posterior, log_evidence = update(np.log([[0.5, 0.5], [0.9, 0.1]]), [[0.0, -1e4], [0.0, 0.0]])
     >>> log_posterior.round(3).tolist(), log_evidence.round(3).tolist()
     ([[0.0, -10000.0], [-0.105, -2.303]], [-0.693, 0.0])
     """
+    if log_likelihood is None or likelihood is not None:
+        log_likelihood = as_logs("log_likelihood", log_likelihood, "likelihood", likelihood)
     if (
         type(log_prior) is type(log_likelihood) is np.ndarray
         and log_prior.dtype is _DOUBLE

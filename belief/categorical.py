@@ -12,7 +12,7 @@ from belief import bayes
 from belief.frozen import FrozenArrays
 from belief.naming import Name, checked_names, index_of, one_line
 from belief.problem import Floats
-from belief.validation import as_real, normalise_log_probs, normalise_probs
+from belief.validation import as_logs, as_real, normalise_log_probs, normalise_probs
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Belief(FrozenArrays):
 
     Example:
         >>> belief = Belief.uniform(["sphere", "cube", "cone"])
-        >>> belief = belief.update(np.log([0.9, 0.05, 0.05]))
+        >>> belief = belief.update(likelihood=[0.9, 0.05, 0.05])
         >>> print(belief)
         Belief(sphere 0.900, cube 0.050, cone 0.050)
     """
@@ -92,16 +92,23 @@ class Belief(FrozenArrays):
         """
         return float(np.exp(self.log_probs[index_of("shape", self.labels, label)]))
 
-    def update(self, log_likelihood: ArrayLike) -> Belief:
-        """The posterior belief after an observation with this log-likelihood ``(K,)``.
+    def update(self, log_likelihood: ArrayLike | None = None, *, likelihood: ArrayLike | None = None) -> Belief:
+        """The posterior belief after an observation.
+
+        A log-likelihood that looks like probabilities, non-negative numbers that sum to one, causes a UserWarning.
+
+        Args:
+            log_likelihood: log p(observation | shape) up to a constant, ``(K,)``.
+            likelihood: p(observation | shape) instead, up to a factor, ``(K,)``.
 
         Raises:
-            ValueError: NaN, +inf, or a shape that does not fit.
+            ValueError: NaN, +inf, a negative likelihood, a shape that does not fit, or not exactly one of the two.
             ImpossibleObservation: zero likelihood for every shape of positive probability.
         """
-        log_posterior, _ = bayes.update(self.log_probs, log_likelihood)
+        logs = as_logs("log_likelihood", log_likelihood, "likelihood", likelihood)
+        log_posterior, _ = bayes.update(self.log_probs, logs)
         if log_posterior.ndim != 1:
-            raise ValueError(f"one belief needs a log-likelihood ({len(self.labels)},), got {np.shape(log_likelihood)}")
+            raise ValueError(f"one belief needs a log-likelihood ({len(self.labels)},), got {logs.shape}")
         return Belief.of_normalised(self.labels, log_posterior)
 
     def __repr__(self) -> str:

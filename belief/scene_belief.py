@@ -20,7 +20,7 @@ from belief.observation_model import ObservationModel
 from belief.observation_model.evidence import ObjectEvidence, start
 from belief.problem import Floats, SearchProblem, Touch
 from belief.scene_view import UNKNOWN, ReadableScene, SceneView
-from belief.validation import as_real
+from belief.validation import as_logs
 
 
 class SceneBelief(ReadableScene):
@@ -102,17 +102,18 @@ class SceneBelief(ReadableScene):
         """A read-only view of the current belief, which later touches do not change."""
         return SceneView(self)
 
-    def supposing(self, log_likelihoods: ArrayLike) -> SceneView:
-        """A view of the belief as if the touches of every object had these log-likelihoods, ``(N, K)``.
+    def supposing(self, log_likelihoods: ArrayLike | None = None, *, likelihoods: ArrayLike | None = None) -> SceneView:
+        """A view of the belief as if the touches of every object had these log-likelihoods, or likelihoods, ``(N, K)``.
 
         Touches of many objects are evaluated faster together, by a model's ``log_likelihood_batch``, than one by one.
 
         Raises:
-            ValueError: they are not ``(N, K)``, not real numbers, or hold NaN or +inf.
+            ValueError: they are not ``(N, K)``, not real numbers, or hold NaN or +inf; or not exactly one is given.
             ImpossibleObservation: every arrangement has likelihood zero.
         """
         supposed = copy(self)
-        supposed._log_likelihoods = np.array(as_real(log_likelihoods, "log_likelihoods"), np.float64)
+        logs = as_logs("log_likelihoods", log_likelihoods, "likelihoods", likelihoods)
+        supposed._log_likelihoods = np.array(logs, np.float64)
         if supposed._log_likelihoods.shape != self._log_likelihoods.shape:
             raise ValueError(
                 f"log_likelihoods must be {self._log_likelihoods.shape} (objects, shapes), "

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.problem import Floats, Touch
 from belief.validation import as_real, unmasked
@@ -75,6 +76,10 @@ class TouchBatch(FrozenArrays):
             raise ValueError(f"need sequences of equal length with at least one touch, got lengths {sorted(lengths)}")
         shape = (len(sequences), lengths.pop())
         touches = [touch for sequence in sequences for touch in sequence]
+        for index, touch in enumerate(touches):
+            if not isinstance(touch, Touch):
+                place = f"touch {index % shape[1]} of sequence {index // shape[1]}"
+                raise InvalidArgument(f"{place} must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
         rows = [touch.features for touch in touches]
         features = None if any(row is None for row in rows) else _stacked("features", rows, shape)
         poses = np.array([touch.pose for touch in touches])

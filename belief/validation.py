@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from numbers import Integral
 from typing import Any, TypeAlias
@@ -15,6 +16,7 @@ Floats: TypeAlias = NDArray[np.float64]
 SUM_TOLERANCE = 2e-3
 """Tolerance for sums of probabilities: twice the rounding error of a dozen probabilities in float16."""
 _ROUNDING = 1e-12  # sums this near to one are not normalised again
+_NEAR_ONE = 1e-5  # sums of rows that were meant as probabilities
 
 
 def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
@@ -33,6 +35,56 @@ def as_real(values: ArrayLike, name: str) -> NDArray[np.floating]:
         return array
     with np.errstate(over="ignore"):  # a number beyond float64 becomes infinite
         return array.astype(np.float64)
+
+
+def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | None, stacklevel: int = 3) -> Floats:
+    """Logarithms, given as such or as the numbers themselves; a number of zero has the logarithm -inf.
+
+    Non-negative rows that sum to one and are given as logarithms cause a UserWarning: they look like probabilities.
+
+    Args:
+        name: of the argument ``logs``.
+        logs: logarithms, ``(..., K)``, or None.
+        keyword: name of the argument ``plain``.
+        plain: the numbers themselves, ``(..., K)``, finite and not negative, or None.
+        stacklevel: of the warning.
+
+    Raises:
+        ValueError: both or none are given; numbers that are negative, NaN or infinite; not real numbers.
+
+    >>> as_logs("log_likelihood", None, "likelihood", [1.0, 0.0]).tolist()
+    [0.0, -inf]
+    """
+    if (logs is None) == (plain is None):
+        given = "neither" if logs is None else "both"
+        raise InvalidArgument(f"give either {name} or {keyword}=..., got {given}")
+    if plain is None:
+        given_logs = as_real(np.asarray([]) if logs is None else logs, name)
+        if _may_be_probs(given_logs):
+            warnings.warn(
+                f"{name} has no negative number and sums to one, as probabilities do; pass probabilities as "
+                f"{keyword}=...",
+                UserWarning,
+                stacklevel=stacklevel,
+            )
+        return np.asarray(given_logs, np.float64)
+    values = np.asarray(as_real(plain, keyword), np.float64)
+    require(np.isfinite(values) & (values >= 0.0), np.atleast_1d(values), keyword, "NaN, infinity or a negative number")
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(values))
+
+
+def _may_be_probs(values: NDArray[np.floating]) -> bool:
+    """Whether all rows ``(..., K)`` of at least two numbers are non-negative and sum to one."""
+    if values.ndim == 0 or values.size == 0 or values.shape[-1] < 2:
+        return False
+    near = SUM_TOLERANCE if values.itemsize < 4 else _NEAR_ONE
+    rows = values.reshape(-1, values.shape[-1])
+    with np.errstate(over="ignore", invalid="ignore"):
+        return all(
+            bool(some.min() >= 0.0 and np.abs(some.sum(axis=1, dtype=np.float64) - 1.0).max() <= near)
+            for some in (rows[:1], rows)  # one row usually tells
+        )
 
 
 def unmasked(values: ArrayLike, name: str) -> NDArray[Any]:

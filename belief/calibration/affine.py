@@ -98,16 +98,16 @@ class AffineCalibration(FrozenArrays, Calibration):
         """K; None before the fit."""
         return None if self.coefficients is None else len(self.coefficients)
 
-    def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> Self:
         """See :meth:`Calibration.fit`; Newton's method until the gradient is at rounding errors."""
         z, y = labelled_logits(logits, labels)
-        temperature = replace(TemperatureScaling().fit(z, y), floor=self.spread(len(y)))
+        temperature = replace(TemperatureScaling().fit_logits(z, y), floor=self.spread(len(y)))
         unsolved = replace(self, temperature=temperature, coefficients=self._identity(z.shape[1]))
         return replace(unsolved, coefficients=unsolved._problem(z, y).solve())
 
-    def predict_log_proba(self, logits: ArrayLike) -> Floats:
+    def log_proba_of(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
-        x = self.temperature.predict_log_proba(logits)
+        x = self.temperature.log_proba_of(logits)
         if self.coefficients is None:
             return x
         self._check_shapes(x.shape[-1])
@@ -146,7 +146,7 @@ class AffineCalibration(FrozenArrays, Calibration):
         num_rows, num_shapes = logits.shape
         centre = self._identity(num_shapes)
         features = np.ones((centre.shape[1], num_rows))
-        features[:-1] = self.inputs(self.temperature.predict_log_proba(logits)).T
+        features[:-1] = self.inputs(self.temperature.log_proba_of(logits)).T
         return SoftmaxRegression(features, labels, self.penalty(num_rows, num_shapes), centre)
 
     def _identity(self, num_shapes: int) -> Floats:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal, Self, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from belief.calibration.inputs import given, given_logits
 from belief.files import sealed_json, unsealed_json
 from belief.problem import Floats
 
@@ -47,30 +48,50 @@ class Calibration(ABC):
     def num_shapes(self) -> int | None:
         """K; None if it is valid for any number."""
 
-    @abstractmethod
-    def fit(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+    def fit(
+        self, logits: ArrayLike | None = None, labels: ArrayLike | None = None, *, probs: ArrayLike | None = None
+    ) -> Self:
         """A calibration that minimises :meth:`objective` on these data.
+
+        Logits that look like probabilities, non-negative rows that sum to one, cause a UserWarning.
 
         Args:
             logits: ``(n, K)``, any float type, finite.
             labels: true shape indices, ``(n,)``.
+            probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
         Raises:
-            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit.
+            ValueError: empty input, NaN or infinite logits, labels out of range, shapes that do not fit; or not exactly
+                one of logits and probabilities.
         """
+        return self.fit_logits(given_logits(logits, probs), given("labels", labels))
+
+    def predict_log_proba(self, logits: ArrayLike | None = None, *, probs: ArrayLike | None = None) -> Floats:
+        """Calibrated log probabilities, ``(..., K)``, of logits or probabilities ``(..., K)``; finite.
+
+        Warns as :meth:`fit`.
+
+        Raises:
+            ValueError: empty, NaN or infinite logits, another K than in the fit, or not exactly one of the two.
+        """
+        return self.log_proba_of(given_logits(logits, probs))
+
+    def predict_proba(self, logits: ArrayLike | None = None, *, probs: ArrayLike | None = None) -> Floats:
+        """Calibrated probabilities, ``(..., K)``; arguments and errors are those of :meth:`predict_log_proba`."""
+        return self.proba_of(given_logits(logits, probs))
 
     @abstractmethod
-    def predict_log_proba(self, logits: ArrayLike) -> Floats:
-        """Calibrated log probabilities, ``(..., K)``, of logits ``(..., K)``; finite.
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> Self:
+        """:meth:`fit` to logits, without a warning."""
 
-        Raises:
-            ValueError: empty, NaN or infinite logits, or another K than in the fit.
-        """
+    @abstractmethod
+    def log_proba_of(self, logits: ArrayLike) -> Floats:
+        """:meth:`predict_log_proba` of logits, without a warning."""
 
-    def predict_proba(self, logits: ArrayLike) -> Floats:
-        """Calibrated probabilities, ``(..., K)``, of logits ``(..., K)``; raises as :meth:`predict_log_proba`."""
+    def proba_of(self, logits: ArrayLike) -> Floats:
+        """:meth:`predict_proba` of logits, without a warning."""
         with np.errstate(under="ignore"):
-            return np.exp(self.predict_log_proba(logits))
+            return np.exp(self.log_proba_of(logits))
 
     @abstractmethod
     def objective(self, logits: ArrayLike, labels: ArrayLike) -> tuple[float, Floats]:

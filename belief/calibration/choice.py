@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from belief.calibration.base import Calibration
-from belief.calibration.inputs import labelled_logits
+from belief.calibration.inputs import given, given_logits, labelled_logits
 from belief.calibration.table import CALIBRATIONS
 from belief.cross_validation import object_folds
 from belief.validation import require_count
@@ -36,11 +36,13 @@ class Choice:
 
 
 def choose_calibration(
-    logits: ArrayLike,
-    labels: ArrayLike,
-    object_ids: ArrayLike,
+    logits: ArrayLike | None = None,
+    labels: ArrayLike | None = None,
+    object_ids: ArrayLike | None = None,
     candidates: Mapping[str, Calibration] | None = None,
     num_folds: int = 5,
+    *,
+    probs: ArrayLike | None = None,
 ) -> Choice:
     """The candidate with the least cross-validated NLL; the first of equal ones.
 
@@ -52,6 +54,7 @@ def choose_calibration(
         object_ids: object of each touch, ``(n,)``.
         candidates: unfitted calibrations by name; by default one of each class in :data:`CALIBRATIONS`.
         num_folds: from 2 to the number of objects.
+        probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
     Raises:
         ValueError: invalid logits or labels, no candidates, more folds than objects, or an object with two shapes.
@@ -66,21 +69,21 @@ def choose_calibration(
         >>> choice.name
         'vector'
     """
-    z, y = labelled_logits(logits, labels)
+    z, y = labelled_logits(given_logits(logits, probs), given("labels", labels))
     if candidates is None:
         candidates = {name: kind() for name, kind in CALIBRATIONS.items()}
     if not candidates:
         raise ValueError(f"no candidates to choose from; try {', '.join(CALIBRATIONS)}")
     require_count("num_folds", num_folds, least=2)
-    folds = object_folds(y, object_ids, num_folds)
+    folds = object_folds(y, given("object_ids", object_ids), num_folds)
     losses = {}
     for name, candidate in candidates.items():
         at_label = np.empty(len(y))
         for fold in range(num_folds):
             held = folds == fold
-            fitted = candidate.fit(z[~held], y[~held])
-            at_label[held] = fitted.predict_log_proba(z[held])[np.arange(held.sum()), y[held]]
+            fitted = candidate.fit_logits(z[~held], y[~held])
+            at_label[held] = fitted.log_proba_of(z[held])[np.arange(held.sum()), y[held]]
         with np.errstate(over="ignore"):  # the mean of values near -1e308
             losses[name] = -float(at_label.mean())
     best = min(losses, key=losses.__getitem__)
-    return Choice(candidates[best].fit(z, y), best, losses)
+    return Choice(candidates[best].fit_logits(z, y), best, losses)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import InvalidArgument
 from belief.problem import Floats
-from belief.validation import as_real, at, checked_indices
+from belief.validation import as_logs, as_real, at, checked_indices, normalise_probs
 
 _MOST_POSES = 1000  # or the number of touches, if that is larger
 
@@ -36,6 +36,30 @@ def pose_count(poses: NDArray[np.integer], num_poses: int | None) -> int:
             known = f"num_poses is {num_poses}"
         raise InvalidArgument(f"touch {touch} has pose {poses[touch]}, {known}")
     return largest + 1 if num_poses is None else int(num_poses)
+
+
+def given_logits(logits: ArrayLike | None, probs: ArrayLike | None) -> Floats:
+    """Logits, or the logarithms of probabilities, of which those below the least normal float count as that.
+
+    Raises:
+        ValueError: both or none are given, or probabilities that are none; the message names their row.
+
+    >>> given_logits(None, probs=[0.5, 0.5]).round(2).tolist()
+    [-0.69, -0.69]
+    """
+    found = as_logs("logits", logits, "probs", None if probs is None else normalise_probs(probs), stacklevel=4)
+    return found if probs is None else np.maximum(found, np.log(np.finfo(np.float64).tiny))
+
+
+def given(name: str, values: ArrayLike | None) -> ArrayLike:
+    """An argument that may follow an optional one; raises InvalidArgument for None.
+
+    >>> given("labels", [0, 1])
+    [0, 1]
+    """
+    if values is None:
+        raise InvalidArgument(f"{name} must be given")
+    return values
 
 
 def finite_logits(logits: ArrayLike) -> Floats:

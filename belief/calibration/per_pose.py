@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.calibration.base import Calibration
-from belief.calibration.inputs import finite_logits, labelled_logits, pose_count
+from belief.calibration.inputs import finite_logits, given, given_logits, labelled_logits, pose_count
 from belief.calibration.structured import StructuredMatrixScaling
 from belief.problem import Floats
 from belief.validation import checked_indices, unmasked
@@ -56,7 +56,15 @@ class PerPose:
         if not all(isinstance(n, int) and n >= 0 for n in self.num_touches):
             raise ValueError(f"numbers of touches must be integers ≥ 0, got {self.num_touches}")
 
-    def fit(self, logits: ArrayLike, labels: ArrayLike, poses: ArrayLike, num_poses: int | None = None) -> PerPose:
+    def fit(
+        self,
+        logits: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
+        num_poses: int | None = None,
+        *,
+        probs: ArrayLike | None = None,
+    ) -> PerPose:
         """The calibration fitted to all touches together and to those of each pose.
 
         Args:
@@ -64,46 +72,54 @@ class PerPose:
             labels: true shape indices, ``(n,)``.
             poses: pose indices, ``(n,)``.
             num_poses: P; by default one more than the largest pose in the data.
+            probs: the classifier's probabilities in place of its logits, ``(n, K)``.
 
         Raises:
             ValueError: invalid logits or labels, or poses out of range.
         """
-        z, y = labelled_logits(logits, labels)
-        p = _poses(poses, len(y))
+        z, y = labelled_logits(given_logits(logits, probs), given("labels", labels))
+        p = _poses(given("poses", poses), len(y))
         size = pose_count(p, num_poses)
-        pooled = self.kind.fit(z, y)
+        pooled = self.kind.fit_logits(z, y)
         masks = [p == pose for pose in range(size)]
-        own = tuple(self.kind.fit(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
+        own = tuple(self.kind.fit_logits(z[mask], y[mask]) if mask.any() else pooled for mask in masks)
         return replace(self, pooled=pooled, by_pose=own, num_touches=tuple(int(mask.sum()) for mask in masks))
 
-    def predict_log_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
-        """Calibrated log probabilities, ``(n, K)``, of logits ``(n, K)`` in poses ``(n,)``.
+    def predict_log_proba(
+        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
+    ) -> Floats:
+        """Calibrated log probabilities, ``(n, K)``, of logits or probabilities ``(n, K)`` in poses ``(n,)``.
 
         Raises:
             ValueError: not fitted, invalid logits, or poses out of range.
         """
+        return self._log_proba_of(given_logits(logits, probs), given("poses", poses))
+
+    def _log_proba_of(self, logits: Floats, poses: ArrayLike) -> Floats:
         if self.pooled is None:
             raise ValueError("there is no calibration yet: call fit first")
         z = finite_logits(logits)
         if z.ndim != 2:
             raise ValueError(f"need logits (n, K), got {z.shape}")
         p = checked_indices("poses", _poses(poses, len(z)), len(self.by_pose))
-        log_probs = self.pooled.predict_log_proba(z)
+        log_probs = self.pooled.log_proba_of(z)
         with np.errstate(over="ignore", under="ignore"):
             for pose in np.unique(p).tolist():
                 rows, n = p == pose, self.num_touches[pose]
                 weight = n / (n + self.pooling) if n else 0.0
-                own = self.by_pose[pose].predict_log_proba(z[rows])
+                own = self.by_pose[pose].log_proba_of(z[rows])
                 log_probs[rows] = weight * own + (1.0 - weight) * log_probs[rows]
             log_probs -= log_probs.max(axis=1, keepdims=True)
             np.maximum(log_probs, -np.finfo(float).max, out=log_probs)
             log_probs -= np.log(np.exp(log_probs).sum(axis=1, keepdims=True))
         return log_probs
 
-    def predict_proba(self, logits: ArrayLike, poses: ArrayLike) -> Floats:
+    def predict_proba(
+        self, logits: ArrayLike | None = None, poses: ArrayLike | None = None, *, probs: ArrayLike | None = None
+    ) -> Floats:
         """Calibrated probabilities, ``(n, K)``; raises as :meth:`predict_log_proba`."""
         with np.errstate(under="ignore"):
-            return np.exp(self.predict_log_proba(logits, poses))
+            return np.exp(self._log_proba_of(given_logits(logits, probs), given("poses", poses)))
 
     @property
     def num_shapes(self) -> int | None:

@@ -75,7 +75,7 @@ class TemperatureScaling(Calibration):
         """None: it is valid for any number of shapes."""
         return
 
-    def fit(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
+    def fit_logits(self, logits: ArrayLike, labels: ArrayLike) -> TemperatureScaling:
         """See :meth:`Calibration.fit`: the maximum-likelihood temperature, by safeguarded Newton steps in log β.
 
         The relative error is about 1e-15 for logits of any scale.
@@ -92,7 +92,7 @@ class TemperatureScaling(Calibration):
             gaps -= gaps.max(axis=0)
             return _fit(gaps, y, 1.0 / factor)
 
-    def predict_log_proba(self, logits: ArrayLike) -> Floats:
+    def log_proba_of(self, logits: ArrayLike) -> Floats:
         """See :meth:`Calibration.predict_log_proba`."""
         z = finite_logits(logits)
         with np.errstate(over="ignore", under="ignore"):
@@ -113,7 +113,7 @@ class TemperatureScaling(Calibration):
         [0.813, [-0.231]]
         """
         z, y = labelled_logits(logits, labels)
-        log_probs = TemperatureScaling(self.temperature, self.status).predict_log_proba(z)
+        log_probs = TemperatureScaling(self.temperature, self.status).log_proba_of(z)
         with np.errstate(over="ignore", under="ignore"):
             at_label = np.take_along_axis(log_probs, y[:, None], axis=1)
             excess = log_probs - at_label  # β (z - z_label)

@@ -25,6 +25,7 @@ from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import drawn, smoothed, tabulate
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
+    Repeats,
     effective_touches,
     fit_correlation,
     repeat_shares,
@@ -34,7 +35,7 @@ from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
 from belief.validation import SUM_TOLERANCE, renormalised, require_choice
 
-Status: TypeAlias = Literal["ok", "no_repeats"]
+Status: TypeAlias = Literal["ok", "no_repeats", "one_shape"]
 _REFERENCES = 500  # touches stored per pose
 _POOLING = 100.0  # weight of the table of all poses in that of each pose, in touches
 
@@ -49,7 +50,9 @@ class RatioModel(ArrayModel):
         training_prior: π, fraction of each shape among the touches of the fit, ``(K,)``.
         correlation: ρ of touches of an object in one pose, in [0, 1).
         references: logits of N representative touches per pose, ``(P, N, K)``; used only by sampling and tables.
-        status: ``ok``, or ``no_repeats`` if ρ is assumed because no objects of two shapes were touched twice in a pose.
+        status: ``ok``; ``no_repeats``: ρ is assumed, because no objects of two shapes were touched twice in a pose;
+            ``one_shape``: all touches were of one shape, from which no ratio of two shapes can be learned. The
+            calibration then fits the frequencies of this shape only; its own status may be any.
 
     Raises:
         ValueError: an invalid prior, correlation, references or status.
@@ -111,7 +114,7 @@ class RatioModel(ArrayModel):
         """
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
         unfitted = calibration if calibration is not None else StructuredMatrixScaling()
-        calibrated = unfitted.fit(data.logits, data.shapes)
+        calibrated = unfitted.fit_logits(data.logits, data.shapes)
         prior = _training_prior(calibrated, data)
         found, correlation = repeats(data), ASSUMED_CORRELATION
         if found is not None:
@@ -125,7 +128,7 @@ class RatioModel(ArrayModel):
             prior,
             correlation,
             _references(data),
-            "no_repeats" if found is None else "ok",
+            _status(data, found),
         )
 
     @property
@@ -160,7 +163,7 @@ class RatioModel(ArrayModel):
         return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
     def _log_ratio(self, batch: TouchBatch) -> Floats:
-        return self.calibration.predict_log_proba(batch.logits) - self._log_prior
+        return self.calibration.log_proba_of(batch.logits) - self._log_prior
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`."""
@@ -180,7 +183,7 @@ class RatioModel(ArrayModel):
 
     def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
         """See :class:`ArrayModel`; the references clustered by posterior, with each pose shrunk towards all poses."""
-        log_posteriors = self.calibration.predict_log_proba(self.references) - self._log_prior
+        log_posteriors = self.calibration.log_proba_of(self.references) - self._log_prior
         log_posteriors -= np.logaddexp.reduce(log_posteriors, axis=-1, keepdims=True)
         table = tabulate(log_posteriors, self._weights, num_outcomes, rng)
         number = self.references.shape[1] * self.training_prior[:, None]  # touches of each shape in a pose
@@ -222,7 +225,7 @@ class RatioModel(ArrayModel):
     @cached_property
     def _weights(self) -> Floats:
         """Weight of each reference for each shape, ``(P, N, K)``; sums to one over N."""
-        probs = self.calibration.predict_proba(self.references)
+        probs = self.calibration.proba_of(self.references)
         return np.asarray(probs / probs.sum(axis=1, keepdims=True))
 
 
@@ -239,12 +242,18 @@ def _within_floats(log_likelihoods: Floats) -> Floats:
     return np.maximum(log_likelihoods, -np.finfo(np.float64).max)
 
 
+def _status(data: LabelledTouches, found: Repeats | None) -> Status:
+    if np.count_nonzero(data.counts) == 1:
+        return "one_shape"
+    return "no_repeats" if found is None else "ok"
+
+
 def _training_prior(calibrated: Calibration, data: LabelledTouches) -> Floats:
     """Fraction of each shape, ``(K,)``; for a shape without touches, its mean probability by the calibration.
 
     Its likelihood ratio is then one on average.
     """
-    predicted = np.maximum(calibrated.predict_proba(data.logits).mean(axis=0), np.finfo(float).tiny)
+    predicted = np.maximum(calibrated.proba_of(data.logits).mean(axis=0), np.finfo(float).tiny)
     shares = np.where(data.counts > 0, data.counts / len(data.shapes), predicted)
     return np.asarray(shares / shares.sum())
 
@@ -255,8 +264,8 @@ def _cross_fitted(unfitted: Calibration, data: LabelledTouches, num_folds: int) 
     found = np.empty_like(data.logits)
     for fold in np.unique(folds).tolist():
         kept, held = folds != fold, folds == fold
-        fitted = unfitted.fit(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
-        found[held] = fitted.predict_log_proba(data.logits[held])
+        fitted = unfitted.fit_logits(data.logits[kept], data.shapes[kept]) if kept.any() else unfitted
+        found[held] = fitted.log_proba_of(data.logits[held])
     return found
 
 

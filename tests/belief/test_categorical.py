@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from belief import Belief, BeliefTracker, SceneBelief, SearchProblem, Touch
+from belief.bayes import update
 from belief.errors import InvalidArgument, UnknownName
 
 
@@ -74,3 +75,49 @@ def test_a_shape_may_be_named_by_its_index():
     for index in (2, -1, True, 0.5, None):
         with pytest.raises(InvalidArgument, match="shape must be"):
             belief.prob(index)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e-300, 1e300])
+def test_a_likelihood_is_its_logarithm(factor):
+    belief = Belief.from_probs(("a", "b", "c"), [0.5, 0.25, 0.25])
+    likelihood = factor * np.array([0.2, 0.8, 0.0])
+    with np.errstate(divide="ignore"):
+        logs = np.log(likelihood)
+    assert belief.update(likelihood=likelihood).log_probs.tolist() == belief.update(logs).log_probs.tolist()
+    assert belief.update(likelihood=likelihood).probs == pytest.approx([1 / 3, 2 / 3, 0.0])
+    found, evidence = update(belief.log_probs, likelihood=likelihood)
+    assert np.exp(found) == pytest.approx([1 / 3, 2 / 3, 0.0])
+    assert evidence == pytest.approx(np.log(0.3) + np.log(factor))
+
+
+@pytest.mark.parametrize("logs", [[0.2, 0.8], (0.0, 1.0), np.float16([0.3, 0.7]), np.float32([0.1, 0.9])])
+def test_what_looks_like_probabilities_is_not_taken_for_logarithms_in_silence(logs):
+    with pytest.warns(UserWarning, match=r"pass probabilities as likelihood=") as caught:
+        Belief.uniform(("a", "b")).update(logs)
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("logs", [[0.0, 0.0], [-0.5, 1.5], [0.2, 0.7], [0.2, 0.800_1], [-np.inf, 1.0], [8.0, 2.0]])
+def test_what_cannot_be_probabilities_needs_no_warning(logs):
+    Belief.uniform(("a", "b")).update(logs)
+    Belief.uniform(("a",)).update([1.0])
+
+
+@pytest.mark.parametrize("call", [Belief.update, lambda belief, *a, **k: update(belief.log_probs, *a, **k)])
+@pytest.mark.parametrize(
+    ("given", "named", "message"),
+    [
+        ((), {}, "either log_likelihood or likelihood=..., got neither"),
+        (([0.0, 1.0],), {"likelihood": [0.5, 0.5]}, "got both"),
+        ((), {"likelihood": [-0.1, 0.5]}, "likelihood holds NaN, infinity or a negative number"),
+        ((), {"likelihood": [np.nan, 0.5]}, "likelihood holds NaN"),
+        ((), {"likelihood": [np.inf, 0.5]}, "likelihood holds NaN, infinity"),
+        ((), {"likelihood": 0.5}, "axis|shape"),
+        ((), {"likelihood": [0.5, 0.25, 0.25]}, "shape|fit"),
+        ((), {"likelihood": [0.0, 0.0]}, "zero"),
+        ((), {"likelihood": ["a", "b"]}, "real numbers"),
+    ],
+)
+def test_a_likelihood_that_is_none_is_refused(call, given, named, message):
+    with pytest.raises(ValueError, match=message):
+        call(Belief.uniform(("x", "y")), *given, **named)

@@ -33,6 +33,7 @@ from belief.observation_model import selection, tabular
 from belief.observation_model.baselines.variance_components import Components
 from belief.touch_batch import TouchBatch
 
+pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 EXTREMES = (0.0, -0.0, 1.0, 0.5, 1 / 3, 1e-3, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e-300, 1e308, -1e308, -1.0, 6e4)
 LABELS = ("ball", "cube", "cone")
 SHAPES = np.array([0, 1, 2, 1])
@@ -237,6 +238,7 @@ CALLS = {
     "read_origin": lambda a: observation_model.read_origin(str(a.tolist())),
     # rows, selection, synthetic, tabular
     "unmasked": lambda a: validation.unmasked(a, "a").shape,
+    "as_logs": lambda a: (validation.as_logs("a", -a, "b", None), validation.as_logs("a", None, "b", a)),
     "as_real": lambda a: validation.as_real(a, "a").dtype.itemsize,
     "require": lambda a: validation.require(a >= 0.0, a, "a", "what is below zero"),
     "checked_indices": lambda a: validation.checked_indices("a", as_labels(a[:, 0]), 3),

@@ -7,8 +7,11 @@ from scipy import stats
 from belief import ActiveTouchError, Touch, metrics, statistics
 from belief.calibration import CALIBRATIONS, PerPose
 from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, OBSERVATION_MODELS
 from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
 
+pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
+FITS = {**OBSERVATION_MODELS, **JOINT_MODELS, **KERNEL_MODELS}
 PROBS = np.array([[0.8, 0.2], [0.3, 0.7], [0.6, 0.4], [0.5, 0.5]])
 TRUTH = np.array([0, 1, 0, 1])
 NO_NUMBERS = {
@@ -103,3 +106,13 @@ def test_what_is_no_confidence_is_refused(confidence):
     for interval in (statistics.wilson_interval, statistics.clopper_pearson_interval):
         with pytest.raises(ActiveTouchError, match="confidence"):
             interval(3, 7, confidence)
+
+
+@pytest.mark.parametrize("name", FITS)
+def test_an_array_in_place_of_touches_is_told_what_works(name):
+    embed = {"embed": lambda number: np.zeros((1, 2, number, 2), np.float32)} if name in JOINT_MODELS else {}
+    for wrong in (PROBS, PROBS.tolist(), [Touch(0, PROBS[0]), *PROBS[1:]]):
+        with pytest.raises(
+            ActiveTouchError, match=r"touch [01] of sequence 0 must be a Touch, such as Touch\(pose, log"
+        ):
+            FITS[name](wrong, TRUTH, np.arange(4), **embed)

@@ -279,6 +279,10 @@ def test_supposed_log_likelihoods_give_the_belief_of_their_touches(composition):
     supposed = scene.supposing(model.log_likelihood_batch(TouchBatch.of(touches)))
     np.testing.assert_allclose(supposed.marginals(), touched.marginals(), atol=1e-12)
     assert supposed.prob_present(0) == pytest.approx(touched.prob_present(0))
+    alike = scene.supposing(likelihoods=np.exp(model.log_likelihood_batch(TouchBatch.of(touches))))
+    np.testing.assert_allclose(alike.marginals(), touched.marginals(), atol=1e-9)
+    with pytest.warns(UserWarning, match="pass probabilities as likelihoods="):
+        scene.supposing(np.full((3, 3), 1 / 3))
     assert scene.marginals() == pytest.approx(1 / 3)  # the belief itself is as before
     for wrong, reason in (
         (np.zeros((2, 3)), "must be"),

@@ -121,7 +121,7 @@ def _calibrations() -> list[Case]:
         answers(
             "TemperatureScaling.fit",
             "separable logits say so",
-            lambda: TemperatureScaling().fit(np.eye(3)[labels], labels).status,
+            lambda: TemperatureScaling().fit(2.0 * np.eye(3)[labels], labels).status,
             such_that("separable", lambda s: s == "separable"),
         ),
         answers(
@@ -133,13 +133,13 @@ def _calibrations() -> list[Case]:
         answers(
             "TemperatureScaling",
             "a temperature of 1e-6",
-            lambda: TemperatureScaling(1e-6, "ok").predict_proba([1.0, 0.0]),
+            lambda: TemperatureScaling(1e-6, "ok").predict_proba([2.0, 1.0]),
             equal_to([1, 0]),
         ),
         answers(
             "TemperatureScaling",
             "a temperature of 1e6",
-            lambda: TemperatureScaling(1e6, "ok").predict_proba([1.0, 0.0]),
+            lambda: TemperatureScaling(1e6, "ok").predict_proba([2.0, 1.0]),
             equal_to([0.5, 0.5], 1e-6),
         ),
         *refusals(

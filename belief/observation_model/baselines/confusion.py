@@ -81,7 +81,7 @@ class ConfusionModel(ArrayModel):
         if not 0.0 < smoothing < np.inf or not 0.0 <= pooling < np.inf:
             raise ValueError(f"smoothing must be > 0, pooling ≥ 0, both finite; got {smoothing} and {pooling}")
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        calibration = TemperatureScaling().fit(data.logits, data.shapes)
+        calibration = TemperatureScaling().fit_logits(data.logits, data.shapes)
         outcomes = _outcomes(calibration, data.logits, confidence_edges)
         counts = np.zeros((data.num_poses, data.num_shapes, data.num_shapes * (len(confidence_edges) + 1)))
         np.add.at(counts, (data.poses, data.shapes, outcomes), 1.0)
@@ -176,6 +176,6 @@ def _outcomes(calibration: TemperatureScaling, logits: Floats, confidence_edges:
     """Outcome indices ``(...)`` of logits ``(..., K)``."""
     if not len(confidence_edges):
         return logits.argmax(axis=-1)
-    confidence = calibration.predict_proba(logits).max(axis=-1)
+    confidence = calibration.proba_of(logits).max(axis=-1)
     bins = np.searchsorted(np.asarray(confidence_edges, np.float64), confidence)
     return np.asarray(bins * logits.shape[-1] + logits.argmax(axis=-1), np.int64)

@@ -10,6 +10,8 @@ from scipy.special import softmax
 
 from belief.calibration import TemperatureScaling
 
+pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
+
 
 def sample(rng, n=400, num_shapes=4, temperature=2.0):
     """Logits, and labels drawn from their softmax at this temperature."""

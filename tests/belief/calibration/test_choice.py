@@ -203,7 +203,7 @@ def test_whatever_the_numbers_there_is_an_error_or_a_distribution(logits, labels
     ],
 )
 def test_poses_that_are_not_known_are_refused(poses, message):
-    logits, labels = [[0.0, 1.0], [1.0, 0.0]], [0, 1]
+    logits, labels = [[0.0, 2.0], [2.0, 0.0]], [0, 1]
     fitted = PerPose().fit(logits, labels, [0, 1])
     with pytest.raises(ValueError, match=message):
         fitted.predict_log_proba(logits, poses)
@@ -213,13 +213,13 @@ def test_poses_that_are_not_known_are_refused(poses, message):
 
 def test_what_was_not_fitted_or_makes_no_sense_is_refused():
     with pytest.raises(ValueError, match="call fit first"):
-        PerPose().predict_log_proba([[0.0, 1.0]], [0])
+        PerPose().predict_log_proba([[0.0, 2.0]], [0])
     with pytest.raises(ValueError, match="pooling must be finite"):
         PerPose(pooling=-1.0)
     with pytest.raises(ValueError, match="need logits"):
-        PerPose().fit([[0.0, 1.0]], [0], [0]).predict_log_proba([0.0, 1.0], [0])
+        PerPose().fit([[0.0, 2.0]], [0], [0]).predict_log_proba([0.0, 2.0], [0])
     with pytest.raises(ValueError, match="one for every pose"):
         PerPose(by_pose=(TemperatureScaling(),))
-    two, three = (VectorScaling().fit(np.eye(k), np.arange(k)) for k in (2, 3))
+    two, three = (VectorScaling().fit(2.0 * np.eye(k), np.arange(k)) for k in (2, 3))
     with pytest.raises(ValueError, match="other numbers of shapes than 3"):
         PerPose(VectorScaling(), 1.0, three, (two,), (2,))

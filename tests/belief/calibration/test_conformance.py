@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.special import log_softmax
 
-from belief.calibration import CALIBRATIONS, calibration_from_json
+from belief.calibration import CALIBRATIONS, PerPose, calibration_from_json, choose_calibration
 from belief.files import sealed_json
 
+pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 LABELS = ("cube", "sphere", "cone")
 every_calibration = pytest.mark.parametrize("name", CALIBRATIONS)
 ODD_NUMBERS = [0.0, 1.0, -1.0, 0.5, 5e-324, -1e-310, 1e-300, 1e-16, 1e4, -1e4, 1e154, 1e308, -1e308]
@@ -257,3 +258,58 @@ def test_foreign_truncated_and_mislabelled_texts_are_refused(name, rng):
     at = next(found.start() + 2 for found in re.finditer(r"\d\.\d", text))
     with pytest.raises(ValueError, match="was changed after it was written"):
         kind.from_json(text[:at] + str(9 - int(text[at])) + text[at + 1 :], LABELS)
+
+
+@every_calibration
+def test_probabilities_in_place_of_logits_are_their_logarithms(name, rng):
+    logits, labels = sample(rng)
+    probs = np.exp(log_softmax(logits, axis=1))
+    wanted = CALIBRATIONS[name]().fit(logits, labels)
+    found = CALIBRATIONS[name]().fit(probs=probs, labels=labels)
+    predicted = wanted.predict_log_proba(logits)
+    np.testing.assert_allclose(found.predict_log_proba(probs=probs), predicted, atol=1e-9)
+    np.testing.assert_allclose(found.predict_proba(probs=probs[0]), np.exp(predicted[0]), atol=1e-9)
+    each, poses = PerPose(CALIBRATIONS[name]()), np.zeros(300, int)
+    by_logits, by_probs = each.fit(logits, labels, poses), each.fit(probs=probs, labels=labels, poses=poses)
+    np.testing.assert_allclose(
+        by_probs.predict_log_proba(probs=probs, poses=poses), by_logits.predict_log_proba(logits, poses), atol=1e-9
+    )
+
+
+@every_calibration
+@pytest.mark.filterwarnings("error")
+def test_probabilities_are_not_taken_for_logits_in_silence(name, rng):
+    logits, labels = sample(rng)
+    probs, poses = np.exp(log_softmax(logits, axis=1)), np.zeros(300, int)
+    unfitted = CALIBRATIONS[name]()
+    each = PerPose(unfitted).fit(logits, labels, poses)
+    choices = {name: unfitted}
+    for call in (
+        lambda: unfitted.fit(probs, labels),
+        lambda: unfitted.predict_proba(probs[0]),
+        lambda: unfitted.predict_log_proba(np.float32(probs)),
+        lambda: PerPose(unfitted).fit(probs, labels, poses),
+        lambda: each.predict_proba(probs, poses),
+        lambda: each.predict_log_proba(probs, poses),
+        lambda: choose_calibration(probs, labels, np.arange(300), choices),
+    ):
+        with pytest.warns(UserWarning, match=r"pass probabilities as probs=") as caught:
+            call()
+        assert [one.filename for one in caught] == [__file__]
+    unfitted.fit(probs + 0.1, labels).predict_proba(probs - 0.1)
+
+
+@every_calibration
+def test_probabilities_of_zero_and_one_are_fitted_and_what_are_none_refused(name):
+    fitted = CALIBRATIONS[name]().fit(probs=[[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]], labels=[0, 1, 1])
+    assert_distributions(fitted.predict_log_proba(probs=[[1.0, 0.0], [0.5, 0.5]]))
+    for arguments, message in (
+        ({"probs": [[0.7, 0.7]], "labels": [0]}, "sum to one"),
+        ({"probs": [[-0.5, 1.5]], "labels": [0]}, "below zero"),
+        ({"probs": [[np.nan, 1.0]], "labels": [0]}, "NaN"),
+        ({"probs": [[0.5, 0.5]]}, "labels must be given"),
+        ({"labels": [0]}, "either logits or probs=..., got neither"),
+        ({"logits": [[0.5, 2.5]], "probs": [[0.5, 0.5]], "labels": [0]}, "got both"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            CALIBRATIONS[name]().fit(**arguments)

@@ -113,9 +113,9 @@ def test_the_discount_is_fitted_to_objects_the_calibration_has_not_seen(rng):
     class Counting(TemperatureScaling):
         seen: list = []  # noqa: RUF012
 
-        def fit(self, logits, labels):
+        def fit_logits(self, logits, labels):
             self.seen.append(len(logits))
-            return super().fit(logits, labels)
+            return super().fit_logits(logits, labels)
 
     RatioModel.fit(*correlated(rng, 0.5, num_objects=9), calibration=Counting(), num_folds=3)
     assert sorted(Counting.seen) == [48, 48, 48, 72]
@@ -129,10 +129,10 @@ def test_one_object_touched_ten_thousand_times_among_others_is_no_trouble(kind, 
     assert model.status == "ok"
 
 
-@pytest.mark.parametrize(("num_shapes", "rounds"), [(3, 1), (1, 4)])
-def test_what_is_not_known_of_repeats_is_assumed_and_said(num_shapes, rounds, rng):
+@pytest.mark.parametrize(("num_shapes", "rounds", "status"), [(3, 1, "no_repeats"), (1, 4, "one_shape")])
+def test_what_is_not_known_of_repeats_is_assumed_and_said(num_shapes, rounds, status, rng):
     model = RatioModel.fit(*correlated(rng, 0.5, num_objects=30, rounds=rounds, num_shapes=num_shapes))
-    assert (model.status, model.correlation) == ("no_repeats", 0.5)
+    assert (model.status, model.correlation) == (status, 0.5)
 
 
 def test_objects_of_one_touch_each_have_no_repeats(rng):
@@ -207,7 +207,7 @@ def test_correlation_is_the_one_of_least_loss():
         ({"correlation": np.nan}, r"in \[0, 1\)"),
         ({"references": np.zeros((1, 0, 3))}, "references must be"),
         ({"references": np.full((1, 2, 3), np.inf)}, "finite"),
-        ({"calibration": CALIBRATIONS["vector"]().fit(np.eye(2), [0, 1])}, "for 2 shapes"),
+        ({"calibration": CALIBRATIONS["vector"]().fit(2.0 * np.eye(2), [0, 1])}, "for 2 shapes"),
         ({"status": "fine"}, "status must be one of"),
     ],
 )
@@ -248,3 +248,12 @@ def test_a_constant_added_to_the_logits_of_a_reference_changes_no_table(rng):
     model = ratio()
     moved = replace(model, references=model.references + rng.uniform(-300.0, 300.0, (2, 200, 1)))
     np.testing.assert_allclose(moved.outcome_table().probs, model.outcome_table().probs, atol=1e-9)
+
+
+@pytest.mark.parametrize("logits", [[2.0, 0.0, 0.0], [0.0, 2.0, 1.0], [0.0, 0.0, 0.0]])
+def test_touches_of_one_shape_say_that_they_teach_no_ratio(rng, logits):
+    touches = [Touch(i % 2, row) for i, row in enumerate(logits + 0.5 * rng.normal(size=(40, 3)))]
+    model = RatioModel.fit(touches, np.zeros(40, int), np.arange(40) // 4)
+    assert model.status == "one_shape"
+    assert np.isfinite(model.log_likelihood(touches)).all()
+    assert read_observation_model(model.to_json()).status == "one_shape"
