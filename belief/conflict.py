@@ -3,10 +3,15 @@
 Two scores of each touch are compared with those of calibration objects after equally many touches of one object: the
 novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
 as well before the touch (:mod:`belief.usual_misfit`). The object's own
-earlier scores predict a part of each score, which is subtracted, so that the p-values of one object are nearly
-independent. Bets against the p-values multiply over all touches of all objects of a search. In the world of the
-calibration objects the product has expectation 1, so it ever exceeds 1/α with probability at most α (Ville 1939;
-Shafer 2021).
+earlier scores predict a part of each score, which is subtracted. Bets against the p-values multiply over all touches of
+all objects of a search. Each p-value is conformal: of one touch of a new object it is at most u with probability at most
+u. If all p-values were independent, the product would ever exceed 1/α with probability at most α (Ville 1939; Shafer
+2021).
+
+They are nearly independent where objects differ moderately, and there alarms are rarer than α. They are dependent where
+some objects are odd in all their touches, because such an object is bet on at every touch, and because all objects are
+compared with the same calibration objects. Then the rate may exceed α: with 3 % odd objects it is up to three times
+α = 0.02 (``python benchmarks/false_alarms.py``, decision 0039).
 
 Scores of four touches of each of 200 objects, then an object that fits, and one that does not:
 

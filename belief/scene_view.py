@@ -112,7 +112,8 @@ class ReadableScene:
         """Natural log of the e-value against "all touches so far come from the world that the model knows".
 
         It counts the touches of earlier searches too, if their :attr:`log_bets` were given. In that world it ever
-        exceeds log(1/α) with probability at most α. It is 0.0 for models without a test. See :mod:`belief.conflict`.
+        exceeds log(1/α) with probability at most α, up to the dependence between touches that :mod:`belief.conflict`
+        describes. It is 0.0 for models without a test.
         """
         return log_conflict([self.log_bets])
 

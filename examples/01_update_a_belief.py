@@ -17,5 +17,5 @@ belief = Belief.uniform(SHAPES)
 print(f"before any touch   {belief}")
 for said in ("cone", "cylinder", "cone", "cone"):
     likelihood = CONFUSION[:, SHAPES.index(said)]
-    belief = belief.update(np.log(likelihood))
+    belief = belief.update(likelihood=likelihood)
     print(f"it says {said:<9}  {belief}   entropy {belief.entropy:.3f} nats")

@@ -3,8 +3,8 @@
 There are four reasons. The scores of the decision name the one that applied:
 
 - ``is_conflict``: the conflict test of the observation model says that the touches do not come from the world that the
-  sensor knows, so the posterior means nothing. The test is read before every decision, not only before an answer. By
-  Ville's inequality its false-alarm rate covers all readings together; the first alarm is the strongest evidence; and
+  sensor knows, so the posterior means nothing. The test is read before every decision, not only before an answer. Its
+  false-alarm rate is for all readings together; the first alarm is the strongest evidence; and
   further touches cost, but cannot make the sensor fit the world.
 - ``is_doubtful``: the decider would answer although the probability that its answer is right is below the promise. This
   happens at a maximum number of touches.
@@ -46,8 +46,9 @@ class Abstaining:
 
     Attributes:
         decider: the decider that is followed.
-        false_alarm: probability of at most this size that the conflict test ends a search in the sensor's own world; in
-            (0, 1). The test raises an alarm when ``info.scene.log_conflict`` reaches log(1 / false_alarm).
+        false_alarm: nominal probability that the conflict test ends a search in the sensor's own world; in (0, 1). The
+            test raises an alarm when ``info.scene.log_conflict`` reaches log(1 / false_alarm). Where some objects of
+            that world are odd in all their touches, alarms may be more frequent; see :mod:`belief.conflict`.
         promise: smallest stated probability of being right at which an answer is given; in [0, 1].
         suspicion: e-value of the conflict test from which no answer is given, above 1; infinite for never. At
             3.5, a prior of 0.015 for a changed world becomes a posterior of 0.05.

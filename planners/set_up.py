@@ -1,8 +1,8 @@
 """Searches one after the other with one set-up, whose conflict test runs on from search to search.
 
 A set-up is a robot with its sensor. If its world is not the one that the observation model was fitted to, it is so in
-every search. One search makes few touches; the touches of several tell it. The false-alarm rate holds for all searches
-of a set-up together.
+every search. One search makes few touches; the touches of several tell it. The false-alarm rate is for all searches of
+a set-up together.
 """
 
 from __future__ import annotations

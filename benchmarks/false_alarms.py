@@ -1,0 +1,71 @@
+"""Measure how often the conflict test raises a false alarm in worlds of which some objects are odd.
+
+Run: python benchmarks/false_alarms.py         (some minutes on one core)
+
+All objects, of the calibration and of the searches, come from one world, so every alarm is false. A search touches each
+object one to six times in turn, 25 touches in all; its test is read after every touch, against log(1 / 0.02). Embeddings
+have three normal numbers, misfits are exponential. An odd object has embeddings four times as far away in all its
+touches, and misfits five times as large; heavy-tailed objects have both times |t|, with t of Student's distribution with
+two degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from belief.conflict import ConflictTest, log_conflict
+from belief.problem import Floats
+from belief.statistics import cluster_bootstrap
+
+TOUCHES, MOST_OF_AN_OBJECT, ALARM = 25, 6, np.log(1 / 0.02)
+NUM_TESTS, NUM_SEARCHES = 40, 50
+CALIBRATION_OBJECTS = (20, 200, 1200)
+ODD = {"no odd objects": 0.0, "0.5 % odd objects": 0.005, "1 % odd objects": 0.01, "3 % odd objects": 0.03}
+HEAVY = "heavy-tailed objects"
+
+
+def draw(rng: np.random.Generator, world: str, number: int) -> tuple[Floats, Floats]:
+    """Embeddings and misfits of some objects."""
+    embeddings = rng.normal(size=(number, MOST_OF_AN_OBJECT, 3))
+    misfits = rng.exponential(size=(number, MOST_OF_AN_OBJECT))
+    if world == HEAVY:
+        size = np.abs(rng.standard_t(2.0, size=(2, number)))
+    else:
+        size = np.where(rng.random(number) < ODD[world], [[4.0], [5.0]], 1.0)
+    return embeddings * size[0, :, None, None], misfits * size[1, :, None]
+
+
+def has_alarm(rng: np.random.Generator, test: ConflictTest, world: str) -> bool:
+    """Whether a search has an alarm."""
+    bets, left = np.zeros(1), TOUCHES
+    while left:
+        number = min(left, int(rng.integers(1, MOST_OF_AN_OBJECT + 1)))
+        state, left = test.start(), left - number
+        embeddings, misfits = draw(rng, world, 1)
+        for touch in range(number):
+            state = state.update(embeddings[0, touch], misfits[0, touch])
+            if log_conflict([bets, state.log_bets]) > ALARM:
+                return True
+        bets = bets + state.log_bets
+    return False
+
+
+def main() -> None:
+    rng = np.random.default_rng(0)
+    print(
+        f"{'world':<24}{'objects':>8}   false alarms, 95 % interval ({NUM_TESTS} tests, {NUM_SEARCHES} searches each)"
+    )
+    for world in (*ODD, HEAVY):
+        for number in CALIBRATION_OBJECTS:
+            alarms = np.zeros((NUM_TESTS, NUM_SEARCHES))
+            for row in alarms:
+                test = ConflictTest.fit(*draw(rng, world, number), np.arange(number) % 2)
+                assert test is not None
+                row[:] = [has_alarm(rng, test, world) for _ in range(NUM_SEARCHES)]
+            tests = np.repeat(np.arange(NUM_TESTS), NUM_SEARCHES)
+            mean, low, high = cluster_bootstrap(alarms.ravel(), tests, rng)
+            print(f"{world:<24}{number:>8}   {mean:.3f} [{low:.3f}, {high:.3f}]", flush=True)
+
+
+if __name__ == "__main__":
+    main()
