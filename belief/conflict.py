@@ -4,9 +4,9 @@ Two scores of each touch are compared with those of calibration objects after eq
 novelty of its embedding, and its misfit to the earlier touches of the object, relative to objects whose shape was known
 as well before the touch (:mod:`belief.usual_misfit`). The object's own
 earlier scores predict a part of each score, which is subtracted. Bets against the p-values multiply over all touches of
-all objects of a search. Each p-value is conformal: of one touch of a new object it is at most u with probability at most
-u. If all p-values were independent, the product would ever exceed 1/α with probability at most α (Ville 1939; Shafer
-2021).
+all objects of a search. A p-value is the rank of a score among those of the calibration objects: that of one touch of a
+new object is at most u with a probability of about u. If all p-values were independent and uniform, the product would
+ever exceed 1/α with probability at most α (Ville 1939; Shafer 2021).
 
 They are nearly independent where objects differ moderately, and there alarms are rarer than α. They are dependent where
 some objects are odd in all their touches, because such an object is bet on at every touch, and because all objects are

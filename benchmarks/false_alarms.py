@@ -3,10 +3,10 @@
 Run: python benchmarks/false_alarms.py         (some minutes on one core)
 
 All objects, of the calibration and of the searches, come from one world, so every alarm is false. A search touches each
-object one to six times in turn, 25 touches in all; its test is read after every touch, against log(1 / 0.02). Embeddings
-have three normal numbers, misfits are exponential. An odd object has embeddings four times as far away in all its
-touches, and misfits five times as large; heavy-tailed objects have both times |t|, with t of Student's distribution with
-two degrees of freedom.
+object one to six times in turn, 25 touches in all; its test is read after every touch, against log(1 / 0.02).
+Embeddings have three normal numbers, misfits are exponential. In all touches of an odd object, embeddings are four
+times as far away, and misfits five times as large. In those of a heavy-tailed object both are multiplied by |t|, where
+t has Student's distribution with two degrees of freedom.
 """
 
 from __future__ import annotations
