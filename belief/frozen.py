@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.validation import as_real, require
+
 Kind = TypeVar("Kind", bound=np.generic)
 
 
@@ -43,6 +45,22 @@ class FrozenArrays:
 
     def __post_init__(self) -> None:
         self.freeze()
+
+    def to_floats(self, *names: str, finite: bool = True) -> None:
+        """Make fields arrays of float64.
+
+        Args:
+            names: of the fields.
+            finite: whether infinity is refused; NaN always is.
+
+        Raises:
+            ValueError: a field holds masked entries, NaN, infinity, or no real numbers; the message names it.
+        """
+        for name in names:
+            values = np.asarray(as_real(getattr(self, name), name), np.float64)
+            valid = np.isfinite(values) if finite else ~np.isnan(values)
+            require(valid, values, name, "a number that is not finite" if finite else "NaN")
+            object.__setattr__(self, name, values)
 
     def freeze(self) -> None:
         """Make all arrays read-only; arrays whose memory is writable are copied."""

@@ -26,7 +26,7 @@ from belief.frozen import FrozenArrays
 from belief.problem import Floats
 from belief.statistics.inputs import checked_values, normal_quantile, require_fraction
 from belief.statistics.proportion import exact_interval
-from belief.validation import as_real, unmasked
+from belief.validation import as_real, require_number, unmasked
 
 _ROUNDING = 1e-20  # largest variance of an AUROC that is taken as zero
 _LEAST_SHRINKAGE = 1e-6  # few samples can make the estimate zero and the covariance singular
@@ -71,11 +71,25 @@ class MahalanobisScore(FrozenArrays):
         means: of the C classes in the data, ``(C, D)``.
         whitening: matrix that, multiplied from the right, maps deviations to unit covariance, ``(D, D)``.
         shrinkage: ρ in [0, 1].
+
+    Raises:
+        ValueError: arrays that do not fit each other, NaN, masked entries, or a shrinkage out of range.
     """
 
     means: Floats
     whitening: Floats
     shrinkage: float
+
+    def __post_init__(self) -> None:
+        self.to_floats("means")
+        self.to_floats("whitening", finite=False)  # it overflows for features that hardly vary
+        size = self.means.shape[-1] if self.means.ndim == 2 else 0
+        if size == 0 or len(self.means) == 0 or self.whitening.shape != (size, size):
+            raise ValueError(
+                f"need means (C, D) and whitening (D, D), got {self.means.shape} and {self.whitening.shape}"
+            )
+        require_number("shrinkage", self.shrinkage, 0.0, 1.0)
+        self.freeze()
 
     @classmethod
     def fit(cls, features: ArrayLike, labels: ArrayLike, shrinkage: float | None = None) -> MahalanobisScore:

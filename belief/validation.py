@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -144,6 +144,18 @@ def require_index(name: str, value: object, size: int) -> None:
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) < size:
         raise InvalidArgument(f"{name} must be an integer in [0, {size}), got {value!r}")
+
+
+def require_number(name: str, value: object, least: float, most: float) -> None:
+    """Raise InvalidArgument unless an argument is a real number in [least, most].
+
+    >>> require_number("threshold", float("nan"), 0.0, 1.0)
+    Traceback (most recent call last):
+    ...
+    belief.errors.InvalidArgument: threshold must be a number in [0, 1], got nan
+    """
+    if not isinstance(value, Real) or isinstance(value, bool) or not least <= float(value) <= most:
+        raise InvalidArgument(f"{name} must be a number in [{least:g}, {most:g}], got {value!r}")
 
 
 def require_choice(name: str, value: object, choices: Sequence[str]) -> None:

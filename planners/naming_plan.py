@@ -17,8 +17,11 @@ import numpy as np
 
 from belief import Probe
 from belief.bayes import expected_information_gain
+from belief.errors import InvalidArgument
+from belief.frozen import frozen
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from belief.validation import as_real, require_count, require_number
 from planners.decider import Decision, InformationState, require_fit
 from planners.pomdp.alpha_vectors import AlphaVectors
 from planners.pomdp.solver import backup, different
@@ -43,6 +46,9 @@ class NamingPlan:
         threshold: probability at which an object is named.
         max_touches: of an object.
 
+    Raises:
+        InvalidArgument: a kernel that does not fit the table, or a number out of range.
+
     >>> tells = np.array([[0.95, 0.05], [0.05, 0.95]])
     >>> plan = NamingPlan(OutcomeTable(np.stack([np.full((2, 2), 0.5), tells])), np.zeros((2, 2)))
     >>> plan.touch_values(np.array([0.5, 0.5]), (0, 0)).argmax()
@@ -54,6 +60,15 @@ class NamingPlan:
     repeats: int = 1
     threshold: float = 0.9
     max_touches: int = 12
+
+    def __post_init__(self) -> None:
+        kernel, size = np.asarray(as_real(self.kernel, "kernel"), np.float64), self.table.num_poses
+        if kernel.shape != (size, size) or not ((kernel >= 0.0) & (kernel <= 1.0)).all():
+            raise InvalidArgument(f"kernel must be ({size}, {size}) with entries in [0, 1], got {kernel.tolist()}")
+        object.__setattr__(self, "kernel", frozen(kernel))
+        require_number("threshold", self.threshold, 0.0, 1.0)
+        require_count("repeats", self.repeats)
+        require_count("max_touches", self.max_touches)
 
     def choose(self, info: InformationState, rng: np.random.Generator) -> Decision:
         """See :class:`planners.decider.ProbeSelector`."""

@@ -16,6 +16,7 @@ from belief.calibration.softmax_regression import SoftmaxRegression
 from belief.calibration.temperature import TemperatureScaling
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
+from belief.validation import as_real
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +54,7 @@ class AffineCalibration(FrozenArrays, Calibration):
                 raise ValueError(f"{name} must be above zero and finite, got {getattr(self, name)}")
         if self.coefficients is None:
             return
-        matrix = np.array(self.coefficients, np.float64)
+        matrix = np.array(as_real(self.coefficients, "coefficients"), np.float64)
         each = f"{self.inputs_per_shape} K + 1" if self.inputs_per_shape > 1 else "K + 1"
         fits = matrix.ndim == 2 and matrix.shape[1] == self.inputs_per_shape * len(matrix) + 1
         if not (fits and np.isfinite(matrix).all()):

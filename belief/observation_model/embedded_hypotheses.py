@@ -21,6 +21,7 @@ from belief.frozen import frozen
 from belief.observation_model.model import Embeds
 from belief.observation_model.views import Views
 from belief.problem import Floats
+from belief.validation import as_real
 
 Floats32 = NDArray[np.float32]
 
@@ -69,7 +70,7 @@ class EmbeddedHypotheses:
             return self.table[pose]
         found = np.asarray(self.source.in_pose(self.shape[2], pose), np.float32)  # type: ignore[attr-defined]
         if pose == 0:
-            require_shape(np.broadcast_to(found, (self.shape[0], *found.shape)), self.shape)
+            require_table(found, self.shape[1:])
         return found
 
     @cached_property
@@ -83,9 +84,7 @@ class EmbeddedHypotheses:
             raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
         if isinstance(self.source, np.ndarray):
             return self.source
-        table = self.source(self.shape[2])
-        require_shape(table, self.shape)
-        return numbers_first(table)
+        return checked_table(self.source(self.shape[2]), self.shape)
 
     @cached_property
     def views(self) -> Views | None:
@@ -98,14 +97,24 @@ class EmbeddedHypotheses:
         return found
 
 
-def require_shape(table: Floats32, shape: tuple[int, int, int, int]) -> None:
-    """Check the shape of embedded hypotheses.
+def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
+    """Check embedded hypotheses.
 
     Raises:
-        ValueError: it is another one.
+        ValueError: they have another shape, masked entries, NaN or infinity, or are not real numbers.
     """
-    if table.shape != shape:
-        raise ValueError(f"hypotheses must be {shape} (poses, shapes, N, D), got {table.shape}")
+    values = as_real(table, "hypotheses")
+    if values.shape != shape:
+        raise ValueError(f"hypotheses must be {shape} ((poses,) shapes, N, D), got {values.shape}")
+    if not np.isfinite(values).all():
+        place = np.argwhere(~np.isfinite(values))[0].tolist()
+        raise ValueError(f"hypotheses must be finite, got {values[tuple(place)]} at {place}")
+
+
+def checked_table(table: Floats32, shape: tuple[int, int, int, int]) -> Floats32:
+    """The table ``(P, K, N, D)``, read-only, laid out by :func:`numbers_first`; raises as :func:`require_table`."""
+    require_table(table, shape)
+    return numbers_first(np.asarray(table))
 
 
 def numbers_first(table: Floats32) -> Floats32:

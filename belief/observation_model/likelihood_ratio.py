@@ -33,7 +33,7 @@ from belief.observation_model.repeat_discount import (
 )
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import SUM_TOLERANCE, renormalised, require_choice
+from belief.validation import SUM_TOLERANCE, as_real, renormalised, require_choice
 
 Status: TypeAlias = Literal["ok", "no_repeats", "one_shape"]
 _REFERENCES = 500  # touches stored per pose
@@ -76,22 +76,19 @@ class RatioModel(ArrayModel):
     status: Status = "ok"
 
     def __post_init__(self) -> None:
-        prior = np.asarray(self.training_prior, np.float64)
+        self.to_floats("references")
+        prior, references = np.asarray(as_real(self.training_prior, "training_prior"), np.float64), self.references
         num_shapes = len(self.shape_labels)
         if prior.shape != (num_shapes,) or not (prior > 0.0).all() or abs(prior.sum() - 1.0) > SUM_TOLERANCE:
             raise ValueError(f"training_prior must be {num_shapes} positive shares that sum to one, got {prior}")
         if not 0.0 <= self.correlation < 1.0:
             raise ValueError(f"correlation must be in [0, 1), got {self.correlation}")
-        references = np.asarray(self.references, np.float64)
         if references.ndim != 3 or references.shape[2] != num_shapes or references.size == 0:
             raise ValueError(f"references must be (P, N, {num_shapes}), none of them empty, got {references.shape}")
-        if not np.isfinite(references).all():
-            raise ValueError("references must be finite logits")
         if self.calibration.num_shapes not in (None, num_shapes):
             raise ValueError(f"the calibration is for {self.calibration.num_shapes} shapes, not for {num_shapes}")
         require_choice("status", self.status, get_args(Status))
         object.__setattr__(self, "training_prior", renormalised(prior))
-        object.__setattr__(self, "references", references)
         self.freeze()
 
     @classmethod

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from belief.files import sealed_json
 from belief.frozen import FrozenArrays
+from belief.naming import checked_names
 from belief.observation_model.evidence import ObjectEvidence, RecomputedEvidence, SummarisedEvidence, Summarises
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.problem import Floats, Touch
@@ -115,6 +116,17 @@ class ArrayModel(FrozenArrays, ABC):
         """
         fields = {"model": self.name, "shape_labels": list(self.shape_labels), **self.to_fields()}
         return sealed_json(fields if origin is None else {**fields, "origin": dict(origin)}, indent=None)
+
+    def freeze(self) -> None:
+        """Check that the labels are different names, and make all arrays read-only.
+
+        Raises:
+            InvalidArgument: labels that are no sequence of different names.
+        """
+        labels = checked_names("shape_labels", self.shape_labels)
+        if "shape_labels" in vars(self):
+            object.__setattr__(self, "shape_labels", labels)
+        super().freeze()
 
     def start(self) -> ObjectEvidence:
         """The evidence before the first touch.

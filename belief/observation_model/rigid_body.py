@@ -35,7 +35,7 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, numbers_first, require_shape
+from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, checked_table, numbers_first
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
@@ -47,7 +47,7 @@ from belief.observation_model.rigid_body_fit import fitted, refitted
 from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
 from belief.touch_batch import TouchBatch
-from belief.validation import checked_indices
+from belief.validation import checked_indices, require_count, require_number
 
 _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _REFERENCES = 256  # touches kept of each pose
@@ -75,7 +75,8 @@ class RigidBodyModel(ArrayModel):
         drift: κ in [0, 1], correlation of the reader's errors about one object in different poses.
 
     Raises:
-        ValueError: the arrays do not fit each other.
+        ValueError: arrays that do not fit each other or are not finite real numbers, labels that are not different
+            names, or a number out of range.
     """
 
     name: ClassVar[str] = "rigid body"
@@ -91,22 +92,21 @@ class RigidBodyModel(ArrayModel):
     drift: float = 0.0
 
     def __post_init__(self) -> None:
+        self.to_floats("references", "reference_logits")
+        if self.references.ndim != 3 or self.references.size == 0:
+            raise ValueError(f"references must be (G, M, D), none of them empty, got {self.references.shape}")
         num_groups, number, _ = self.references.shape
+        require_count("num_hypotheses", self.num_hypotheses)
         if self.groups and sorted(set(self.groups)) != list(range(num_groups)):
             raise ValueError(f"there are references of {num_groups} groups of poses, the poses are of {self.groups}")
         if isinstance(self.hypotheses, np.ndarray):
-            require_shape(self.hypotheses, self._table_shape)
-            object.__setattr__(self, "hypotheses", numbers_first(self.hypotheses))
+            object.__setattr__(self, "hypotheses", checked_table(self.hypotheses, self._table_shape))
         if self.reference_logits.shape != (num_groups, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
-        if not 0.0 <= self.correlation <= 1.0:
-            raise ValueError(f"correlation must be in [0, 1], got {self.correlation}")
-        if not 0.0 <= self.drift <= 1.0:
-            raise ValueError(f"drift must be in [0, 1], got {self.drift}")
-        if self.num_hypotheses < 1:
-            raise ValueError(f"there must be at least one hypothesis of each shape, got {self.num_hypotheses}")
+        require_number("correlation", self.correlation, 0.0, 1.0)
+        require_number("drift", self.drift, 0.0, 1.0)
         self.freeze()
 
     @classmethod

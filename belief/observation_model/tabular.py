@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from belief.naming import checked_names
 from belief.observation_model import OutcomeTable
 from belief.observation_model.evidence import SummarisedEvidence
 from belief.problem import Floats, Touch
@@ -23,7 +24,7 @@ class TabularModel:
         table: p(outcome | pose, shape).
 
     Raises:
-        ValueError: the number of names is not the number of shapes in the table.
+        ValueError: the labels are no different names, or not as many as the shapes in the table.
 
     >>> model = TabularModel(("cube", "cone"), OutcomeTable(np.array([[[0.9, 0.1], [0.2, 0.8]]])))
     >>> touches = model.sample(0, poses=[0, 0], rng=np.random.default_rng(0))
@@ -35,6 +36,7 @@ class TabularModel:
     table: OutcomeTable
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "shape_labels", checked_names("shape_labels", self.shape_labels))
         if len(self.shape_labels) != self.table.num_shapes:
             raise ValueError(f"the table has {self.table.num_shapes} shapes, labels are {list(self.shape_labels)}")
 

@@ -22,7 +22,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.errors import InvalidArgument
+from belief.observation_model import OutcomeTable
 from belief.problem import Floats
+from belief.validation import as_real, normalise_probs, require_count
 from planners.bounds.rival import INTERVALS, pair_steps, pair_values
 from planners.pomdp.touch_costs import TouchCosts
 
@@ -43,6 +46,9 @@ class RevealingTouchBound:
         touches: number of touches before the one that reveals the shape.
         names_rival: whether to use the second relaxation too, which takes longer to prepare.
 
+    Raises:
+        ValueError: no tables, tables that are no distributions or of different K, or a negative number of touches.
+
     With one pose that is right nine times in ten, the bound falls to the optimal value, 0.8537:
 
     >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -60,8 +66,25 @@ class RevealingTouchBound:
     touches: int
     names_rival: bool = False
 
+    def __post_init__(self) -> None:
+        tables = [OutcomeTable(table).probs for table in self.tables]
+        if len({table.shape[1] for table in tables}) != 1:
+            raise InvalidArgument(f"need one or more tables (P, K, M) of one K, got {[t.shape for t in tables]}")
+        object.__setattr__(self, "tables", tables)
+        require_count("touches", self.touches, least=0)
+
     def __call__(self, belief: Floats, confirm: Floats, reject: Floats) -> float:
-        """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``."""
+        """Upper bound on the value at a belief for payoffs of CONFIRM and REJECT by shape, all ``(K,)``.
+
+        Raises:
+            ValueError: a belief that is no distribution over the K shapes, or payoffs that are not K finite numbers.
+        """
+        normalise_probs(belief, "belief")
+        for name, given in (("belief", belief), ("confirm", confirm), ("reject", reject)):
+            values = as_real(given, name)
+            if values.shape != self.tables[0].shape[1:2] or not np.isfinite(values).all():
+                raise InvalidArgument(f"{name} must be {self.tables[0].shape[1]} finite numbers, got {given!r}")
+        belief = np.asarray(belief, np.float64)
         shapes = np.flatnonzero(belief > 0.0)
         payoffs = np.stack([confirm, reject])[:, shapes]
         if len(shapes) == 1:

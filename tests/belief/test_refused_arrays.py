@@ -1,14 +1,28 @@
 """What is no array of numbers, or stands for an absurd size, is refused by name, at once."""
 
+from dataclasses import fields, replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from belief import ActiveTouchError, Touch, metrics, statistics
 from belief.calibration import CALIBRATIONS, PerPose
-from belief.observation_model import ConfusionModel, GaussianModel, PLDAModel, RatioModel, SignatureModel
+from belief.errors import InvalidArgument
+from belief.observation_model import (
+    ConfusionModel,
+    FeatureEmbedding,
+    GaussianModel,
+    OutcomeTable,
+    PLDAModel,
+    RatioModel,
+    SignatureModel,
+)
 from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, OBSERVATION_MODELS
+from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model.tabular import TabularModel
 from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
+from belief.touch_batch import TouchBatch
 
 pytestmark = pytest.mark.filterwarnings("ignore:logits has no negative number:UserWarning")
 FITS = {**OBSERVATION_MODELS, **JOINT_MODELS, **KERNEL_MODELS}
@@ -116,3 +130,62 @@ def test_an_array_in_place_of_touches_is_told_what_works(name):
             ActiveTouchError, match=r"touch [01] of sequence 0 must be a Touch, such as Touch\(pose, log"
         ):
             FITS[name](wrong, TRUTH, np.arange(4), **embed)
+
+
+def fitted_models():
+    """One of every kind of observation model that is made from arrays, and of the embeddings that some hold."""
+    rng = np.random.default_rng(0)
+    touches = [Touch(i % 2, 2.0 * np.eye(2)[i % 2] + rng.normal(size=2), rng.normal(size=4)) for i in range(40)]
+    labels, ids = np.arange(40) % 2, np.arange(40) // 4 * 2 + np.arange(40) % 2
+    hypotheses, references = rng.normal(size=(2, 2, 3, 4)).astype(np.float32), rng.normal(size=(2, 5, 4))
+    found = {name: fit(touches, labels, ids) for name, fit in {**OBSERVATION_MODELS, **KERNEL_MODELS}.items()}
+    table = OutcomeTable(np.full((2, 2, 2), 0.5))
+    return {
+        **found,
+        "rigid body": RigidBodyModel(("a", "b"), hypotheses, 3, 1.0, references, references[..., :2]),
+        "TabularModel": TabularModel(("a", "b"), table),
+        "OutcomeTable": table,
+        "LogitEmbedding": found["plda"].embedding,
+        "FeatureEmbedding": FeatureEmbedding.fit(TouchBatch.of([touches]), 2),
+        "VectorScaling": CALIBRATIONS["vector"]().fit(logits=2.0 * np.eye(2), labels=[0, 1]),
+        "MahalanobisScore": MahalanobisScore.fit(rng.normal(size=(20, 3)), np.arange(20) % 2),
+    }
+
+
+MADE = fitted_models()
+ELSEWHERE = {"action kernel": {"kernel", "references"}}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_no_record_is_made_of_arrays_that_are_none(name):
+    made = MADE[name]
+    for field in fields(made):
+        value = getattr(made, field.name)
+        if not isinstance(value, np.ndarray) or field.name in ELSEWHERE.get(name, ()):
+            continue
+        first = np.arange(value.size).reshape(value.shape) == 0
+        for wrong in (np.where(first, np.nan, value), np.ma.masked_array(value, first), value.astype(str)):
+            with pytest.raises(ValueError, match=r"."):
+                replace(made, **{field.name: wrong})
+        again = replace(made, **{field.name: np.ma.masked_array(value, False)})
+        assert type(getattr(again, field.name)) is np.ndarray
+
+
+@pytest.mark.parametrize("name", [name for name, made in MADE.items() if "shape_labels" in vars(made)])
+def test_no_model_has_labels_that_are_no_different_names(name):
+    for wrong, message in ((("a", "a"), "differ"), ("ab", "sequence of names"), ((1, 2), "sequence of names")):
+        with pytest.raises(InvalidArgument, match=f"shape_labels must .*{message}|shape_labels must {message}"):
+            replace(MADE[name], shape_labels=wrong)
+    assert replace(MADE[name], shape_labels=["a", "b"]).shape_labels == ("a", "b")
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("field", ["hypotheses", "references", "reference_logits"])
+def test_a_model_of_one_body_has_finite_tables(field, number):
+    wrong = np.array(getattr(MADE["rigid body"], field))
+    wrong.flat[-1] = number
+    with pytest.raises(ValueError, match=rf"{field}.*finite"):
+        replace(MADE["rigid body"], **{field: wrong})
+    if field == "hypotheses":
+        with pytest.raises(ValueError, match=r"hypotheses must be finite, got .* at \[1, 1, 2, 3\]"):
+            assert replace(MADE["rigid body"], hypotheses=lambda number: wrong).table.size

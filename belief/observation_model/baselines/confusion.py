@@ -58,6 +58,7 @@ class ConfusionModel(ArrayModel):
         if not (np.diff(edges) > 0.0).all():
             raise ValueError(f"confidence_edges must rise strictly within (1/K, 1), got {self.confidence_edges}")
         object.__setattr__(self, "probs", probs)
+        self.freeze()
 
     @classmethod
     def fit(

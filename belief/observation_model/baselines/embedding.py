@@ -66,6 +66,7 @@ class LogitEmbedding(FrozenArrays):
     unit: float = 1.0
 
     def __post_init__(self) -> None:
+        self.to_floats("lowest", "highest", finite=False)
         _check_bounds(self.lowest, self.highest, self.unit)
         if len(self.lowest) < 2:
             raise ValueError("an embedding of logits needs at least two shapes, got one")
@@ -142,6 +143,8 @@ class FeatureEmbedding(FrozenArrays):
     unit: float = 1.0
 
     def __post_init__(self) -> None:
+        self.to_floats("lowest", "highest", finite=False)
+        self.to_floats("centre", "components", "readout", "offset")
         _check_bounds(self.lowest, self.highest, self.unit)
         arrays = (self.centre, self.components, self.readout, self.offset)
         sizes = (len(self.lowest), len(self.centre), len(self.offset))
@@ -150,8 +153,6 @@ class FeatureEmbedding(FrozenArrays):
                 "need centre (F,), components (D, F), bounds (D,), readout (D, K) and offset (K,), got "
                 f"{', '.join(str(part.shape) for part in arrays)}, bounds {self.lowest.shape}"
             )
-        if not all(np.isfinite(part).all() for part in arrays):
-            raise ValueError("centre, components, readout and offset must be finite")
         self.freeze()
 
     @classmethod

@@ -393,7 +393,7 @@ def test_arrays_that_do_not_fit_are_refused(world):
         ((world.embed(N), N + 1, 1.0, references, logits), "hypotheses must be"),
         ((world.embed(N), N, 0.0, references, logits), "temperature"),
         ((world.embed(N), N, np.inf, references, logits), "temperature"),
-        ((None, 0, 1.0, references, logits), "at least one hypothesis"),
+        ((None, 0, 1.0, references, logits), "num_hypotheses must be an integer, at least 1"),
         ((world.embed(N), N, 1.0, references, logits[:, :4]), "reference_logits"),
     ):
         with pytest.raises(ValueError, match=words):

@@ -94,7 +94,7 @@ def test_touches_without_features_or_with_others_are_refused(rng):
     ("bounds", "unit", "message"),
     [
         (([0.0, 1.0], [1.0, 0.0]), 1.0, "lowest ≤ highest"),
-        (([np.nan, 0.0], [1.0, 1.0]), 1.0, "lowest ≤ highest"),
+        (([np.nan, 0.0], [1.0, 1.0]), 1.0, "lowest holds NaN"),
         (([0.0], [1.0]), 1.0, "at least two shapes"),
         (([0.0, 0.0], [1.0, 1.0]), 0.0, "unit"),
         (([0.0, 0.0], [1.0, 1.0]), np.inf, "unit"),
