@@ -10,8 +10,8 @@ ever exceed 1/α with probability at most α (Ville 1939; Shafer 2021).
 
 They are nearly independent where objects differ moderately, and there alarms are rarer than α. They are dependent where
 some objects are odd in all their touches, because such an object is bet on at every touch, and because all objects are
-compared with the same calibration objects. Then the rate may exceed α: with 3 % odd objects it is up to three times
-α = 0.02 (``python benchmarks/false_alarms.py``, decision 0039).
+compared with the same calibration objects. Then the rate may exceed α: for α = 0.02, it is 0.047 with 3 % odd objects
+and 1200 calibration objects (``python benchmarks/false_alarms.py``, decision 0039).
 
 Scores of four touches of each of 200 objects, then an object that fits, and one that does not:
 
