@@ -91,9 +91,9 @@ def debiased_calibration_error(
     index = _of_two_rows(bin_index(confidence, num_bins, binning))
     counts = np.bincount(index)
     means = np.bincount(index, gaps) / counts
-    scatter = np.asarray(np.bincount(index, np.square(gaps - means[index])), np.float64)  # Σ (gap - mean gap)²
+    scatter = np.bincount(index, np.square(gaps - means[index]))  # Σ (gap - mean gap)²
     if len(y) == 1:
-        scatter += confidence * (1.0 - confidence)
+        scatter = np.full(1, confidence[0] * (1.0 - confidence[0]))
     squares = counts * np.square(means) - scatter / np.maximum(counts - 1, 1)
     square = float(squares.sum() / len(y))
     return float(np.copysign(np.sqrt(abs(square)), square))

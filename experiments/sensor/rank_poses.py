@@ -22,7 +22,8 @@ class RankPoses:
     """Find the best fixed order of poses for the decider best_order, and put it into the sensor's folder.
 
     The order is greedy: each pose is the one with which the touches so far leave the lowest negative log likelihood of
-    the shape, over the objects of the calibration split.
+    the shape, over the objects of the calibration split. The printed likelihoods are of the same objects, to which the
+    sensor's temperature was fitted too: they rank poses, and are lower than on other objects.
 
     For example:
 
@@ -64,6 +65,7 @@ class RankPoses:
         ratios = np.empty((number, len(touches.poses) // number, len(model.shape_labels), model.num_hypotheses), "f4")
         for pose in range(number):
             ratios[pose] = model.scores(pose, read.features[0][touches.poses == pose])
+        print("NLL of the shape on the objects by which the poses are ranked [nats]")
         order, losses = hypothesis_order(ratios, touches.shapes[::number], min(self.length, number))
         labels = [sensor.scene.pose_labels[pose] for pose in order]
         for place, (label, loss) in enumerate(zip(labels, losses, strict=True), 1):

@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from belief.cross_validation import object_folds
 from belief.observation_model.baselines.confusion import ConfusionModel
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.model import ArrayModel
@@ -74,28 +75,42 @@ class SignatureModel(ArrayModel):
         shape_labels: Sequence[str] | None = None,
         num_poses: int | None = None,
         confidence_edges: Sequence[float] = (),
+        num_folds: int = 5,
     ) -> SignatureModel:
         """Fit the confusion model, and ρ to repeated touches of an object (``object_ids``) in one pose.
 
+        ρ is fitted with confusion models of other objects, in ``num_folds`` folds of whole objects (decision 0074).
         Arguments and errors are otherwise those of :meth:`ConfusionModel.fit`.
         """
-        confusion = ConfusionModel.fit(
-            touches, shapes, shape_labels=shape_labels, num_poses=num_poses, confidence_edges=confidence_edges
-        )
         data = LabelledTouches.of(touches, shapes, object_ids, shape_labels, num_poses)
-        found = repeats(data)
+
+        def counted(rows: NDArray[np.intp]) -> ConfusionModel:
+            return ConfusionModel.fit(
+                [touches[row] for row in rows.tolist()],
+                data.shapes[rows],
+                shape_labels=data.shape_labels,
+                num_poses=data.num_poses,
+                confidence_edges=confidence_edges,
+            )
+
+        confusion, found = counted(np.arange(len(data.shapes))), repeats(data)
         if found is None:
             return cls(confusion, ASSUMED_CORRELATION, "no_repeats")
-        outcomes = np.where(found.rows >= 0, confusion.outcomes_of(data.logits)[found.rows], -1)
-        same = outcomes[:, :, None] == outcomes[:, None]  # (G, n, n)
-        is_first = same.argmax(axis=2) == np.arange(outcomes.shape[1])  # first occurrence in its group
-        # How often each outcome occurred after two, three, … touches, at its first occurrence.
-        counts = np.where(is_first[:, None], same.cumsum(axis=1), 0)[:, 1:]  # (G, n - 1, n)
-        poses = data.poses[found.rows[:, 0], None, None]
-        correlation = fit_correlation(
-            lambda rho: cls(confusion, rho)._log_repeats(poses, outcomes[:, None], counts), found
-        )
-        return cls(confusion, correlation)
+        folds = object_folds(data.shapes, data.objects, min(num_folds, data.num_objects))
+        parts = []
+        for fold in np.unique(folds[found.rows[:, 0]]).tolist():
+            groups = folds[found.rows[:, 0]] == fold
+            others = counted(np.flatnonzero(folds != fold))
+            parts.append((groups, others, *_outcomes_of_groups(others, data, found.rows[groups])))
+        shape = (*found.rows[:, 1:].shape, data.num_shapes)
+
+        def log_likelihoods(rho: float) -> Floats:
+            values = np.empty(shape)
+            for groups, others, poses, outcomes, counts in parts:
+                values[groups] = cls(others, rho)._log_repeats(poses, outcomes, counts)
+            return values
+
+        return cls(confusion, fit_correlation(log_likelihoods, found))
 
     @property
     def shape_labels(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -208,3 +223,23 @@ class _Occurred(NamedTuple):
 
     counts: NDArray[np.int64]
     log_likelihoods: Floats
+
+
+def _outcomes_of_groups(
+    confusion: ConfusionModel, data: LabelledTouches, rows: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Poses and outcomes of groups of repeats, and how often each had occurred after two, three, … touches.
+
+    Args:
+        confusion: tells the outcome of a touch.
+        data: all touches.
+        rows: of the touches of each group, ``(G, n)``; -1 for padding.
+
+    Returns:
+        ``(G, 1, 1)``, ``(G, 1, n)`` and ``(G, n - 1, n)``; an outcome counts at its first occurrence only.
+    """
+    outcomes = np.where(rows >= 0, confusion.outcomes_of(data.logits)[rows], -1)
+    same = outcomes[:, :, None] == outcomes[:, None]  # (G, n, n)
+    is_first = same.argmax(axis=2) == np.arange(outcomes.shape[1])  # first occurrence in its group
+    counts = np.where(is_first[:, None], same.cumsum(axis=1), 0)[:, 1:]
+    return data.poses[rows[:, 0], None, None], outcomes[:, None], counts
