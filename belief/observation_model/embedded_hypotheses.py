@@ -84,7 +84,9 @@ class EmbeddedHypotheses:
             raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
         if isinstance(self.source, np.ndarray):
             return self.source
-        return checked_table(self.source(self.shape[2]), self.shape)
+        table = self.source(self.shape[2])
+        require_table(table, self.shape)
+        return numbers_first(np.asarray(table))
 
     @cached_property
     def views(self) -> Views | None:
@@ -102,6 +104,11 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
 
     Raises:
         ValueError: they have another shape, masked entries, NaN or infinity, or are not real numbers.
+
+    >>> require_table(np.full((1, 2, 1, 1), np.nan, np.float32), (1, 2, 1, 1))
+    Traceback (most recent call last):
+    ...
+    ValueError: hypotheses must be finite, got nan at [0, 0, 0, 0]
     """
     values = as_real(table, "hypotheses")
     if values.shape != shape:
@@ -109,12 +116,6 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()
         raise ValueError(f"hypotheses must be finite, got {values[tuple(place)]} at {place}")
-
-
-def checked_table(table: Floats32, shape: tuple[int, int, int, int]) -> Floats32:
-    """The table ``(P, K, N, D)``, read-only, laid out by :func:`numbers_first`; raises as :func:`require_table`."""
-    require_table(table, shape)
-    return numbers_first(np.asarray(table))
 
 
 def numbers_first(table: Floats32) -> Floats32:

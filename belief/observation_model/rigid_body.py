@@ -35,7 +35,7 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, checked_table, numbers_first
+from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, numbers_first, require_table
 from belief.observation_model.log_weights import largest_posterior, log_means, misfit
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
@@ -100,7 +100,8 @@ class RigidBodyModel(ArrayModel):
         if self.groups and sorted(set(self.groups)) != list(range(num_groups)):
             raise ValueError(f"there are references of {num_groups} groups of poses, the poses are of {self.groups}")
         if isinstance(self.hypotheses, np.ndarray):
-            object.__setattr__(self, "hypotheses", checked_table(self.hypotheses, self._table_shape))
+            require_table(self.hypotheses, self._table_shape)
+            object.__setattr__(self, "hypotheses", numbers_first(np.asarray(self.hypotheses)))
         if self.reference_logits.shape != (num_groups, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:

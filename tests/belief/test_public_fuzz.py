@@ -283,6 +283,7 @@ NO_NUMBERS = {
     "at": "an index",
     "require_count": "one integer",
     "require_index": "one integer",
+    "require_number": "one number",
     "require_choice": "a word",
     "read_origin": "text",
     "sample_arrangement": "of a problem",
