@@ -3,7 +3,7 @@
 One pose, one shape, two hypotheses; then a touch that fits the first:
 
 >>> table = np.array([[[[3.0, 0.0], [0.0, 3.0]]]], np.float32)
->>> require_shape(table, (1, 1, 2, 2))
+>>> require_table(table, (1, 1, 2, 2))
 >>> hypotheses = EmbeddedHypotheses(numbers_first(table), (1, 1, 2, 2), (), temperature=1.0)
 >>> hypotheses.scores(0, np.array([[1.0, 0.5]])).tolist()
 [[[3.0, 1.5]]]
