@@ -23,7 +23,6 @@ class LinearDiscriminants:
         shrinkage: weight of the diagonal part, the mean variance, in the covariance; in [0, 1].
         is_heavy: whether labels have heavy tails, as Student's t distributions, instead of normal ones. Touches far
             from all labels then tell little; normal distributions overstate what such touches tell.
-        has_prior: whether labels with more touches are more probable. Without it, labels are equally probable.
 
     >>> rows = np.array([[0.0, 0.1], [0.1, 0.0], [1.0, 1.1], [1.1, 1.0]])
     >>> LinearDiscriminants(0.5).fit(rows, np.array([0, 0, 3, 3])).decision_function(rows).argmax(axis=1).tolist()
@@ -32,7 +31,6 @@ class LinearDiscriminants:
 
     shrinkage: float
     is_heavy: bool = False
-    has_prior: bool = True
     classes_: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), init=False)
 
     def fit(self, features: Floats, labels: NDArray[np.int64]) -> LinearDiscriminants:
@@ -46,16 +44,15 @@ class LinearDiscriminants:
         rest = features - means[number]
         covariance = shrunk_covariance(rest.T @ rest / len(rest), shrinkage=self.shrinkage)
         covariance[np.diag_indices_from(covariance)] += 1e-9
-        self._log_prior = np.log(counts / counts.sum()) if self.has_prior else np.zeros(len(counts))
         self._factor = np.linalg.cholesky(covariance)
         self._means = np.linalg.solve(self._factor, means.T).T
         return self
 
     def decision_function(self, features: Floats) -> Floats:
-        """Log of prior times density up to a constant of each row, ``(n, K)``."""
+        """Log density of each label up to a constant of each row, ``(n, K)``."""
         rows = np.linalg.solve(self._factor, features.T).T
         squares = (rows**2).sum(axis=1)[:, None] - 2.0 * rows @ self._means.T + (self._means**2).sum(axis=1)
         size = features.shape[1]
         if self.is_heavy:
-            return np.asarray(self._log_prior - 0.5 * size * np.log1p(np.maximum(squares, 0.0) / size))
-        return np.asarray(self._log_prior - 0.5 * squares)
+            return np.asarray(-0.5 * size * np.log1p(np.maximum(squares, 0.0) / size))
+        return np.asarray(-0.5 * squares)

@@ -15,7 +15,7 @@ from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
 from belief.files import write_text
 from experiments.command_line.console import plain_console
-from experiments.recorded.fold import labelled, main_splits
+from experiments.recorded.fold import main_splits
 from experiments.recorded.order import by_session as table_by_session
 from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
@@ -127,7 +127,7 @@ def _control(
 ) -> Control:
     right, owners, together = [], [], []
     for split, reading in zip(splits, readings, strict=True):
-        data = labelled(touches, split.test, reading.test_ratios)
+        data = touches.labelled(split.test, reading.test_ratios)
         right.append(reading.test_ratios.argmax(axis=1) == touches.labels[split.test])
         owners.append(touches.objects[split.test])
         ratios, labels = table_by_session(data, touches.sessions_of(split.test))
