@@ -160,7 +160,18 @@ class Reading:
     test_ratios: Floats
 
 
-def read(touches: TaskTouches, split: Split, control: str | None = None) -> Reading:
+def num_tried(touches: TaskTouches, split: Split) -> int:
+    """Number of classifiers that :func:`read` tries, all actions together."""
+    return len(_options(touches, split)) * touches.source.num_actions
+
+
+def read(
+    touches: TaskTouches,
+    split: Split,
+    control: str | None = None,
+    kind: Calibration | None = None,
+    advance: Callable[[], object] = lambda: None,
+) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
 
     The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
@@ -173,18 +184,21 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
         touches: of the task.
         split: what to learn from, to calibrate on and to test on.
         control: name of a control whose features are read instead.
+        kind: the calibration, unfitted; by default the best of the candidates.
+        advance: is called after each classifier that was tried, :func:`num_tried` times.
     """
     features, num_labels = touches.features(control), len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    options = kinds(num_labels, len(x) // num_actions)
+    options = _options(touches, split)
     held = np.zeros((len(x), num_labels))
     chosen: list[str] = []
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
-        tried = {
-            name: _held_out(kind, x[here], y[here], split.inner[here], num_labels) for name, kind in options.items()
-        }
+        tried = {}
+        for name, option in options.items():
+            tried[name] = _held_out(option, x[here], y[here], split.inner[here], num_labels)
+            advance()
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
         held[here] = tried[chosen[-1]]
@@ -200,18 +214,18 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds)
+    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds, kind)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
     reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen))
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
 
 
 def _best_calibration(
-    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers
+    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers, kind: Calibration | None
 ) -> tuple[PerPose, Floats, Floats]:
-    """The calibration with the least fused loss, its log prior, and ratios of touches by calibrations of other folds."""
-    candidates: list[Calibration] = [TemperatureScaling()]
-    if logits.shape[1] <= _MANY_LABELS:
+    """The calibration with the least fused loss, its log prior, and ratios by calibrations of other folds."""
+    candidates: list[Calibration] = [TemperatureScaling() if kind is None else kind]
+    if kind is None and logits.shape[1] <= _MANY_LABELS:
         candidates.append(StructuredMatrixScaling())
     crossed = [_cross_calibrated(kind, touches, rows, logits, folds) for kind in candidates]
     best = 0
@@ -220,7 +234,9 @@ def _best_calibration(
     return *_calibrated(candidates[best], touches, rows, logits), crossed[best]
 
 
-def _cross_calibrated(kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers) -> Floats:
+def _cross_calibrated(
+    kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers
+) -> Floats:
     """Log likelihood ratios of touches, ``(c, K)``, each by a calibration of the other folds."""
     ratios = np.empty_like(logits)
     for fold in np.unique(folds).tolist():
@@ -243,6 +259,10 @@ def _fused_loss(touches: TaskTouches, rows: Integers, ratios: Floats) -> float:
     """Loss of fused touches after the best correlation for all pairs of actions."""
     data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
     return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
+
+
+def _options(touches: TaskTouches, split: Split) -> Mapping[str, Kind]:
+    return kinds(len(touches.label_names), len(split.train) // touches.source.num_actions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:

@@ -24,7 +24,8 @@ class Split(FrozenArrays):
         calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
         test: to test on.
         inner: fold of each row of ``train``, for that cross-validation and for the choice of a classifier.
-        folds: fold of each row of ``calibrated``; correlations are fitted to ratios whose calibration is of other folds.
+        folds: fold of each row of ``calibrated``; the calibration of a row is of other folds where correlations are
+            fitted.
     """
 
     train: NDArray[np.int64]
@@ -78,7 +79,9 @@ def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
 
 def _calibration_folds(touches: TaskTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:
     """Folds of sessions where every object has several to calibrate on, of objects where one has a single session."""
-    sessions = [len(np.unique(rank[rows][touches.objects[rows] == thing])) for thing in np.unique(touches.objects[rows])]
+    sessions = [
+        len(np.unique(rank[rows][touches.objects[rows] == thing])) for thing in np.unique(touches.objects[rows])
+    ]
     if min(sessions) > 1:
         return np.unique(rank[rows], return_inverse=True)[1] % _INNER
     folds = object_folds(touches.labels[rows], touches.objects[rows], min(_INNER, len(sessions)))

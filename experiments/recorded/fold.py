@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
-
-import numpy as np
 
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_object, by_session
@@ -57,7 +55,13 @@ def main_splits(touches: TaskTouches, folds: int) -> tuple[str, list[Split]]:
     return "unseen objects", by_object(touches, min(folds, len(set(touches.objects.tolist()))))
 
 
-def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence[Law] = LAWS) -> Fold:
+def prepare(
+    touches: TaskTouches,
+    split: Split,
+    threshold: float,
+    laws: Sequence[Law] = LAWS,
+    advance: Callable[[], object] = lambda: None,
+) -> Fold:
     """Read a split, and fit what its searches need.
 
     Args:
@@ -65,8 +69,9 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
         split: the rows.
         threshold: probability at which searches stop, for the ranking of fixed orders.
         laws: of the observation models; ``kernel`` among them.
+        advance: is called after each classifier that was tried.
     """
-    reading = read(touches, split)
+    reading = read(touches, split, advance=advance)
     test = split.test
     bank = RecordedBank(
         touches.label_names,
@@ -94,4 +99,3 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
     }
     order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
     return Fold(touches, split, reading, bank, models, tuple(bank.action_names[action] for action in order))
-
