@@ -136,7 +136,7 @@ class RecordedTouches(FrozenArrays):
         used = sorted({names[thing] for thing in np.unique(self.objects).tolist()} - {""})
         if len(used) < _FEWEST_LABELS:
             raise BadRecording(f"{task} need at least two different labels, there is {used}")
-        label_of = np.array([used.index(name) if name else -1 for name in names])
+        label_of = np.array([used.index(name) if name in used else -1 for name in names])
         rows = np.flatnonzero(label_of[self.objects] >= 0)
         return TaskTouches(self, task, tuple(used), rows, label_of[self.objects[rows]])
 

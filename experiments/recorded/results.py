@@ -140,7 +140,7 @@ def _saved(mine: Floats, others: Floats) -> Floats:
         fall = right[last, replicas] - right[after, replicas]
         share = np.maximum(right[last, replicas] - target, 0.0) / np.where(fall > 0.0, fall, 1.0)
         touches.append((1.0 - share) * number[last, replicas] + share * number[after, replicas])
-    return np.asarray(1.0 - touches[0] / np.where(touches[1] > 0.0, touches[1], np.inf))
+    return np.asarray(1.0 - np.maximum(touches[0], _ROUNDING) / np.maximum(touches[1], _ROUNDING))
 
 
 def identification_table(parts: Sequence[Part], threshold: float) -> Table:
