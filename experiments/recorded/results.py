@@ -105,7 +105,8 @@ def touches_of(named: Sequence[Named], decider: str, law: Law) -> tuple[Floats, 
 def saving(named: Sequence[Named], decider: str, reference: str, law: Law = "kernel") -> tuple[float, float, float]:
     """Fraction of the reference's touches that a decider saves at equal accuracy, with an interval over objects.
 
-    Each of the two stops at the lowest probability at which it is still right as often as the less accurate one is.
+    The more accurate of the two is stopped at the first lower probability at which it is only as often right as the
+    other.
     """
     curves = [_stopped_earlier(named, one, law) for one in (decider, reference)]
     size = curves[0].shape[-1]
@@ -131,15 +132,14 @@ def _stopped_earlier(named: Sequence[Named], decider: str, law: Law) -> Floats:
 
 def _saved(mine: Floats, others: Floats) -> Floats:
     """Saved fraction of touches, ``(B,)``, by touches and accuracy at falling probabilities to stop, ``(2, G, B)``."""
-    target = np.minimum(mine[1, 0], others[1, 0])
-    touches = []
+    target, touches = np.minimum(mine[1, 0], others[1, 0]), []
     for number, right in (mine, others):
         right = np.minimum.accumulate(right, axis=0)
-        last = (right >= target - _ROUNDING).sum(axis=0) - 1
-        after, replicas = np.minimum(last + 1, len(right) - 1), np.arange(len(last))
-        fall = right[last, replicas] - right[after, replicas]
-        share = np.maximum(right[last, replicas] - target, 0.0) / np.where(fall > 0.0, fall, 1.0)
-        touches.append((1.0 - share) * number[last, replicas] + share * number[after, replicas])
+        equal, replicas = np.argmax(right <= target + _ROUNDING, axis=0), np.arange(len(target))
+        before = np.maximum(equal - 1, 0)
+        high, low = right[before, replicas], right[equal, replicas]
+        share = np.clip((high - target) / np.maximum(high - low, _ROUNDING), 0.0, 1.0)  # of the way down to it
+        touches.append((1.0 - share) * number[before, replicas] + share * number[equal, replicas])
     return np.asarray(1.0 - np.maximum(touches[0], _ROUNDING) / np.maximum(touches[1], _ROUNDING))
 
 
@@ -176,9 +176,9 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
             ("share that reached it", ".3f"),
         ),
         rows,
-        "Intervals resample objects. Fewer touches are those at equal accuracy: both deciders stop at the lowest "
-        "probability at which they are as often right as the less accurate one. The bound is the fewest touches after "
-        "which some set of actions reaches the probability, with the same belief and recordings.",
+        "Intervals resample objects. Fewer touches are those at equal accuracy: the more accurate decider stops at a "
+        "lower probability, where it is right as often as the other. The bound is the fewest touches after which some "
+        "set of actions reaches the probability, with the same belief and recordings.",
         "identification",
     )
 
