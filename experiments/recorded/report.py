@@ -83,8 +83,8 @@ def verdict_of(measured: Measured, facts: Mapping[str, Any]) -> list[str]:
     else:
         saved = {other: interval(*saving(named, GAIN, other), spec=".1%") for other in (RANDOM, FIXED)}
         sentences.append(
-            f"At equal accuracy, information gain saves {saved[RANDOM]} of the touches of a random order, and "
-            f"{saved[FIXED]} of those of the best fixed order."
+            f"Without being less accurate, information gain saves {saved[RANDOM]} of the touches of a random order, "
+            f"and {saved[FIXED]} of those of the best fixed order."
         )
     sentences += doubts(measured.controls)
     for law, words in (("none", "If touches count as independent"), ("kernel", "With fitted correlations")):

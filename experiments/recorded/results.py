@@ -103,10 +103,9 @@ def touches_of(named: Sequence[Named], decider: str, law: Law) -> tuple[Floats, 
 
 
 def saving(named: Sequence[Named], decider: str, reference: str, law: Law = "kernel") -> tuple[float, float, float]:
-    """Fraction of the reference's touches that a decider saves at equal accuracy, with an interval over objects.
+    """Fraction of the reference's touches that a decider saves without being less accurate; an interval over objects.
 
-    The more accurate of the two is stopped at the first lower probability at which it is only as often right as the
-    other.
+    A reference that is more often right is stopped at the first lower probability at which it is as often right.
     """
     curves = [_stopped_earlier(named, one, law) for one in (decider, reference)]
     size = curves[0].shape[-1]
@@ -132,15 +131,14 @@ def _stopped_earlier(named: Sequence[Named], decider: str, law: Law) -> Floats:
 
 def _saved(mine: Floats, others: Floats) -> Floats:
     """Saved fraction of touches, ``(B,)``, by touches and accuracy at falling probabilities to stop, ``(2, G, B)``."""
-    target, touches = np.minimum(mine[1, 0], others[1, 0]), []
-    for number, right in (mine, others):
-        right = np.minimum.accumulate(right, axis=0)
-        equal, replicas = np.argmax(right <= target + _ROUNDING, axis=0), np.arange(len(target))
-        before = np.maximum(equal - 1, 0)
-        high, low = right[before, replicas], right[equal, replicas]
-        share = np.clip((high - target) / np.maximum(high - low, _ROUNDING), 0.0, 1.0)  # of the way down to it
-        touches.append((1.0 - share) * number[before, replicas] + share * number[equal, replicas])
-    return np.asarray(1.0 - np.maximum(touches[0], _ROUNDING) / np.maximum(touches[1], _ROUNDING))
+    number, right = others[0], np.minimum.accumulate(others[1], axis=0)
+    target = np.minimum(mine[1, 0], right[0])
+    equal, replicas = np.argmax(right <= target + _ROUNDING, axis=0), np.arange(len(target))
+    before = np.maximum(equal - 1, 0)
+    high, low = right[before, replicas], right[equal, replicas]
+    share = np.clip((high - target) / np.maximum(high - low, _ROUNDING), 0.0, 1.0)  # of the way down to the target
+    needed = (1.0 - share) * number[before, replicas] + share * number[equal, replicas]
+    return np.asarray(1.0 - mine[0, 0] / np.maximum(needed, _ROUNDING))
 
 
 def identification_table(parts: Sequence[Part], threshold: float) -> Table:
@@ -176,9 +174,9 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
             ("share that reached it", ".3f"),
         ),
         rows,
-        "Intervals resample objects. Fewer touches are those at equal accuracy: the more accurate decider stops at a "
-        "lower probability, where it is right as often as the other. The bound is the fewest touches after which some "
-        "set of actions reaches the probability, with the same belief and recordings.",
+        "Intervals resample objects. Fewer touches are those of a decider that is not less accurate: a reference that "
+        "is more accurate stops at a lower probability, where it is right as often. The bound is the fewest touches "
+        "after which some set of actions reaches the probability, with the same belief and recordings.",
         "identification",
     )
 
