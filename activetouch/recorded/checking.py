@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from activetouch.errors import BadRecording
@@ -9,6 +12,7 @@ from activetouch.recorded.named_columns import suspicious_features
 from activetouch.recorded.touches import RecordedTouches
 
 _SESSIONS, _OBJECTS = 4, 3  # of three sessions none is left to calibrate on
+_MANY_FEATURES = 500
 
 
 def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str, ...]:
@@ -27,17 +31,15 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
     ('7 touches have exactly the features of an earlier touch; copies leak from training into tests', 'there are no...')
     """
     chosen = touches.for_task(task)
-    objects, names = chosen.objects, touches.object_names
-    for thing in np.unique(objects).tolist():
-        for action, action_name in enumerate(touches.action_names):
-            count = len(np.unique(chosen.sessions[(objects == thing) & (chosen.actions == action)]))
-            needed = _SESSIONS if task == "objects" else 1
-            if count < needed:
-                raise BadRecording(
-                    f"the object {names[thing]} has {count} sessions of the action {action_name}; {task} need at least "
-                    f"{needed} of each action"
-                    + (", to learn from, to calibrate on and to test on" if needed > 1 else "")
-                )
+    objects = chosen.objects
+    if few_sessions := incomplete(touches, task):
+        needed, known = _needed(task), len(np.unique(objects))
+        uses = ", to learn from, to calibrate on and to test on" if needed > 1 else ""
+        cure = "; without_incomplete or --leave-out-incomplete leaves these out" if len(few_sessions) < known else ""
+        raise BadRecording(
+            f"{len(few_sessions)} of {known} objects have too few sessions: {_listed(few_sessions)}; {task} need at "
+            f"least {needed} of each action{uses}{cure}"
+        )
     if task != "objects":
         owners = {label: len(np.unique(objects[chosen.labels == k])) for k, label in enumerate(chosen.label_names)}
         few = {label: count for label, count in owners.items() if count < _OBJECTS}
@@ -47,6 +49,11 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
                 f"there are {few}"
             )
     remarks = []
+    if touches.features.shape[1] > _MANY_FEATURES:
+        remarks.append(
+            f"a touch has {touches.features.shape[1]} features, and hundreds of classifiers are trained; if that "
+            f"takes too long, average neighbouring features, so that there are at most {_MANY_FEATURES}"
+        )
     rows = touches.features[chosen.rows]
     copies = len(rows) - len(np.unique(np.column_stack([rows, chosen.actions]), axis=0))
     if copies:
@@ -60,3 +67,61 @@ def check_recorded(touches: RecordedTouches, task: str = "objects") -> tuple[str
     if not any("touched" in name or "contact" in name or "tenth" in name for name in touches.controls):
         remarks.append("there are no features from where nothing was touched, so that this leak control is missing")
     return tuple(remarks)
+
+
+def incomplete(touches: RecordedTouches, task: str = "objects") -> dict[str, dict[str, int]]:
+    """The objects with too few sessions of an action for a task: their number of sessions, by object and action.
+
+    >>> incomplete(RecordedTouches(np.eye(3), [0, 1, 0], [0, 0, 1], [0] * 3, ("press", "rub"), ("mug", "can")))
+    {'mug': {'press': 1, 'rub': 1}, 'can': {'press': 1, 'rub': 0}}
+    """
+    names = touches.object_names if task == "objects" else touches.labels[task]
+    counts = np.zeros((len(names), touches.num_actions), np.int64)
+    np.add.at(counts, tuple(np.unique([touches.objects, touches.actions, touches.sessions], axis=1)[:2]), 1)
+    short = counts < _needed(task)
+    return {
+        touches.object_names[thing]: {
+            touches.action_names[i]: int(counts[thing, i]) for i in np.flatnonzero(short[thing])
+        }
+        for thing in np.unique(touches.objects).tolist()
+        if names[thing] and short[thing].any()
+    }
+
+
+def without_incomplete(touches: RecordedTouches, task: str = "objects") -> tuple[RecordedTouches, tuple[str, ...]]:
+    """The touches of the objects that have enough sessions of every action, and what was left out.
+
+    Args:
+        touches: the set.
+        task: ``objects``, ``categories`` or ``shapes``.
+
+    Raises:
+        BadRecording: no object has enough, or the set has no such labels.
+    """
+    touches.for_task(task)
+    out = incomplete(touches, task)
+    if not out:
+        return touches, ()
+    kept = np.flatnonzero(~np.isin(np.array(touches.object_names)[touches.objects], list(out)))
+    if not kept.size:
+        check_recorded(touches, task)
+    rest = replace(
+        touches,
+        features=touches.features[kept],
+        actions=touches.actions[kept],
+        objects=touches.objects[kept],
+        sessions=touches.sessions[kept],
+        controls={name: rows[kept] for name, rows in touches.controls.items()},
+    )
+    return rest, (f"{len(out)} objects are left out as they have too few sessions: {_listed(out)}",)
+
+
+def _needed(task: str) -> int:
+    return _SESSIONS if task == "objects" else 1
+
+
+def _listed(few: Mapping[str, Mapping[str, int]]) -> str:
+    return "; ".join(
+        f"{name} ({', '.join(f'{count} of {action}' for action, count in counts.items())})"
+        for name, counts in few.items()
+    )

@@ -11,8 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from belief.problem import Floats
+
+_LEAST = 1e-9  # variance, so that constant features have one
 
 
 @dataclass(eq=False)
@@ -23,7 +26,6 @@ class LinearDiscriminants:
         shrinkage: weight of the diagonal part, the mean variance, in the covariance; in [0, 1].
         is_heavy: whether labels have heavy tails, as Student's t distributions, instead of normal ones. Touches far
             from all labels then tell little; normal distributions overstate what such touches tell.
-        has_prior: whether labels with more touches are more probable. Without it, labels are equally probable.
 
     >>> rows = np.array([[0.0, 0.1], [0.1, 0.0], [1.0, 1.1], [1.1, 1.0]])
     >>> LinearDiscriminants(0.5).fit(rows, np.array([0, 0, 3, 3])).decision_function(rows).argmax(axis=1).tolist()
@@ -32,30 +34,38 @@ class LinearDiscriminants:
 
     shrinkage: float
     is_heavy: bool = False
-    has_prior: bool = True
     classes_: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), init=False)
 
     def fit(self, features: Floats, labels: NDArray[np.int64]) -> LinearDiscriminants:
         """Learn from features ``(n, F)`` with labels ``(n,)``."""
-        from sklearn.covariance import shrunk_covariance
-
         self.classes_, number, counts = np.unique(labels, return_inverse=True, return_counts=True)
-        means = np.zeros((len(counts), features.shape[1]))
-        np.add.at(means, number, features)
+        self._centre, self._basis = features.mean(axis=0), None
+        inside = features - self._centre
+        if len(features) < features.shape[1]:  # the same result in the span of the touches, in which the means differ
+            self._basis = np.linalg.qr(inside.T)[0]
+            inside = inside @ self._basis
+        means = np.zeros((len(counts), inside.shape[1]))
+        np.add.at(means, number, inside)
         means /= counts[:, None]
-        rest = features - means[number]
-        covariance = shrunk_covariance(rest.T @ rest / len(rest), shrinkage=self.shrinkage)
-        covariance[np.diag_indices_from(covariance)] += 1e-9
-        self._log_prior = np.log(counts / counts.sum()) if self.has_prior else np.zeros(len(counts))
+        rest = inside - means[number]
+        variance = (rest**2).sum() / rest.shape[0] / features.shape[1]
+        covariance = (1.0 - self.shrinkage) * (rest.T @ rest) / len(rest)
+        self._least = self.shrinkage * variance + _LEAST
+        covariance[np.diag_indices_from(covariance)] += self._least
         self._factor = np.linalg.cholesky(covariance)
-        self._means = np.linalg.solve(self._factor, means.T).T
+        self._means = solve_triangular(self._factor, means.T, lower=True).T
         return self
 
     def decision_function(self, features: Floats) -> Floats:
-        """Log of prior times density up to a constant of each row, ``(n, K)``."""
-        rows = np.linalg.solve(self._factor, features.T).T
+        """Log density of each label up to a constant of each row, ``(n, K)``."""
+        inside, outside = features - self._centre, np.zeros(len(features))
+        if self._basis is not None:
+            norms = (inside**2).sum(axis=1)
+            inside = inside @ self._basis
+            outside = np.maximum(norms - (inside**2).sum(axis=1), 0.0) / self._least
+        rows = solve_triangular(self._factor, inside.T, lower=True).T
         squares = (rows**2).sum(axis=1)[:, None] - 2.0 * rows @ self._means.T + (self._means**2).sum(axis=1)
+        if not self.is_heavy:
+            return np.asarray(-0.5 * squares)
         size = features.shape[1]
-        if self.is_heavy:
-            return np.asarray(self._log_prior - 0.5 * size * np.log1p(np.maximum(squares, 0.0) / size))
-        return np.asarray(self._log_prior - 0.5 * squares)
+        return np.asarray(-0.5 * size * np.log1p((np.maximum(squares, 0.0) + outside[:, None]) / size))

@@ -4,9 +4,9 @@ The classifiers are scikit-learn's; each action's is chosen by cross-validation,
 temperature scaling. Features are standardised: for linear discriminants by their spread within labels, for kernel
 machines by their spread.
 
-Labels may have different numbers of touches. With at most 30 labels, the calibration learns their shares, and the
-ratios are without them. With more, it is a temperature, which would scale a share as well: then the classifiers take
-all labels as equally probable.
+Labels may have different numbers of touches, and the classifiers take all as equally probable. The calibration is a
+temperature or, with at most 30 labels, a structured matrix, which learns the labels' shares; the ratios are without
+them. The better one is chosen on objects, or sessions, that it was not fitted to (decision 0073).
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from activetouch.extras import require_extra
 from activetouch.recorded.discriminants import LinearDiscriminants
 from activetouch.recorded.splits import Split
 from activetouch.recorded.touches import TaskTouches
-from belief.calibration import PerPose, StructuredMatrixScaling, TemperatureScaling
+from belief.calibration import Calibration, PerPose, StructuredMatrixScaling, TemperatureScaling
 from belief.metrics import negative_log_likelihood
+from belief.observation_model.kernel_fit import fit_kernel, fused_loss
 from belief.problem import Floats
 
 Integers = NDArray[np.int64]
@@ -63,14 +64,17 @@ def kinds(num_labels: int, num_touches: int = 0) -> Mapping[str, Kind]:
 
     found = {
         f"{'heavy-tailed' if is_heavy else 'linear'} discriminants, shrinkage {s}": Kind(
-            partial(LinearDiscriminants, s, is_heavy, num_labels <= _MANY_LABELS), True
+            partial(LinearDiscriminants, s, is_heavy), True
         )
         for is_heavy in (False, True)
         for s in (0.1, 0.3, 0.6)
     }
     if num_labels <= _MANY_LABELS and num_touches <= _MANY_TOUCHES:
         found |= {
-            f"support vectors, C = {c}": Kind(partial(SVC, C=c, decision_function_shape="ovo"), False) for c in (1, 10)
+            f"support vectors, C = {c}": Kind(
+                partial(SVC, C=c, decision_function_shape="ovo", class_weight="balanced"), False
+            )
+            for c in (1, 10)
         }
     return found
 
@@ -122,7 +126,7 @@ class RecordedReader:
     Attributes:
         classifiers: of each action.
         calibration: of the logits, per action.
-        log_prior: log share of each label among the calibration touches, or equal shares for many labels, ``(K,)``.
+        log_prior: log share of each label that the calibration has learned, equal for a temperature, ``(K,)``.
         chosen: name of each action's kind of classifier.
     """
 
@@ -145,7 +149,8 @@ class Reading:
     Attributes:
         reader: fitted to the training and calibration touches.
         calibration_rows: of the task, ``(c,)``.
-        calibration_ratios: their log likelihood ratios, ``(c, K)``; by classifiers that did not learn from them.
+        calibration_ratios: their log likelihood ratios, ``(c, K)``; neither the classifiers nor the calibration of
+            each learned from it.
         test_ratios: those of the test touches, ``(t, K)``.
     """
 
@@ -155,8 +160,21 @@ class Reading:
     test_ratios: Floats
 
 
-def read(touches: TaskTouches, split: Split, control: str | None = None) -> Reading:
+def num_tried(touches: TaskTouches, split: Split) -> int:
+    """Number of classifiers that :func:`read` tries, all actions together."""
+    return len(_options(touches, split)) * touches.source.num_actions
+
+
+def read(
+    touches: TaskTouches,
+    split: Split,
+    control: str | None = None,
+    kind: Calibration | None = None,
+    advance: Callable[[], object] = lambda: None,
+) -> Reading:
     """Fit a reader to a split, and read the calibration and test touches.
+
+    The calibration is the candidate with the least loss of fused touches, each read by one of other folds.
 
     The calibration touches are read by classifiers that learned from the training touches. The classifiers of the
     result learn from both. So the calibration knows touches that were recorded after those that were learned from, as
@@ -166,18 +184,21 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
         touches: of the task.
         split: what to learn from, to calibrate on and to test on.
         control: name of a control whose features are read instead.
+        kind: the calibration, unfitted; by default the best of the candidates.
+        advance: is called after each classifier that was tried, :func:`num_tried` times.
     """
     features, num_labels = touches.features(control), len(touches.label_names)
     num_actions = touches.source.num_actions
     x, y, a = features[split.train], touches.labels[split.train], touches.actions[split.train]
-    options = kinds(num_labels, len(x) // num_actions)
+    options = _options(touches, split)
     held = np.zeros((len(x), num_labels))
     chosen: list[str] = []
     for action in range(num_actions):
         here = np.flatnonzero(a == action)
-        tried = {
-            name: _held_out(kind, x[here], y[here], split.inner[here], num_labels) for name, kind in options.items()
-        }
+        tried = {}
+        for name, option in options.items():
+            tried[name] = _held_out(option, x[here], y[here], split.inner[here], num_labels)
+            advance()
         losses = {name: _loss(logits, y[here]) for name, logits in tried.items()}
         chosen.append(min(losses, key=lambda name: losses[name]))
         held[here] = tried[chosen[-1]]
@@ -193,15 +214,55 @@ def read(touches: TaskTouches, split: Split, control: str | None = None) -> Read
     if len(split.calibration):
         rows = split.calibration
         logits = _logits(learned(split.train), features[rows], touches.actions[rows])
-    is_many = num_labels > _MANY_LABELS
-    kind = TemperatureScaling() if is_many else StructuredMatrixScaling()
-    labels, actions = touches.labels[rows], touches.actions[rows]
-    calibration = PerPose(kind, _POOLING).fit(logits, labels, actions, num_actions)
-    counts = np.ones(num_labels) if is_many else np.bincount(labels, minlength=num_labels) + 0.5
+    calibration, log_prior, ratios = _best_calibration(touches, rows, logits, split.folds, kind)
     classifiers = learned(np.concatenate([split.train, split.calibration]))
-    reader = RecordedReader(classifiers, calibration, np.log(counts / counts.sum()), tuple(chosen))
-    ratios = calibration.predict_log_proba(logits, actions) - reader.log_prior
+    reader = RecordedReader(classifiers, calibration, log_prior, tuple(chosen))
     return Reading(reader, rows, ratios, reader.ratios(features[split.test], touches.actions[split.test]))
+
+
+def _best_calibration(
+    touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers, kind: Calibration | None
+) -> tuple[PerPose, Floats, Floats]:
+    """The calibration with the least fused loss, its log prior, and ratios by calibrations of other folds."""
+    candidates: list[Calibration] = [TemperatureScaling() if kind is None else kind]
+    if kind is None and logits.shape[1] <= _MANY_LABELS:
+        candidates.append(StructuredMatrixScaling())
+    crossed = [_cross_calibrated(kind, touches, rows, logits, folds) for kind in candidates]
+    best = 0
+    if len(candidates) > 1:
+        best = int(np.argmin([_fused_loss(touches, rows, ratios) for ratios in crossed]))
+    return *_calibrated(candidates[best], touches, rows, logits), crossed[best]
+
+
+def _cross_calibrated(
+    kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats, folds: Integers
+) -> Floats:
+    """Log likelihood ratios of touches, ``(c, K)``, each by a calibration of the other folds."""
+    ratios = np.empty_like(logits)
+    for fold in np.unique(folds).tolist():
+        held = folds == fold
+        calibration, log_prior = _calibrated(kind, touches, rows[~held], logits[~held])
+        ratios[held] = calibration.predict_log_proba(logits[held], touches.actions[rows[held]]) - log_prior
+    return ratios
+
+
+def _calibrated(kind: Calibration, touches: TaskTouches, rows: Integers, logits: Floats) -> tuple[PerPose, Floats]:
+    """A calibration of each action, and the log shares of the labels in it."""
+    labels, num_labels = touches.labels[rows], logits.shape[1]
+    calibration = PerPose(kind, _POOLING).fit(logits, labels, touches.actions[rows], touches.source.num_actions)
+    learns_shares = isinstance(kind, StructuredMatrixScaling)
+    counts = np.bincount(labels, minlength=num_labels) + 0.5 if learns_shares else np.ones(num_labels)
+    return calibration, np.log(counts / counts.sum())
+
+
+def _fused_loss(touches: TaskTouches, rows: Integers, ratios: Floats) -> float:
+    """Loss of fused touches after the best correlation for all pairs of actions."""
+    data, sessions = touches.labelled(rows, ratios), touches.sessions_of(rows)
+    return fused_loss(data, fit_kernel(data, "flat", sessions), sessions)
+
+
+def _options(touches: TaskTouches, split: Split) -> Mapping[str, Kind]:
+    return kinds(len(touches.label_names), len(split.train) // touches.source.num_actions)
 
 
 def _logits(classifiers: tuple[Fitted, ...], features: Floats, actions: Integers) -> Floats:

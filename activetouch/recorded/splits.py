@@ -24,12 +24,20 @@ class Split(FrozenArrays):
         calibration: to calibrate on; empty where calibration is by cross-validation within ``train``.
         test: to test on.
         inner: fold of each row of ``train``, for that cross-validation and for the choice of a classifier.
+        folds: fold of each row of ``calibrated``; the calibration of a row is of other folds where correlations are
+            fitted.
     """
 
     train: NDArray[np.int64]
     calibration: NDArray[np.int64]
     test: NDArray[np.int64]
     inner: NDArray[np.int64]
+    folds: NDArray[np.int64]
+
+    @property
+    def calibrated(self) -> NDArray[np.int64]:
+        """The rows that the calibration is fitted to."""
+        return self.calibration if len(self.calibration) else self.train
 
 
 def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> Split:
@@ -53,7 +61,8 @@ def by_session(touches: TaskTouches, rng: np.random.Generator | None = None) -> 
     train = np.flatnonzero(place < _LEARNED)
     calibration = np.flatnonzero((place >= _LEARNED) & (place < _CALIBRATED))
     blocks = np.minimum((place[train] / _LEARNED * 3).astype(np.int64), 2)
-    return Split(train, calibration, np.flatnonzero(place >= _CALIBRATED), blocks)
+    folds = _calibration_folds(touches, calibration if len(calibration) else train, rank)
+    return Split(train, calibration, np.flatnonzero(place >= _CALIBRATED), blocks, folds)
 
 
 def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
@@ -63,8 +72,20 @@ def by_object(touches: TaskTouches, num_folds: int) -> list[Split]:
     for fold in range(num_folds):
         train = np.flatnonzero(folds != fold)
         inner = object_folds(touches.labels[train], touches.objects[train], _inner_folds(touches, train))
-        found.append(Split(train, np.empty(0, np.int64), np.flatnonzero(folds == fold), inner.astype(np.int64)))
+        inner = inner.astype(np.int64)
+        found.append(Split(train, np.empty(0, np.int64), np.flatnonzero(folds == fold), inner, inner))
     return found
+
+
+def _calibration_folds(touches: TaskTouches, rows: NDArray[np.int64], rank: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Folds of sessions where every object has several to calibrate on, of objects where one has a single session."""
+    sessions = [
+        len(np.unique(rank[rows][touches.objects[rows] == thing])) for thing in np.unique(touches.objects[rows])
+    ]
+    if min(sessions) > 1:
+        return np.unique(rank[rows], return_inverse=True)[1] % _INNER
+    folds = object_folds(touches.labels[rows], touches.objects[rows], min(_INNER, len(sessions)))
+    return folds.astype(np.int64)
 
 
 def _inner_folds(touches: TaskTouches, train: NDArray[np.int64]) -> int:

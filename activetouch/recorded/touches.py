@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.errors import BadRecording
+from belief import Touch
 from belief.frozen import FrozenArrays
+from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.kernel_fit import numbered_sessions
 from belief.problem import Floats
 
@@ -138,7 +140,7 @@ class RecordedTouches(FrozenArrays):
         used = sorted({names[thing] for thing in np.unique(self.objects).tolist()} - {""})
         if len(used) < _FEWEST_LABELS:
             raise BadRecording(f"{task} need at least two different labels, there is {used}")
-        label_of = np.array([used.index(name) if name else -1 for name in names])
+        label_of = np.array([used.index(name) if name in used else -1 for name in names])
         rows = np.flatnonzero(label_of[self.objects] >= 0)
         return TaskTouches(self, task, tuple(used), rows, label_of[self.objects[rows]])
 
@@ -183,6 +185,12 @@ class TaskTouches(FrozenArrays):
         _, counts = np.unique(pairs[:2], axis=1, return_counts=True)
         is_shared = (counts == self.source.num_actions).mean() > _SHARED
         return sessions if is_shared else numbered_sessions(objects, actions)
+
+    def labelled(self, rows: NDArray[np.int64], ratios: Floats) -> LabelledTouches:
+        """Some rows ``(r,)`` as a reader sees them, with log likelihood ratios ``(r, K)``, and their labels."""
+        listed = [Touch(int(action), row) for action, row in zip(self.actions[rows], ratios, strict=True)]
+        size = self.source.num_actions
+        return LabelledTouches.of(listed, self.labels[rows], self.objects[rows], self.label_names, size)
 
     def features(self, control: str | None = None) -> Floats:
         """Features of each row, or those of a control, ``(n, F)``."""

@@ -36,6 +36,7 @@ Law: TypeAlias = Literal["none", "repeats", "flat", "kernel"]
 """Which touches are correlated: none; those in one pose; all, equally; all, by the likeness of their poses."""
 
 _REFERENCES = 500  # touches stored per pose
+_ROUNDING = 1e-9  # of correlations
 _LARGEST = 1e290  # log likelihood ratios are limited to it, so that sums of them do not overflow
 
 
@@ -56,7 +57,8 @@ class ActionKernelModel(ArrayModel):
 
     Attributes:
         shape_labels: names of the K shapes.
-        kernel: κ, correlation of two touches of an object by their poses, ``(P, P)``, symmetric, in [0, 1].
+        kernel: κ, correlation of two touches of an object by their poses, ``(P, P)``, symmetric, in [0, 1]; a repeat is
+            at least as correlated as touches in two poses, κ(p, p) ≥ κ(p, q).
         references: log likelihood ratios of N representative touches per pose, ``(P, N, K)``.
         repeats: number of different touches of an object in a pose; one more in the pose repeats a recording and counts
             for nothing. None if every touch is a new one.
@@ -90,6 +92,12 @@ class ActionKernelModel(ArrayModel):
             raise ValueError(f"kernel must be (P, P) with entries in [0, 1], got {kernel.tolist()}")
         if not np.allclose(kernel, kernel.T):
             raise ValueError(f"kernel must be symmetric, got {kernel.tolist()}")
+        if (beyond := kernel - kernel.diagonal()[:, None]).max(initial=0.0) > _ROUNDING:
+            p, q = np.unravel_index(beyond.argmax(), beyond.shape)
+            raise ValueError(
+                f"a repeat must be at least as correlated as touches in two poses, got κ({p}, {p}) = "
+                f"{kernel[p, p]:.3g} below κ({p}, {q}) = {kernel[p, q]:.3g}"
+            )
         if references.ndim != 3 or references.shape[::2] != (len(kernel), num_shapes) or references.size == 0:
             raise ValueError(f"references must be ({len(kernel)}, N, {num_shapes}), N ≥ 1, got {references.shape}")
         if not np.isfinite(references).all():

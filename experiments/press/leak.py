@@ -105,6 +105,8 @@ class RecordedSet:
     """Folds of objects for categories and shapes."""
     random_splits: Count = 3
     """Random splits."""
+    leave_out_incomplete: bool = False
+    """Leave out objects with too few sessions of an action, instead of refusing the set."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ class Leak:
         own = self.recorded
         out = self.out if self.out is not None else Path(f"runs/leak-{own.format}-{own.task}")
         require_writable(out)
-        leaks_of(data, own.format, own.task, own.folds, own.random_splits, self.seed, out)
+        leaks_of(data, own.format, own.task, own.folds, own.random_splits, own.leave_out_incomplete, self.seed, out)
 
     @property
     def _recipe(self) -> TrainingRecipe:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import get_args
-
-import numpy as np
 
 from activetouch.recorded.reader import Reading, read
 from activetouch.recorded.splits import Split, by_object, by_session
 from activetouch.recorded.touches import TaskTouches
 from activetouch.recorded.world import RecordedBank
-from belief import Touch
 from belief.observation_model.action_kernel import ActionKernelModel, Law
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.problem import Floats
 from experiments.recorded.order import best_order
 
 LAWS: tuple[Law, ...] = get_args(Law)
@@ -44,7 +40,7 @@ class Fold:
     @property
     def test_data(self) -> LabelledTouches:
         """The test touches with their labels."""
-        return labelled(self.touches, self.split.test, self.reading.test_ratios)
+        return self.touches.labelled(self.split.test, self.reading.test_ratios)
 
 
 def main_splits(touches: TaskTouches, folds: int) -> tuple[str, list[Split]]:
@@ -59,7 +55,13 @@ def main_splits(touches: TaskTouches, folds: int) -> tuple[str, list[Split]]:
     return "unseen objects", by_object(touches, min(folds, len(set(touches.objects.tolist()))))
 
 
-def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence[Law] = LAWS) -> Fold:
+def prepare(
+    touches: TaskTouches,
+    split: Split,
+    threshold: float,
+    laws: Sequence[Law] = LAWS,
+    advance: Callable[[], object] = lambda: None,
+) -> Fold:
     """Read a split, and fit what its searches need.
 
     Args:
@@ -67,8 +69,9 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
         split: the rows.
         threshold: probability at which searches stop, for the ranking of fixed orders.
         laws: of the observation models; ``kernel`` among them.
+        advance: is called after each classifier that was tried.
     """
-    reading = read(touches, split)
+    reading = read(touches, split, advance=advance)
     test = split.test
     bank = RecordedBank(
         touches.label_names,
@@ -80,10 +83,10 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
         touches.sessions_of(test),
     )
     rows = reading.calibration_rows
-    listed = [Touch(int(a), z) for a, z in zip(touches.actions[rows], reading.calibration_ratios, strict=True)]
+    data = touches.labelled(rows, reading.calibration_ratios)
     models = {
         law: ActionKernelModel.fit(
-            listed,
+            data.batch.sequence(0),
             touches.labels[rows],
             touches.objects[rows],
             sessions=touches.sessions_of(rows),
@@ -94,19 +97,5 @@ def prepare(touches: TaskTouches, split: Split, threshold: float, laws: Sequence
         )
         for law in laws
     }
-    data = labelled(touches, rows, reading.calibration_ratios)
     order = best_order(data, touches.sessions_of(rows), models["kernel"].kernel, threshold)
     return Fold(touches, split, reading, bank, models, tuple(bank.action_names[action] for action in order))
-
-
-def labelled(touches: TaskTouches, rows: np.ndarray, ratios: Floats) -> LabelledTouches:
-    """Touches as a reader sees them, with their labels.
-
-    Args:
-        touches: of the task.
-        rows: of the task, ``(n,)``.
-        ratios: log likelihood ratios of these rows, ``(n, K)``.
-    """
-    listed = [Touch(int(a), z) for a, z in zip(touches.actions[rows], ratios, strict=True)]
-    size = touches.source.num_actions
-    return LabelledTouches.of(listed, touches.labels[rows], touches.objects[rows], touches.label_names, size)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from activetouch.recorded import check_recorded, read_recorded
-from activetouch.recorded.reader import Reading, read
+from activetouch.recorded import check_recorded, read_recorded, without_incomplete
+from activetouch.recorded.reader import Reading, num_tried, read
 from activetouch.recorded.splits import Split, by_session
 from activetouch.recorded.touches import TaskTouches
 from belief.files import write_text
 from experiments.command_line.console import plain_console
-from experiments.recorded.fold import labelled, main_splits
+from experiments.parallel import progress_bar
+from experiments.recorded.fold import main_splits
 from experiments.recorded.order import by_session as table_by_session
 from experiments.reporting.tables import Table, Value, interval
 from experiments.sensor.scores import accuracy_of_objects
@@ -41,10 +43,17 @@ class Control:
 
 
 def controls(
-    touches: TaskTouches, splits: list[Split], readings: list[Reading], main: str, seed: int, num_random: int
+    touches: TaskTouches,
+    splits: list[Split],
+    readings: list[Reading],
+    main: str,
+    seed: int,
+    num_random: int,
+    advance: Callable[[], object] = lambda: None,
 ) -> list[Control]:
     """The main reading, the most frequent label, the reading of random splits, and those of the set's controls.
 
+    The calibrations of all are of the kind of the first main reading.
     There are no random splits where no object has the three sessions of an action that they take.
 
     Args:
@@ -54,18 +63,33 @@ def controls(
         main: name of the main split.
         seed: of random splits and intervals.
         num_random: number of random splits.
+        advance: is called after each classifier that was tried.
     """
     found = [_control(touches, splits, readings, main, ALL, seed), _most_frequent(touches, splits, main, seed)]
-    drawn = [by_session(touches, np.random.default_rng([seed, number])) for number in range(num_random)]
+    kind = readings[0].reader.calibration.kind
+    drawn = random_splits(touches, seed, num_random)
     name = "random sessions" if touches.task == "objects" else "random sessions of objects that were learned too"
-    drawn = [split for split in drawn if len(split.test)]
     if drawn:
-        found.append(_control(touches, drawn, [read(touches, split) for split in drawn], name, ALL, seed))
+        random = [read(touches, split, None, kind, advance) for split in drawn]
+        found.append(_control(touches, drawn, random, name, ALL, seed))
     for control in touches.source.controls:
-        found.append(
-            _control(touches, splits, [read(touches, split, control) for split in splits], main, control, seed)
-        )
+        known = [read(touches, split, control, kind, advance) for split in splits]
+        found.append(_control(touches, splits, known, main, control, seed))
     return found
+
+
+def random_splits(touches: TaskTouches, seed: int, number: int) -> list[Split]:
+    """Splits of each object's sessions in random order; none where no object has enough of them."""
+    drawn = [by_session(touches, np.random.default_rng([seed, n])) for n in range(number)]
+    return [split for split in drawn if len(split.test)]
+
+
+def num_steps(touches: TaskTouches, splits: Sequence[Split], seed: int, num_random: int) -> int:
+    """Number of classifiers that are tried for the main splits and all controls."""
+    main, drawn = (
+        sum(num_tried(touches, split) for split in some) for some in (splits, random_splits(touches, seed, num_random))
+    )
+    return main * (1 + len(touches.source.controls)) + drawn
 
 
 def _most_frequent(touches: TaskTouches, splits: list[Split], split_name: str, seed: int) -> Control:
@@ -90,7 +114,20 @@ def control_table(found: Sequence[Control], num_labels: int) -> Table:
     )
 
 
-def leaks_of(data: Path, format: str, task: str, folds: int, num_random: int, seed: int, out: Path) -> None:
+def doubts(found: Sequence[Control]) -> list[str]:
+    """A sentence for each control on the main split that is as accurate as the touch, within the touch's interval."""
+    touch, *others = found
+    return [
+        f'The leak control "{one.features}" is as accurate as the touch itself ({one.accuracy[0]:.3f} and '
+        f"{interval(*touch.accuracy)}, one touch): these results do not show that the pattern of a touch is read."
+        for one in others
+        if one.split == touch.split and one.accuracy[0] >= touch.accuracy[1]
+    ]
+
+
+def leaks_of(
+    data: Path, format: str, task: str, folds: int, num_random: int, leave_out: bool, seed: int, out: Path
+) -> None:
     """Measure the leak controls of a recorded set alone; print them, and write leak.json and leak.md.
 
     Args:
@@ -99,26 +136,38 @@ def leaks_of(data: Path, format: str, task: str, folds: int, num_random: int, se
         task: ``objects``, ``categories`` or ``shapes``.
         folds: of objects for categories and shapes, at most.
         num_random: random splits.
+        leave_out: whether objects with too few sessions of an action are left out.
         seed: of random splits and intervals.
         out: folder.
     """
     touches, notes = read_recorded(data, format)
+    if leave_out:
+        touches, left_out = without_incomplete(touches, task)
+        notes = (*notes, *left_out)
     remarks = check_recorded(touches, task)
     chosen = touches.for_task(task)
     main, splits = main_splits(chosen, folds)
-    found = controls(chosen, splits, [read(chosen, split) for split in splits], main, seed, num_random)
-    table = control_table(found, len(chosen.label_names))
+    with progress_bar() as bar:
+        advance = partial(
+            bar.advance, bar.add_task("reading touches", total=num_steps(chosen, splits, seed, num_random))
+        )
+        readings = [read(chosen, split, advance=advance) for split in splits]
+        found = controls(chosen, splits, readings, main, seed, num_random, advance)
+    table, sentences = control_table(found, len(chosen.label_names)), doubts(found)
     heading = (
         f"{format}, {task}, seed {seed}: {len(chosen.rows)} touches of {len(set(chosen.objects.tolist()))} objects. "
         f"Source: {touches.provenance}; licence: {touches.licence}."
     )
     remarks = (*notes, *remarks)
     result = {"format": format, "task": task, "folds": folds, "random_splits": num_random, "seed": seed}
-    result |= {"notes": list(remarks), "controls": [asdict(one) for one in found]}
+    result["leave_out_incomplete"] = leave_out
+    result |= {"notes": list(remarks), "verdict": sentences, "controls": [asdict(one) for one in found]}
     write_text(out / "leak.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     listed = "\n".join(f"- {remark}" for remark in remarks)
-    write_text(out / "leak.md", "\n\n".join([heading, *([listed] if listed else []), table.markdown()]) + "\n")
-    plain_console().print(heading, *(f"- {remark}" for remark in remarks), table.rich(), sep="\n")
+    write_text(
+        out / "leak.md", "\n\n".join([heading, *([listed] if listed else []), table.markdown(), *sentences]) + "\n"
+    )
+    plain_console().print(heading, *(f"- {remark}" for remark in remarks), table.rich(), *sentences, sep="\n")
     print(f"wrote leak.json and leak.md into {out}")
 
 
@@ -127,7 +176,7 @@ def _control(
 ) -> Control:
     right, owners, together = [], [], []
     for split, reading in zip(splits, readings, strict=True):
-        data = labelled(touches, split.test, reading.test_ratios)
+        data = touches.labelled(split.test, reading.test_ratios)
         right.append(reading.test_ratios.argmax(axis=1) == touches.labels[split.test])
         owners.append(touches.objects[split.test])
         ratios, labels = table_by_session(data, touches.sessions_of(split.test))

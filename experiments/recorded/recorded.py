@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from activetouch.extras import require_extra
-from activetouch.recorded import TaskTouches, check_recorded, read_recorded
+from activetouch.recorded import TaskTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
-from activetouch.recorded.splits import by_session
+from activetouch.recorded.reader import num_tried
 from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,
@@ -24,10 +26,11 @@ from experiments.command_line.arguments import (
     check_arguments,
 )
 from experiments.command_line.console import plain_console
+from experiments.parallel import progress_bar
 from experiments.recorded.finding import FIXED, find_all
 from experiments.recorded.fold import Fold, main_splits, prepare
 from experiments.recorded.identifying import after_touches, fewest_touches, identify_all
-from experiments.recorded.leaks import controls
+from experiments.recorded.leaks import controls, num_steps, random_splits
 from experiments.recorded.results import Measured, Part
 from planners.registry import find_decider, trained_state
 
@@ -78,6 +81,8 @@ class Recorded:
     """Random splits for the leak control."""
     rounds: Count = 5
     """Identifications of each object by each decider, each with another order of its recordings."""
+    leave_out_incomplete: bool = False
+    """Leave out objects with too few sessions of an action, instead of refusing the set."""
     max_touches: Annotated[int, Within(1, 100)] = 12
     """Most touches of an object."""
     seed: Seed = 0
@@ -101,6 +106,9 @@ class Recorded:
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
         require_writable(out)
         touches, notes = read_recorded(self.data, self.format)
+        if self.leave_out_incomplete:
+            touches, left_out = without_incomplete(touches, self.task)
+            notes = (*notes, *left_out)
         remarks = check_recorded(touches, self.task)
         chosen = touches.for_task(self.task)
         if self.threshold <= (guess := 1.0 / len(chosen.label_names)):
@@ -121,10 +129,12 @@ class Recorded:
             remarks = (*remarks, remark)
         from experiments.recorded.report import write_report  # loads matplotlib
 
-        tables = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
+        tables, verdict = write_report(out, measured, self._facts(chosen, (*notes, *remarks)))
         wide = plain_console(width=max(_WIDTH, console.width))  # rich leaves out columns for which there is no room
         for table in tables:
             wide.print(table.rich())
+        for sentence in verdict:
+            console.print(f"- {sentence}")
         print(f"wrote report.html, recorded.md, results.json, episodes.jsonl and figures into {out}")
 
     def _too_few(self, part: Part) -> str:
@@ -162,6 +172,7 @@ class Recorded:
             "random_splits": self.random_splits,
             "rounds": self.rounds,
             "max_touches": self.max_touches,
+            "leave_out_incomplete": self.leave_out_incomplete,
             "seed": self.seed,
             "notes": list(notes),
         }
@@ -175,17 +186,20 @@ def measure(chosen: TaskTouches, command: Recorded) -> Measured:
         command: its settings.
     """
     main, splits = main_splits(chosen, command.folds)
-    folds = [prepare(chosen, split, command.threshold) for split in splits]
-    others = []
-    if chosen.task == "objects":
-        drawn = [by_session(chosen, np.random.default_rng([command.seed, n])) for n in range(command.random_splits)]
-        known = [prepare(chosen, split, command.threshold, ("kernel",)) for split in drawn]
-        others.append(_part("random sessions", known, command, False))
-    part, readings = _part(main, folds, command), [fold.reading for fold in folds]
-    return Measured(part, others, controls(chosen, splits, readings, main, command.seed, command.random_splits))
+    choice = command.seed, command.random_splits
+    drawn = random_splits(chosen, *choice) if chosen.task == "objects" else []
+    total = num_steps(chosen, splits, *choice) + sum(num_tried(chosen, split) for split in drawn)
+    with progress_bar() as bar:
+        advance = partial(bar.advance, bar.add_task("reading touches", total=total))
+        folds = [prepare(chosen, split, command.threshold, advance=advance) for split in splits]
+        known = [prepare(chosen, split, command.threshold, ("kernel",), advance) for split in drawn]
+        found = controls(chosen, splits, [fold.reading for fold in folds], main, *choice, advance)
+        played = partial(bar.advance, bar.add_task("naming and searching", total=len(folds) + len(known)))
+        others = [_part("random sessions", known, command, played, False)] if drawn else []
+        return Measured(_part(main, folds, command, played), others, found)
 
 
-def _part(name: str, folds: list[Fold], command: Recorded, is_main: bool = True) -> Part:
+def _part(name: str, folds: list[Fold], command: Recorded, advance: Callable[[], object], is_main: bool = True) -> Part:
     named, after, losses, fewest, found, oracle = [], [], [], [], [], []
     for number, fold in enumerate(folds):
         seed = [command.seed, number]
@@ -201,4 +215,5 @@ def _part(name: str, folds: list[Fold], command: Recorded, is_main: bool = True)
             )
             found += searches
             oracle += known
+        advance()
     return Part(name, folds, named, after, losses, fewest, found, oracle)

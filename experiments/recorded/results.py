@@ -31,6 +31,9 @@ SHOWN: Sequence[Law] = ("none", "kernel")
 """Laws of the tables and figures with many rows."""
 STATED = (0.95, 0.98, 0.995)
 """Edges of the bins of stated probabilities, above the threshold."""
+_STOPS = np.linspace(1.0, 0.0, 201)  # probabilities at which an identification might have stopped
+_RESAMPLES = 4000
+_ROUNDING = 1e-12  # of a share
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +103,42 @@ def touches_of(named: Sequence[Named], decider: str, law: Law) -> tuple[Floats, 
 
 
 def saving(named: Sequence[Named], decider: str, reference: str, law: Law = "kernel") -> tuple[float, float, float]:
-    """Fraction of the reference's touches that a decider saves, with an interval over objects."""
-    mine, _ = touches_of(named, decider, law)
-    others, _ = touches_of(named, reference, law)
-    drawn = np.random.default_rng(0).integers(len(mine), size=(4000, len(mine)))
-    low, high = np.quantile(1.0 - mine[drawn].mean(axis=1) / others[drawn].mean(axis=1), [0.025, 0.975])
-    return float(1.0 - mine.mean() / others.mean()), float(low), float(high)
+    """Fraction of the reference's touches that a decider saves without being less accurate; an interval over objects.
+
+    A reference that is more often right is stopped at the first lower probability at which it is as often right.
+    """
+    curves = [_stopped_earlier(named, one, law) for one in (decider, reference)]
+    size = curves[0].shape[-1]
+    drawn = np.random.default_rng(0).integers(size, size=(_RESAMPLES, size))
+    weights = np.stack([np.bincount(row, minlength=size) for row in drawn]) / size
+    saved = _saved(*(curve @ np.vstack([np.full(size, 1.0 / size), weights]).T for curve in curves))
+    low, high = np.quantile(saved[1:], [0.025, 0.975])
+    return float(saved[0]), float(low), float(high)
+
+
+def _stopped_earlier(named: Sequence[Named], decider: str, law: Law) -> Floats:
+    """Mean touches and accuracy of each object, had its identifications stopped at each probability, ``(2, G, N)``."""
+    chosen = [one for one in named if (one.decider, one.law) == (decider, law)]
+    things = np.array([one.thing for one in chosen])
+    found = np.empty((len(chosen), 2, len(_STOPS)))
+    for row, one in zip(found, chosen, strict=True):
+        labels, stated = np.array(one.result.leading).T
+        reached = np.maximum.accumulate(stated)[:-1, None] < _STOPS  # at the last touch every decider stops
+        row[0] = reached.sum(axis=0)
+        row[1] = labels[reached.sum(axis=0)] == one.result.truth
+    return np.stack([found[things == thing].mean(axis=0) for thing in np.unique(things)], axis=2)
+
+
+def _saved(mine: Floats, others: Floats) -> Floats:
+    """Saved fraction of touches, ``(B,)``, by touches and accuracy at falling probabilities to stop, ``(2, G, B)``."""
+    number, right = others[0], np.minimum.accumulate(others[1], axis=0)
+    target = np.minimum(mine[1, 0], right[0])
+    equal, replicas = np.argmax(right <= target + _ROUNDING, axis=0), np.arange(len(target))
+    before = np.maximum(equal - 1, 0)
+    high, low = right[before, replicas], right[equal, replicas]
+    share = np.clip((high - target) / np.maximum(high - low, _ROUNDING), 0.0, 1.0)  # of the way down to the target
+    needed = (1.0 - share) * number[before, replicas] + share * number[equal, replicas]
+    return np.asarray(1.0 - mine[0, 0] / np.maximum(needed, _ROUNDING))
 
 
 def identification_table(parts: Sequence[Part], threshold: float) -> Table:
@@ -141,8 +174,9 @@ def identification_table(parts: Sequence[Part], threshold: float) -> Table:
             ("share that reached it", ".3f"),
         ),
         rows,
-        "Intervals resample objects. The bound is the fewest touches after which some set of actions reaches the "
-        "probability, with the same belief and recordings.",
+        "Intervals resample objects. Fewer touches are those of a decider that is not less accurate: a reference that "
+        "is more accurate stops at a lower probability, where it is right as often. The bound is the fewest touches "
+        "after which some set of actions reaches the probability, with the same belief and recordings.",
         "identification",
     )
 

@@ -142,11 +142,25 @@ def test_objects_touched_in_one_pose_say_nothing_about_the_likeness_of_poses(rng
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("law", ["none", "repeats", "flat", "kernel"])
+@pytest.mark.parametrize("repeats", [1, 3])
+def test_a_repeat_is_never_less_correlated_than_touches_in_two_poses(law, repeats, rng):
+    """Touches of one session share an error, so that repeats, which are of other sessions, err independently."""
+    things, sessions, poses = (a.ravel() for a in np.mgrid[:60, :repeats, :3])
+    error = 2.0 * rng.normal(size=(60, 3, 3))
+    ratios = 3.0 * np.eye(3)[things % 3] + error[things, sessions] + 0.3 * rng.normal(size=(len(things), 3))
+    touches = [Touch(int(pose), row) for pose, row in zip(poses, ratios, strict=True)]
+    kernel = ActionKernelModel.fit(touches, things % 3, things, sessions=sessions, law=law).kernel
+    assert (kernel <= kernel.diagonal()[:, None] + 1e-12).all()
+    assert law in ("none", "repeats") or kernel[0, 1] > 0.1
+
+
 @pytest.mark.parametrize(
     ("kernel", "references", "words"),
     [
         (np.full((2, 2), 1.5), np.zeros((2, 1, 2)), "entries in"),
         (np.array([[0.1, 0.3], [0.2, 0.1]]), np.zeros((2, 1, 2)), "symmetric"),
+        (np.array([[0.0, 0.3], [0.3, 0.5]]), np.zeros((2, 1, 2)), r"κ\(0, 0\) = 0 below κ\(0, 1\) = 0.3"),
         (np.zeros((2, 2)), np.zeros((1, 1, 2)), "references must be"),
         (np.zeros((1, 1)), np.full((1, 1, 2), np.nan), "finite"),
     ],

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from activetouch.errors import BadRecording
 from activetouch.recorded import RecordedTouches
 from activetouch.recorded.reader import read
 from activetouch.recorded.splits import by_object
@@ -16,10 +17,10 @@ from belief.errors import UnknownName
 from experiments.command_line.arguments import BadArgument
 from experiments.press.leak import Leak, RecordedSet
 from experiments.recorded.figures import _shares
-from experiments.recorded.identifying import RANDOM, Named
+from experiments.recorded.identifying import GAIN, RANDOM, Named
 from experiments.recorded.leaks import controls
 from experiments.recorded.recorded import Recorded
-from experiments.recorded.results import touches_of
+from experiments.recorded.results import saving, touches_of
 from planners.episode import Episode, Outcome
 from planners.identification import Identification
 
@@ -107,6 +108,86 @@ def test_every_object_counts_equally_whatever_its_number_of_identifications():
     assert touches_of(named, RANDOM, "kernel")[0].tolist() == [3.0, 1.0]
     assert _shares(named, named, np.arange(4)).tolist() == [0.0, 0.5, 0.5, 1.0]
     assert _shares([], named, np.arange(4)).tolist() == [0.0] * 4
+
+
+def attempt(decider, thing, truth, *leading):
+    """An identification that names what is most probable at last; ``leading`` is that after 0, 1, … touches."""
+    named, stated = leading[-1]
+    return Named(
+        decider,
+        "kernel",
+        thing,
+        Identification(truth, named, stated, (0,) * (len(leading) - 1), stated >= 0.9, leading),
+    )
+
+
+def test_touches_that_are_saved_by_being_wrong_are_not_saved():
+    """Both see the same; the hasty one states 0.9 after a touch, when half of its names are right."""
+    start, things = (2, 0.4), range(40)
+    hasty = [attempt(GAIN, thing, thing % 2, start, (0, 0.95)) for thing in things]
+    careful = [attempt(RANDOM, thing, thing % 2, start, (0, 0.7), (thing % 2, 0.95)) for thing in things]
+    found, low, high = saving([*hasty, *careful], GAIN, RANDOM)
+    assert found == pytest.approx(0.0)  # the careful one is as often right after one touch
+    assert low <= 0.0 <= high
+    sure = [attempt(GAIN, thing, thing % 2, start, (thing % 2, 0.95)) for thing in things]
+    assert saving([*sure, *careful], GAIN, RANDOM) == pytest.approx((0.5, 0.5, 0.5))
+
+
+def test_identical_deciders_save_nothing(rng):
+    made = []
+    for thing in range(30):
+        stated = np.sort(rng.uniform(0.2, 1.0, 5)).tolist()
+        leading = [(0, 0.1), *((int(rng.integers(2)), one) for one in stated)]
+        made += [attempt(decider, thing, 0, *leading) for decider in (GAIN, RANDOM)]
+    assert saving(made, GAIN, RANDOM) == pytest.approx((0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("is_easy", [False, True])
+def test_the_printed_verdict_says_how_many_objects_are_named_and_what_a_control_knows(is_easy, tmp_path, rng, capsys):
+    lines = ["object,action,session,x,untouched:x"]
+    for session in range(5):
+        for thing in range(5):
+            for action in ("press", "rub"):
+                row = 9.0 * is_easy * thing + rng.normal(size=2)
+                lines.append(f"thing{thing},{action},{session},{row[0]},{row[1]}")
+    (tmp_path / "touches.csv").write_text("\n".join(lines))
+    Recorded(tmp_path, "csv", scenes=0, rounds=1, random_splits=1, out=tmp_path / "run").run()
+    verdict = json.loads((tmp_path / "run" / "results.json").read_text())["verdict"]
+    printed, report = capsys.readouterr().out, (tmp_path / "run" / "recorded.md").read_text()
+    for sentence in verdict:
+        assert " ".join(sentence.split()) in " ".join(printed.split())
+        assert sentence in report
+    doubts = [sentence for sentence in verdict if 'control "features where nothing was touched"' in sentence]
+    assert len(doubts) == 1  # both know everything, or both know nothing
+    if is_easy:
+        assert "0.9, and the share of attempts that reach it: information gain 1.00 (1.000)" in verdict[0]
+        assert "(1.000 and 1.000 [" in doubts[0]
+    else:
+        assert re.match("Few objects are named with probability 0.9 within 2 touches: information gain 0.", verdict[0])
+
+
+def test_progress_is_shown_and_is_complete(own, tmp_path, capsys):
+    small = {"scenes": 1, "rounds": 1, "random_splits": 1, "deciders": ("random_confirm",)}
+    Recorded(own.parent, "csv", out=tmp_path, **small).run()
+    printed = capsys.readouterr().out
+    for words in ("reading touches", "naming and searching"):
+        [(done, total)] = re.findall(rf"{words} .*?(\d+)/(\d+)", printed)
+        assert done == total
+        assert int(total) > 1
+
+
+def test_objects_that_lack_an_action_are_left_out_if_asked(own, tmp_path, capsys):
+    lines = (own.parent / "touches.csv").read_text().splitlines()
+    kept = [line for line in lines if not line.startswith(("thing1,rub", "thing4,press"))]
+    (tmp_path / "touches.csv").write_text("\n".join(kept))
+    small = {"scenes": 0, "rounds": 1, "random_splits": 1, "out": tmp_path / "run"}
+    with pytest.raises(BadRecording, match=r"thing1 \(0 of rub\); thing4 \(0 of press\)"):
+        Recorded(tmp_path, "csv", **small).run()
+    Recorded(tmp_path, "csv", leave_out_incomplete=True, **small).run()
+    result = json.loads((tmp_path / "run" / "results.json").read_text())
+    assert result["things"] == 4
+    assert "thing1 (0 of rub); thing4 (0 of press)" in " ".join(capsys.readouterr().out.split())
+    Leak(recorded=RecordedSet(tmp_path, "csv", random_splits=1, leave_out_incomplete=True), out=tmp_path / "out").run()
 
 
 def test_the_searches_are_recorded_as_episodes(own):
