@@ -86,7 +86,8 @@ class ActionKernelModel(ArrayModel):
     law: Law = "kernel"
 
     def __post_init__(self) -> None:
-        kernel, references = np.asarray(self.kernel, np.float64), np.asarray(self.references, np.float64)
+        self.to_floats("kernel", "references")
+        kernel, references = self.kernel, self.references
         num_shapes = len(self.shape_labels)
         if kernel.ndim != 2 or kernel.shape[0] != kernel.shape[1] or not ((kernel >= 0.0) & (kernel <= 1.0)).all():
             raise ValueError(f"kernel must be (P, P) with entries in [0, 1], got {kernel.tolist()}")
@@ -100,13 +101,9 @@ class ActionKernelModel(ArrayModel):
             )
         if references.ndim != 3 or references.shape[::2] != (len(kernel), num_shapes) or references.size == 0:
             raise ValueError(f"references must be ({len(kernel)}, N, {num_shapes}), N ≥ 1, got {references.shape}")
-        if not np.isfinite(references).all():
-            raise ValueError("references must be finite log likelihood ratios")
         if self.repeats is not None:
             require_count("repeats", self.repeats)
         require_choice("law", self.law, get_args(Law))
-        object.__setattr__(self, "kernel", kernel)
-        object.__setattr__(self, "references", references)
         self.freeze()
 
     @classmethod
