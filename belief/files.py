@@ -1,4 +1,4 @@
-"""Atomic writing of files, refusal of input that is no regular file, and digests of JSON and of arrays.
+"""Atomic writing of files, claims of folders, refusal of input that is no regular file, and digests of content.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -25,10 +25,12 @@ import os
 import re
 import stat
 import tempfile
+import weakref
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +39,18 @@ from belief.errors import ActiveTouchError, CannotWrite, CorruptFile
 
 
 @contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
+def atomic_path(path: Path, *, only_new: bool = False) -> Iterator[Path]:
     """A temporary path beside ``path`` that replaces it when the block ends without an error.
 
     Parent folders are created. The data is flushed to disk before the rename, so a crash or a full disk leaves the old
     file unchanged.
 
+    Args:
+        path: file to write.
+        only_new: whether to refuse to replace a file; of several processes that write ``path``, one succeeds.
+
     Raises:
+        FileExistsError: with ``only_new``, the file exists.
         CannotWrite: the disk is full, the folder is read-only or not a folder, or similar. Other errors of the block
             are not changed.
     """
@@ -66,13 +73,117 @@ def atomic_path(path: Path) -> Iterator[Path]:
             with temporary.open("rb") as file:
                 os.fsync(file.fileno())
             temporary.chmod(0o644)  # mkstemp gives 0600, which other users cannot read
+            if only_new:
+                _link(temporary, path)
             temporary.replace(path)
         except OSError as error:
+            if only_new and isinstance(error, FileExistsError):
+                raise
             raise cannot_write(path, error) from error
     finally:
         if temporary is not None:
             with suppress(OSError):  # the disk may have become read-only
                 temporary.unlink(missing_ok=True)
+
+
+def _link(temporary: Path, path: Path) -> None:
+    """Create ``path``; on a file system without hard links it is empty until it is replaced."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
+
+
+def create_text(path: Path, text: str) -> bool:
+    """Write a text file, atomically, unless the file exists; return whether it was written."""
+    try:
+        with atomic_path(path, only_new=True) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except FileExistsError:
+        return False
+    return True
+
+
+class FolderClaim:
+    """Claim of this process to be the only writer of a folder; it ends with this object or with the process.
+
+    Windows and some network file systems have no lock for a folder; there the claim does not exclude others.
+
+    Args:
+        folder: created if it does not exist; removed at the end of the claim if it was created and is empty.
+
+    Raises:
+        CannotWrite: another process has claimed the folder, or the folder cannot be created.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        created = [path for path in (folder, *folder.parents) if not path.exists()]
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise cannot_write(folder, error) from error
+        self._end = weakref.finalize(self, _release, _locked(folder), created)
+
+
+def claim_folder(folder: Path) -> FolderClaim:
+    """Check that files can be written into a folder, and that no other process writes there until the claim ends.
+
+    Args:
+        folder: of the results of a command; created if it does not exist.
+
+    Returns:
+        The claim; keep it until all files are written. A process may claim a folder several times.
+
+    Raises:
+        CannotWrite: the folder cannot be written, or another process has claimed it.
+    """
+    require_writable(folder)
+    path = folder.resolve()
+    if (claim := _CLAIMS.get(path)) is None:
+        _CLAIMS[path] = claim = FolderClaim(path)
+    return claim
+
+
+_CLAIMS: weakref.WeakValueDictionary[Path, FolderClaim] = weakref.WeakValueDictionary()
+
+
+def _locked(folder: Path) -> int | None:
+    """A handle of a folder that is locked until the handle is closed; None where a folder has no locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return None
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # a folder that may be written and not be listed
+        return None
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(handle)
+        raise CannotWrite(
+            f"{folder} is in use: another process writes its results there. Wait until that process ends, or choose "
+            "another --out"
+        ) from error
+    except OSError:  # the file system has no such locks
+        os.close(handle)
+        return None
+    if folder.is_dir() and os.path.samestat(os.fstat(handle), folder.stat()):
+        return handle
+    os.close(handle)  # the folder was removed at the end of another claim
+    folder.mkdir(parents=True, exist_ok=True)
+    return _locked(folder)
+
+
+def _release(handle: int | None, created: list[Path]) -> None:
+    """Remove the created folders that are empty, then unlock."""
+    with suppress(OSError):
+        for folder in created:
+            folder.rmdir()
+    if handle is not None:
+        os.close(handle)
 
 
 def require_writable(folder: Path) -> None:
@@ -169,6 +280,19 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file, atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def in_file_name(text: str, keep: str = "") -> str:
+    """Text as a part of a file name: different texts have different names, and none names another folder.
+
+    Args:
+        text: such as the label of a shape.
+        keep: characters that stand as they are, beside letters, digits and "_"; all others are percent-encoded.
+
+    >>> in_file_name("hex-nut", "-"), in_file_name("../100%")
+    ('hex-nut', '%2E%2E%2F100%25')
+    """
+    return re.sub(rf"[^%\w{keep}]", lambda found: f"%{ord(found[0]):02X}", quote(text, safe=""), flags=re.ASCII)
 
 
 def sealed_json(fields: Mapping[str, Any], indent: int | None = 1) -> str:

@@ -13,8 +13,7 @@ from belief.files import atomic_path
 from experiments.bayes_error.body_bank import BodyBank
 from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.touched_objects import TouchedObjects
-from experiments.search.fingerprint import fingerprint
-from experiments.search.run_folder import made_with
+from experiments.search.fingerprint import fingerprint, made_with
 
 
 def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, number: int) -> tuple[int, int, Evidence]:

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from belief.files import sealed_json, unsealed_json, write_text
-from experiments.search.fingerprint import files_digest
-from experiments.search.run_folder import made_with
+from experiments.search.fingerprint import files_digest, made_with
 
 
 def results_folder(out: Path, sensor_files: list[Path]) -> Path:

@@ -1,4 +1,4 @@
-"""Digest of an object's settings and of the code that they run (decision 0033).
+"""Digest of an object's settings and of the code that they run (decision 0033), and versions of the packages.
 
 Settings are the attributes of an object, their attributes, and so on. Code is the modules of all their classes and
 base classes: the text on disk, and the functions as this process has loaded them (:mod:`belief.identity`). Modules that
@@ -10,11 +10,15 @@ from __future__ import annotations
 import enum
 import functools
 import hashlib
+import importlib.metadata
 import inspect
 import json
+import platform
+import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import FunctionType, MethodType, ModuleType
 from typing import Any
@@ -27,6 +31,8 @@ from belief.identity import class_code, function_code, is_standard, module_code
 _OWN = ("activetouch", "belief", "experiments")  # read by version, and by the digests that run.json has of them
 _INSTALLED = ("site-packages", "dist-packages")
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
+_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "onnxruntime")  # that a touch depends on
+_CODE = ("activetouch", "belief", "planners")  # packages whose code every episode runs
 _BITS = 40  # of a number: two kinds of processors may compute the last ones otherwise
 
 
@@ -62,6 +68,53 @@ def files_digest(paths: Iterable[Path]) -> str:
     for path in paths:
         digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def versions() -> dict[str, str]:
+    """Versions of Python and of all packages that a touch depends on."""
+    return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _PACKAGES}
+
+
+@lru_cache(maxsize=1)
+def code_digests() -> dict[str, str]:
+    """SHA-256 of the source text of each package that all episodes run, computed once per process."""
+    root = Path(__file__).parents[2]
+    found = {}
+    for name in _CODE:
+        digest = hashlib.sha256()
+        for file in sorted((root / name).rglob("*.py")):
+            digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
+        found[name] = digest.hexdigest()
+    return found
+
+
+def made_with() -> dict[str, str]:
+    """Versions of packages and digests of code, on which everything that is computed depends."""
+    return versions() | code_digests()
+
+
+def commit_of_code() -> str:
+    """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+
+
+_IN_WORDS = {
+    "problem": "objects or costs of a search (--num-objects, --composition, --touch-cost, --abstain)",
+    "scene_code_sha256": "code of the scene",
+    "sensor_sha256": "sensor",
+    "observation_model_code_sha256": "code of the observation model",
+}
+
+
+def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """What differs between two identities, in words."""
+    keys = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
+    return ", ".join(_IN_WORDS.get(key, key) for key in keys)
 
 
 class _Walk:

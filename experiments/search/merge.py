@@ -11,7 +11,8 @@ import tyro
 
 from belief.errors import ActiveTouchError
 from experiments.command_line.arguments import BadArgument
-from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, differing, united
+from experiments.search.fingerprint import differing
+from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, united
 
 
 class Conflict(ActiveTouchError, ValueError):
@@ -89,8 +90,10 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     episodes = max(run["arguments"]["episodes"] for run in runs)
     changes = {"deciders": deciders, "targets": targets, "episodes": episodes, "part": "1/1", "out": str(out)}
     # Before the first shard: without it, an interrupted merge leaves shards that any other run would take as its own.
-    target_folder.write_run({**runs[0], "made_by": players, "arguments": {**runs[0]["arguments"], **changes}})
+    changed = {"made_by": players, "arguments": {**runs[0]["arguments"], **changes}}
+    target_folder.write_run({**runs[0], **changed, "format": min(run["format"] for run in runs)})
     for folder in folders:
+        folder.tell_foreign()
         for key in folder.complete_keys():
             theirs, ours = folder.read(key), target_folder.read(key)
             assert theirs is not None, "complete keys can be read"

@@ -96,6 +96,7 @@ def play_missing(
     players: dict[str, dict[str, str]] = {}
     for (decider, target), text in wanted.items():
         players.setdefault(decider, {})[target] = str(json.loads(text)["decider"])
+    folder.tell_foreign()
     _report_outdated(folder, sizes, players)
 
     def done(key: ShardKey) -> bool:

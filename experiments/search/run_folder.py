@@ -2,38 +2,48 @@
 
 run.json            identity of the run (seed, setting, sensor, versions), latest arguments, digests of the deciders
 shards/*.jsonl      25 episodes or fewer, one JSON line each; written atomically
-shards/*.seal.json  digest of the decider, digest of the lines, and seconds by part
+shards/*.seal.json  digests of the run's identity, of the decider and of the lines, and seconds by part
 shards/oracle-*     whether the full-information oracle solves the episodes
 shards/bound-*      upper bound on the return for the discretised sensor model, one line
 episodes.jsonl      all episodes of the current deciders, in a fixed order
 
 Run identity, shard key, number of episodes and decider determine the content of a shard, so several machines can fill
-one folder at once (decisions 0028 and 0033). A shard that is damaged or incomplete counts as missing.
+one folder at once (decisions 0028 and 0033). The identity in run.json never changes; of several processes that start
+different runs in one folder, the first to finish a shard gets it. A shard that is damaged, incomplete or of another run
+counts as missing.
 """
 
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 import json
-import platform
 import re
-import subprocess
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeAlias
-from urllib.parse import quote, unquote
+from urllib.parse import unquote
 
 from activetouch.named_scenes import SCENES
 from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import atomic_path, sealed_json, unsealed_json, write_text
+from belief.files import (
+    atomic_path,
+    create_text,
+    in_file_name,
+    require_regular_file,
+    sealed_json,
+    unsealed_json,
+    write_text,
+)
+from experiments.search.fingerprint import code_digests, commit_of_code, differing, versions
 from experiments.sensor_choice import command
 from planners import Episode
 
-_PACKAGES = ("activetouch", "mujoco-core", "numpy", "scipy", "onnxruntime")  # that a touch depends on
-_CODE = ("activetouch", "belief", "planners")  # packages whose code every episode runs
+_FORMAT = 2  # in format 1, seals of shards did not name the run
+
+
+_FIELDS = {"identity": dict, "arguments": dict, "made_by": dict, "commit": str, "code": dict, "format": int}
 
 
 class RunMismatch(ActiveTouchError, ValueError):
@@ -62,7 +72,7 @@ class ShardKey:
         >>> ShardKey("mine:TwoLooks(touches=4)", "cone", 0).stem
         'mine%3ATwoLooks%28touches%3D4%29-cone-00000'
         """
-        return f"{_in_file_name(self.decider)}-{_in_file_name(self.target, '-')}-{self.number:05d}"
+        return f"{in_file_name(self.decider)}-{in_file_name(self.target, '-')}-{self.number:05d}"
 
     @classmethod
     def from_stem(cls, stem: str) -> ShardKey | None:
@@ -135,6 +145,7 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._known: tuple[str, int] | None = None
 
     def require(self, identity: Mapping[str, Any]) -> dict[str, Any] | None:
         """Check that the folder holds this run or none; return the content of ``run.json``, None without one.
@@ -146,16 +157,20 @@ class RunFolder:
             RunMismatch: The folder holds a run with another identity.
             CorruptFile: ``run.json`` is damaged or not that of a run.
         """
-        if not (self.path / "run.json").exists():
-            return None
-        earlier, wanted = self.read_run(), _with_versions(identity)
-        found = earlier["identity"]
-        if found != wanted:
-            raise RunMismatch(
-                f"{self.path} holds a run with other {differing(found, wanted)}. Give this run a folder of its own: "
-                f"--out {self.path}-2"
-            )
+        wanted = _with_versions(identity)
+        earlier = self._read_same(wanted) if (self.path / "run.json").exists() else None
+        self._known = _digest(wanted), _FORMAT if earlier is None else earlier["format"]
         return earlier
+
+    def _read_same(self, identity: Mapping[str, Any]) -> dict[str, Any]:
+        """The content of ``run.json``; raises RunMismatch unless it has this identity."""
+        run = self.read_run()
+        if run["identity"] != identity:
+            raise RunMismatch(
+                f"{self.path} holds a run with other {differing(run['identity'], identity)}. Give this run a folder of "
+                f"its own: --out {self.path}-2"
+            )
+        return run
 
     def open(
         self, identity: Mapping[str, Any], arguments: Mapping[str, Any], made_by: MadeBy | None = None
@@ -175,7 +190,7 @@ class RunFolder:
             CorruptFile: ``run.json`` is damaged or not that of a run.
             CannotWrite: The disk is full, or the folder is a file or not writable.
         """
-        commit, code, warning = _commit(), code_digests(), None
+        commit, code, warning = commit_of_code(), code_digests(), None
         earlier = self.require(identity)  # read last, so that no other process writes between
         if earlier is not None:
             other = [name for name, digest in code.items() if earlier["code"].get(name) != digest]
@@ -187,7 +202,7 @@ class RunFolder:
                 )
         players = united(made_by or {}, {} if earlier is None else earlier["made_by"])
         run = {"identity": _with_versions(identity), "arguments": dict(arguments), "made_by": players}
-        self.write_run({**run, "commit": commit, "code": code})
+        self.write_run({**run, "commit": commit, "code": code, "format": (earlier or {}).get("format", _FORMAT)})
         return warning
 
     def again(self, **changes: object) -> str:
@@ -198,8 +213,16 @@ class RunFolder:
         return command("compare", config=self.path / "run.json", **changes)
 
     def write_run(self, run: Mapping[str, Any]) -> None:
-        """Write ``run.json``."""
-        write_text(self.path / "run.json", sealed_json(run) + "\n")
+        """Write ``run.json``; another process may have written that of another run since it was read.
+
+        Raises:
+            RunMismatch: The folder holds a run with another identity.
+        """
+        file, text = self.path / "run.json", sealed_json(run) + "\n"
+        if not create_text(file, text):
+            self._read_same(run["identity"])
+            write_text(file, text)
+        self._known = _digest(run["identity"]), run["format"]
 
     def read_run(self) -> dict[str, Any]:
         """The content of ``run.json``.
@@ -212,29 +235,60 @@ class RunFolder:
         if not file.exists():
             raise FileNotFoundError(f"{self.path} holds no run; start one with:\n{self.again()}")
         try:
-            run = unsealed_json(file.read_text(encoding="utf-8"))
-            if run.keys() >= {"identity", "arguments", "made_by", "commit", "code"}:
+            run = {"format": 1, **unsealed_json(require_regular_file(file).read_text(encoding="utf-8"))}
+            wrong = [name for name, kind in _FIELDS.items() if not isinstance(run.get(name), kind)]
+            problem = f"these fields are missing or of a wrong type: {', '.join(wrong)}"
+            if not wrong and run["format"] in range(1, _FORMAT + 1):
                 return run
-            problem = f"it has only {', '.join(run) or 'no fields'}"
+            if not wrong:
+                problem = f"its format is {run['format']}, and this version reads 1 to {_FORMAT}"
         except ValueError as error:
             problem = str(error)
         raise CorruptFile(
-            f"{file} does not describe a run: {problem}. Choose another --out; or delete this file, if you are sure "
-            "that the folder's episodes belong to the requested run"
+            f"{file} does not describe a run: {problem}. Choose another --out; or delete this file and repeat the "
+            "command of the run, which keeps the episodes that belong to it"
         )
 
     def read(self, key: ShardKey) -> Shard | None:
-        """Read a shard; None if it is missing, incomplete or changed."""
-        file = self._shard(key)
+        """Read a shard; None if it is missing, incomplete, changed or of another run."""
         try:
-            seal = unsealed_json(self._seal(key).read_text(encoding="utf-8"))
-            content = file.read_bytes()
-            if seal["lines_sha256"] != hashlib.sha256(content).hexdigest():
+            seal, content = self._read_seal(key), require_regular_file(self._shard(key)).read_bytes()
+            if not self._owns(seal) or seal["lines_sha256"] != hashlib.sha256(content).hexdigest():
                 return None
             lines = content.decode("utf-8").splitlines(keepends=True)
             return Shard(lines, Seconds(**seal["seconds"]), seal["made_by"]) if 0 < len(lines) <= key.most else None
         except (OSError, ValueError, TypeError, KeyError):
             return None
+
+    def _read_seal(self, key: ShardKey) -> dict[str, Any]:
+        """The fields of a seal; none if it is missing or damaged."""
+        try:
+            return unsealed_json(require_regular_file(self._seal(key)).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+
+    def _run(self) -> tuple[str, int]:
+        """Digest of the identity of the run that this process plays or reads, and the format of its folder."""
+        if self._known is None:
+            run = self.read_run()
+            self._known = _digest(run["identity"]), run["format"]
+        return self._known
+
+    def _owns(self, seal: Mapping[str, Any]) -> bool:
+        """Whether a seal names this run; in format 1 none names any."""
+        digest, version = self._run()
+        return bool(seal.get("run", digest if version == 1 else None) == digest)
+
+    def tell_foreign(self) -> None:
+        """Print to stderr which shards are left out of all results because their seal names another run, or none."""
+        stems = [key.stem for key in self._keys() if self._read_seal(key) and not self._owns(self._read_seal(key))]
+        if stems:
+            some = ", ".join(stems[:5]) + (f" and {len(stems) - 5} more" if len(stems) > 5 else "")
+            print(f"{self.path} has shards of another run; they are left out: {some}", file=sys.stderr)
+
+    def _keys(self) -> list[ShardKey]:
+        stems = sorted(path.stem for path in (self.path / "shards").glob("[!.]*.jsonl"))
+        return [key for key in map(ShardKey.from_stem, stems) if key is not None]
 
     def has(self, key: ShardKey, made_by: str | None = None, size: int | None = None) -> bool:
         """Whether the folder holds a shard.
@@ -255,9 +309,7 @@ class RunFolder:
             made_by: MadeBy = self.read_run()["made_by"]
         except FileNotFoundError:
             made_by = {}
-        stems = sorted(path.stem for path in (self.path / "shards").glob("[!.]*.jsonl"))
-        keys = [key for key in map(ShardKey.from_stem, stems) if key is not None]
-        shards = [(key, self.read(key)) for key in keys]
+        shards = [(key, self.read(key)) for key in self._keys()]
         return [
             key
             for key, shard in shards
@@ -265,13 +317,15 @@ class RunFolder:
         ]
 
     def write(self, key: ShardKey, shard: Shard) -> None:
-        """Write a shard, first its seal, then its episodes.
+        """Write a shard, first its seal, then its episodes; the folder must hold a run.
 
         Raises:
+            FileNotFoundError: There is no ``run.json``.
             CannotWrite: The disk is full, or the folder is not writable; an earlier shard is kept.
         """
         content = "".join(shard.lines)
         seal = {
+            "run": self._run()[0],
             "made_by": shard.made_by,
             "lines_sha256": hashlib.sha256(content.encode("utf-8")).hexdigest(),
             "seconds": asdict(shard.seconds),
@@ -288,11 +342,13 @@ class RunFolder:
         """The episodes of a shard, one JSON line each.
 
         Raises:
-            FileNotFoundError: The shard is missing or damaged.
+            FileNotFoundError: The shard is missing, damaged or of another run.
         """
         shard = self.read(key)
         if shard is None:
-            raise FileNotFoundError(f"{self._shard(key)} is missing or damaged; make it with:\n{self.again()}")
+            raise FileNotFoundError(
+                f"{self._shard(key)} is missing, damaged or of another run; make it with:\n{self.again()}"
+            )
         return shard.lines
 
     def _shard(self, key: ShardKey) -> Path:
@@ -300,11 +356,6 @@ class RunFolder:
 
     def _seal(self, key: ShardKey) -> Path:
         return self.path / "shards" / f"{key.stem}.seal.json"
-
-
-def _in_file_name(text: str, keep: str = "") -> str:
-    """Percent-encode all characters except letters, digits, "_" and those in ``keep``."""
-    return re.sub(rf"[^%\w{keep}]", lambda found: f"%{ord(found[0]):02X}", quote(text, safe=""), flags=re.ASCII)
 
 
 def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:
@@ -330,20 +381,6 @@ def united(first: MadeBy, second: MadeBy) -> dict[str, dict[str, str]]:
     }
 
 
-_IN_WORDS = {
-    "problem": "objects or costs of a search (--num-objects, --composition, --touch-cost, --abstain)",
-    "scene_code_sha256": "code of the scene",
-    "sensor_sha256": "sensor",
-    "observation_model_code_sha256": "code of the observation model",
-}
-
-
-def differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
-    """What differs between two identities, in words."""
-    keys = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
-    return ", ".join(_IN_WORDS.get(key, key) for key in keys)
-
-
 def episode_lines(decider: str, episodes: Iterable[Episode]) -> list[str]:
     """One JSON line per episode."""
     return [json.dumps({"decider": decider, **episode.to_dict()}) + "\n" for episode in episodes]
@@ -354,38 +391,9 @@ def read_episode(line: str, shape_labels: tuple[str, ...]) -> Episode:
     return Episode.from_dict(json.loads(line), shape_labels)
 
 
-@lru_cache(maxsize=1)
-def versions() -> dict[str, str]:
-    """Versions of Python and of all packages that a touch depends on."""
-    return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _PACKAGES}
-
-
 def _with_versions(identity: Mapping[str, Any]) -> Any:
     return json.loads(json.dumps({**identity, "versions": versions()}))
 
 
-@lru_cache(maxsize=1)
-def code_digests() -> dict[str, str]:
-    """SHA-256 of the source text of each package that all episodes run, computed once per process."""
-    root = Path(__file__).parents[2]
-    found = {}
-    for name in _CODE:
-        digest = hashlib.sha256()
-        for file in sorted((root / name).rglob("*.py")):
-            digest.update(str(file.relative_to(root)).encode() + file.read_bytes())
-        found[name] = digest.hexdigest()
-    return found
-
-
-def made_with() -> dict[str, str]:
-    """Versions of packages and digests of code, on which everything that is computed depends."""
-    return versions() | code_digests()
-
-
-def _commit() -> str:
-    """Git commit of this code, marked if there are uncommitted changes; empty outside a Git checkout."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--abbrev=12"]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return ""
+def _digest(identity: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()

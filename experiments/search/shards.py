@@ -16,7 +16,7 @@ from activetouch.sensor_files import READER_FILE
 from belief.errors import ActiveTouchError
 from belief.references import look_in
 from experiments.search.bound import best_expected_return, best_return_with_revealed_bodies
-from experiments.search.fingerprint import files_digest, fingerprint, modules_of
+from experiments.search.fingerprint import code_digests, files_digest, fingerprint, modules_of, versions
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.run_folder import (
     BOUND,
@@ -24,9 +24,7 @@ from experiments.search.run_folder import (
     Seconds,
     Shard,
     ShardKey,
-    code_digests,
     episode_lines,
-    versions,
 )
 from experiments.search.setting import Setting, Stamps, build_decider, episode_seed, known_model, play_episodes, stamps
 from experiments.search.touch_memo import TouchMemo

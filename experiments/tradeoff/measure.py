@@ -24,7 +24,7 @@ from activetouch.world import touch_many
 from belief import Touch
 from belief.files import atomic_path, write_text
 from experiments.command_line.workers import in_own_process
-from experiments.search.run_folder import made_with
+from experiments.search.fingerprint import made_with
 from experiments.search.setting import episode_seed, make_world
 from experiments.tradeoff.configuration import SHIPPED, Configuration, Network
 from experiments.tradeoff.models import observation_model

@@ -9,10 +9,10 @@ import pytest
 from experiments.scene_choice import SceneChoice
 from experiments.search.bound import best_expected_return
 from experiments.search.compare import Compare
-from experiments.search.fingerprint import fingerprint
+from experiments.search.fingerprint import code_digests, fingerprint
 from experiments.search.oracle import solved_by_full_information
 from experiments.search.resume import play_missing, shard_sizes
-from experiments.search.run_folder import BOUND, ORACLE, RunFolder, Seconds, Shard, ShardKey, code_digests
+from experiments.search.run_folder import BOUND, ORACLE, RunFolder, Seconds, Shard, ShardKey
 from experiments.search.setting import Setting, known_model
 from experiments.search.shards import ShardTask, WorkerMismatch, _identity, made_by, portrait
 
@@ -69,14 +69,15 @@ def test_run_json_is_written_with_the_first_shard_and_once_more_at_the_end(tmp_p
             raise KeyboardInterrupt
 
         monkeypatch.setattr("experiments.search.resume.run_lazily", some if stop < 3 else lambda *_: iter(results))
-        play_missing(RunFolder(tmp_path / str(stop)), setting, 0, sizes, {})
+        play_missing(folder, setting, 0, sizes, {})
 
     for stop, seen in ((0, []), (2, [0]), (3, [0, 3])):  # shards that were there
         opened.clear()
+        folder = RunFolder(tmp_path / str(stop))
         with nullcontext() if stop == 3 else pytest.raises(KeyboardInterrupt):
             play(stop)
         assert opened == seen
-        assert len(RunFolder(tmp_path / str(stop)).complete_keys()) == stop
+        assert len(folder.complete_keys()) == stop
 
 
 @pytest.mark.torch

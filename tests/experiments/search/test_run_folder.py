@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from belief.errors import CannotWrite, CorruptFile
-from belief.files import atomic_path, sealed_json, write_text
+from belief.files import atomic_path, sealed_json, unsealed_json, write_text
 from experiments.command_line.arguments import BadArgument
 from experiments.search.holdings import Holdings, Selection
 from experiments.search.merge import Conflict, Merge, merge
@@ -64,17 +64,81 @@ def test_a_folder_goes_on_with_its_own_run_only(tmp_path):
         folder.open({"seed": 2, "scene": "y"}, {})
 
 
+def test_of_two_runs_that_find_a_folder_empty_the_first_to_write_gets_it(tmp_path):
+    first, second = RunFolder(tmp_path), RunFolder(tmp_path)
+    assert first.require({"seed": 1}) is None
+    assert second.require({"seed": 2}) is None
+    first.open({"seed": 1}, {}, {})
+    identity = {**first.read_run()["identity"], "seed": 2}
+    with pytest.raises(RunMismatch, match="other seed"):  # it has looked before the first wrote
+        second.write_run({**first.read_run(), "identity": identity})
+    assert first.read_run()["identity"]["seed"] == 1
+
+
+def copy_shard(source, target, key=KEY):
+    for ending in ("jsonl", "seal.json"):
+        path = target / "shards" / f"{key.stem}.{ending}"
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes((source / "shards" / path.name).read_bytes())
+
+
+def test_a_shard_that_was_copied_from_another_run_counts_as_missing_for_every_reader(tmp_path, capsys):
+    other, _ = a_run(tmp_path / "other", identity={"seed": 2}), a_run(tmp_path / "run", keys=())
+    copy_shard(tmp_path / "other", tmp_path / "run")
+    for folder in (RunFolder(tmp_path / "run"), a_run(tmp_path / "run", keys=())):
+        assert not folder.has(KEY)
+        assert folder.complete_keys() == []
+        with pytest.raises(FileNotFoundError, match="of another run"):
+            folder.lines(KEY)
+        assert not Holdings.of(folder, {KEY.decider: {KEY.target: "v1"}}).shards
+    assert merge([tmp_path / "run"], tmp_path / "merged") == []
+    assert f"has shards of another run; they are left out: {KEY.stem}" in capsys.readouterr().err
+    assert other.complete_keys() == [KEY]
+
+
+def as_in_format_1(folder):
+    """Rewrite a folder as versions wrote it whose seals did not name the run."""
+    for path in [folder / "run.json", *folder.glob("shards/*.seal.json")]:
+        fields = unsealed_json(path.read_text())
+        path.write_text(sealed_json({name: fields[name] for name in fields if name not in ("format", "run")}))
+
+
+def test_a_folder_of_an_earlier_version_is_read_continued_and_merged(tmp_path):
+    a_run(tmp_path / "old")
+    as_in_format_1(tmp_path / "old")
+    assert RunFolder(tmp_path / "old").complete_keys() == [KEY]
+    later = ShardKey(KEY.decider, KEY.target, 4)
+    folder = a_run(tmp_path / "old", keys=(later,))
+    assert folder.complete_keys() == [KEY, later]
+    a_run(tmp_path / "new", keys=(ShardKey(KEY.decider, KEY.target, 5),))
+    merged = merge([tmp_path / "new", tmp_path / "old"], tmp_path / "merged")
+    assert len(merged) == 3
+    copy_shard(tmp_path / "old", tmp_path / "new")  # but a new folder takes no shard that names no run
+    assert not RunFolder(tmp_path / "new").has(KEY)
+    foreign = ShardKey("threshold", "foreign", 0)
+    a_run(tmp_path / "other", keys=(foreign,), identity={"seed": 2})
+    copy_shard(tmp_path / "other", tmp_path / "old", foreign)  # nor an old one one that names another
+    assert not RunFolder(tmp_path / "old").has(foreign)
+
+
+def test_a_run_json_of_a_newer_format_is_refused(tmp_path):
+    folder = a_run(tmp_path)
+    write_text(tmp_path / "run.json", sealed_json({**folder.read_run(), "format": 99}))
+    with pytest.raises(CorruptFile, match="its format is 99, and this version reads 1 to 2"):
+        folder.read_run()
+
+
 @pytest.mark.parametrize(
     "text", ["", '{"identity": {"se', "[]", "{}", "null", '{"identity": {}}', "\xff", sealed_json({"identity": {}})]
 )
 def test_a_torn_or_foreign_run_json_is_a_clear_error_and_stays(tmp_path, text):
-    a_run(tmp_path)
+    folder = a_run(tmp_path)
     (tmp_path / "run.json").write_text(text, encoding="latin-1")
     for read in (lambda: RunFolder(tmp_path).open({"seed": 1}, {}), RunFolder(tmp_path).read_run):
         with pytest.raises(CorruptFile, match=r"run\.json does not describe a run: .*\. Choose another --out; or"):
             read()
     assert (tmp_path / "run.json").read_text(encoding="latin-1") == text
-    assert RunFolder(tmp_path).has(KEY)
+    assert folder.has(KEY)
 
 
 def test_a_folder_that_is_a_file_or_lies_in_one_is_a_clear_error(tmp_path):
@@ -101,7 +165,7 @@ def test_episodes_that_are_not_there_say_how_to_play_them(tmp_path):
 def test_episodes_of_another_commit_are_kept_with_a_warning(tmp_path, monkeypatch):
     folder = RunFolder(tmp_path)
     assert folder.open({"seed": 1}, {}) is None
-    monkeypatch.setattr("experiments.search.run_folder._commit", lambda: "another")
+    monkeypatch.setattr("experiments.search.run_folder.commit_of_code", lambda: "another")
     assert "another" in folder.open({"seed": 1}, {})
 
 
@@ -336,6 +400,7 @@ def test_shards_count_up_to_the_first_that_is_missing_short_or_of_another_versio
 
     def held(*shards):
         folder = RunFolder(tmp_path / str(len(list(tmp_path.iterdir()))))
+        folder.open({}, {})
         for number, shard in enumerate(shards):
             if shard is not None:
                 folder.write(ShardKey("x", "t", number), shard)
