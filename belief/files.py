@@ -1,4 +1,4 @@
-"""Atomic writing of files, claims of folders, refusal of input that is no regular file, and digests of content.
+"""Atomic writing of files, bounded reading of regular ones, and digests of JSON and of arrays.
 
 >>> import errno, tempfile
 >>> holder = tempfile.TemporaryDirectory()
@@ -20,13 +20,15 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import json
+import math
 import os
 import re
 import stat
 import tempfile
-import weakref
-from collections.abc import Iterator, Mapping
+import zipfile
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -104,86 +106,6 @@ def create_text(path: Path, text: str) -> bool:
     except FileExistsError:
         return False
     return True
-
-
-class FolderClaim:
-    """Claim of this process to be the only writer of a folder; it ends with this object or with the process.
-
-    Windows and some network file systems have no lock for a folder; there the claim does not exclude others.
-
-    Args:
-        folder: created if it does not exist; removed at the end of the claim if it was created and is empty.
-
-    Raises:
-        CannotWrite: another process has claimed the folder, or the folder cannot be created.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        created = [path for path in (folder, *folder.parents) if not path.exists()]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(folder, error) from error
-        self._end = weakref.finalize(self, _release, _locked(folder), created)
-
-
-def claim_folder(folder: Path) -> FolderClaim:
-    """Check that files can be written into a folder, and that no other process writes there until the claim ends.
-
-    Args:
-        folder: of the results of a command; created if it does not exist.
-
-    Returns:
-        The claim; keep it until all files are written. A process may claim a folder several times.
-
-    Raises:
-        CannotWrite: the folder cannot be written, or another process has claimed it.
-    """
-    require_writable(folder)
-    path = folder.resolve()
-    if (claim := _CLAIMS.get(path)) is None:
-        _CLAIMS[path] = claim = FolderClaim(path)
-    return claim
-
-
-_CLAIMS: weakref.WeakValueDictionary[Path, FolderClaim] = weakref.WeakValueDictionary()
-
-
-def _locked(folder: Path) -> int | None:
-    """A handle of a folder that is locked until the handle is closed; None where a folder has no locks."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return None
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # a folder that may be written and not be listed
-        return None
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(handle)
-        raise CannotWrite(
-            f"{folder} is in use: another process writes its results there. Wait until that process ends, or choose "
-            "another --out"
-        ) from error
-    except OSError:  # the file system has no such locks
-        os.close(handle)
-        return None
-    if folder.is_dir() and os.path.samestat(os.fstat(handle), folder.stat()):
-        return handle
-    os.close(handle)  # the folder was removed at the end of another claim
-    folder.mkdir(parents=True, exist_ok=True)
-    return _locked(folder)
-
-
-def _release(handle: int | None, created: list[Path]) -> None:
-    """Remove the created folders that are empty, then unlock."""
-    with suppress(OSError):
-        for folder in created:
-            folder.rmdir()
-    if handle is not None:
-        os.close(handle)
 
 
 def require_writable(folder: Path) -> None:
@@ -274,6 +196,46 @@ def require_regular_file(path: Path, error: type[Exception] = CorruptFile) -> Pa
 
 
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+
+
+def read_npz(content: bytes, most: int, names: Collection[str] | None = None) -> dict[str, NDArray[Any]]:
+    """The arrays of an npz file; no more than ``most`` bytes are decompressed, whatever the file promises.
+
+    Args:
+        content: bytes of the file.
+        most: largest size of all its arrays together, with some hundred bytes for the header of each [bytes].
+        names: of the arrays to read; all by default.
+
+    Raises:
+        KeyError: an array is missing.
+        Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
+    """
+    arrays: dict[str, NDArray[Any]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        for name in [name.removesuffix(".npy") for name in archive.namelist()] if names is None else names:
+            member = archive.getinfo(f"{name}.npy")
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError(f"{name} is compressed in a way that numpy does not write")
+            with archive.open(member) as file:
+                data = file.read(most + 1)
+                if len(data) > most:
+                    raise ValueError("it would unpack to more bytes than such a file has")
+            most -= len(data)
+            arrays[name] = _array(data)
+    return arrays
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """The array of an npy file; its header may not promise another size than the file has."""
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read_header(stream)
+    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell() or dtype.hasobject:
+        raise ValueError(f"an array of {len(data)} bytes is said to be {shape} {dtype}")
+    stream.seek(0)
+    array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    return array
 
 
 def write_text(path: Path, text: str) -> None:

@@ -14,12 +14,11 @@ there, byte for byte as they were recorded (:mod:`activetouch.data.manifest`).
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +27,7 @@ from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_man
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
-from belief.files import atomic_path
+from belief.files import atomic_path, read_npz, require_regular_file, sealed_json, write_text
 from belief.seeding import keyed_rng
 
 __all__ = [
@@ -67,6 +66,7 @@ _NUMBERS = {
     "depths": np.float64,
     **_BODY,
 }
+_HEADERS = 2**16  # of all arrays of a shard together, at most [bytes]
 _MOST_DRAWS = 10  # of objects for one place; one fails in a few hundred where this was met at all
 
 
@@ -141,11 +141,21 @@ def object_rng(plan: CollectionPlan, split: str, number: int, draw: int = 0) -> 
     return keyed_rng([plan.seed, SPLITS.index(split), number, draw], is_fixed_length=True)
 
 
-def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path) -> tuple[str, int]:
+def record_shard(
+    scene: Scene, plan: CollectionPlan, split: str, objects: range, path: Path, collection: str | None = None
+) -> tuple[str, int]:
     """Touch each object in every pose, in as many rounds as planned, and write the shard, atomically.
 
     An object with a press that does not settle is replaced, all its touches with it. A shard in which that happened
     has one more array, ``redrawn``: for each of its objects, how many were drawn in vain before it.
+
+    Args:
+        scene: to press in.
+        plan: of the collection.
+        split: of the objects.
+        objects: their numbers.
+        path: of the shard.
+        collection: ``Manifest.identity``, for a seal beside the shard; no seal is written by default.
 
     Returns:
         SHA-256 of the file, and how many places went to another object.
@@ -166,6 +176,9 @@ def record_shard(scene: Scene, plan: CollectionPlan, split: str, objects: range,
         np.savez(temporary, **arrays)  # type: ignore[arg-type]  # numpy takes it
         with temporary.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if collection is not None:
+            seal = {"collection": collection, "shard_sha256": digest}
+            write_text(path.with_suffix(".seal.json"), sealed_json(seal, indent=None) + "\n")
     return digest, int(np.count_nonzero(redrawn))
 
 
@@ -199,21 +212,25 @@ def _touch(scene: Scene, thing: WorldObject, number: int, pose: int, rng: np.ran
 
 
 def read_shard(folder: Path, manifest: Manifest, split: str, shard: int, objects: range) -> tuple[TouchSet, str]:
-    """One shard, and the SHA-256 of its bytes, for the caller to compare with what was recorded.
+    """One shard, and the SHA-256 of its bytes.
 
     Raises:
-        CorruptFile: it is damaged, or holds other touches than the plan puts there.
+        CorruptFile: it is damaged, was changed after it was recorded, or holds other touches than the plan puts there.
         LabelMismatch: it names shapes or poses that the collection does not have.
     """
     path = shard_path(folder, split, shard)
     remedy = f"Delete it and record it again {manifest.how(folder)}"
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise CorruptFile(f"{path} cannot be read ({error}). {remedy}") from error
+    recorded = manifest.digest(folder, split, shard)
+    data = _content(path, remedy)
     digest = hashlib.sha256(data).hexdigest()
-    touches = _parse(data, path, remedy)
-    _require_planned(touches, manifest, objects, path, remedy)
+    if recorded is not None and digest != recorded:
+        raise CorruptFile(
+            f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, that of the record "
+            f"{recorded[:12]}…. {remedy}"
+        )
+    columns = _planned(manifest, objects)
+    touches = TouchSet(**_parse(data, columns, path, remedy))
+    _require_planned(touches, columns, manifest, objects, path, remedy)
     return touches, digest
 
 
@@ -223,9 +240,11 @@ def num_redrawn(path: Path) -> int:
     Raises:
         CorruptFile: that cannot be read.
     """
+    data = _content(path, "Restore it from a copy")
     try:
-        with np.load(path, allow_pickle=False) as shard:
-            return int(np.count_nonzero(shard["redrawn"])) if "redrawn" in shard.files else 0
+        return int(np.count_nonzero(read_npz(data, len(data), ["redrawn"])["redrawn"]))
+    except KeyError:
+        return 0
     except Exception as error:  # as many kinds as in _parse
         raise CorruptFile(f"{path} is truncated or damaged ({error})") from error
 
@@ -256,14 +275,7 @@ def read_split(folder: Path, split: str) -> TouchSet:
     columns = {name: np.empty((total, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
     columns["images"] = np.empty((total, *manifest.image_shape), np.uint8)
     for shard, objects in shards:
-        touches, digest = read_shard(folder, manifest, split, shard, objects)
-        path = shard_path(folder, split, shard)
-        recorded = manifest.digest(split, shard)
-        if recorded is not None and digest != recorded:
-            raise CorruptFile(
-                f"{path} was changed after it was recorded: its SHA-256 is {digest[:12]}…, the manifest says "
-                f"{recorded[:12]}…. Delete it and record it again {manifest.how(folder)}"
-            )
+        touches, _ = read_shard(folder, manifest, split, shard, objects)
         for name, column in columns.items():
             column[objects.start * per_object : objects.stop * per_object] = getattr(touches, name)
     return TouchSet(**columns, aims=aims_of(manifest.scene, manifest.pose_labels)[columns["poses"]])
@@ -275,25 +287,41 @@ def aims_of(scene: Mapping[str, Any], pose_labels: Sequence[str]) -> NDArray[np.
     return np.array([found.get(label, (0.0, 0.0)) for label in pose_labels], np.float64)
 
 
-def _parse(data: bytes, path: Path, remedy: str) -> TouchSet:
+def _content(path: Path, remedy: str) -> bytes:
+    try:
+        return require_regular_file(path).read_bytes()
+    except OSError as error:
+        raise CorruptFile(f"{path} cannot be read ({error}). {remedy}") from error
+
+
+_Columns: TypeAlias = Mapping[str, tuple[tuple[int, ...], Any]]
+
+
+def _planned(manifest: Manifest, objects: range) -> _Columns:
+    """Shape and type of each column of a shard."""
+    num_touches = len(objects) * manifest.touches_per_object
+    numbers = {name: ((num_touches, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
+    return {"images": ((num_touches, *manifest.image_shape), np.uint8), **numbers}
+
+
+def _parse(data: bytes, columns: _Columns, path: Path, remedy: str) -> dict[str, NDArray[Any]]:
     """The arrays of an npz file, whose checksums ``zipfile`` checks."""
     if not data.startswith(b"PK"):
         raise CorruptFile(f"{path} is no shard: it does not begin like an npz file. {remedy}")
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            contents = {name: io.BytesIO(archive.read(f"{name}.npy")) for name in ("images", *_NUMBERS)}
-            return TouchSet(**{n: np.lib.format.read_array(c, allow_pickle=False) for n, c in contents.items()})
+        size = sum(math.prod(shape) * np.dtype(dtype).itemsize for shape, dtype in columns.values())
+        return read_npz(data, size + _HEADERS, list(columns))
     except Exception as error:  # readers of zip and npy raise a dozen kinds on damaged bytes, and all mean this
         raise CorruptFile(f"{path} is truncated or damaged ({error}). {remedy}") from error
 
 
-def _require_planned(touches: TouchSet, manifest: Manifest, objects: range, path: Path, remedy: str) -> None:
+def _require_planned(
+    touches: TouchSet, columns: _Columns, manifest: Manifest, objects: range, path: Path, remedy: str
+) -> None:
     num_shapes, num_poses = len(manifest.shape_labels), len(manifest.pose_labels)
     per_object = manifest.touches_per_object
     num_touches = len(objects) * per_object
-    expected: dict[str, tuple[tuple[int, ...], Any]] = {"images": ((num_touches, *manifest.image_shape), np.uint8)}
-    expected |= {name: ((num_touches, *_WIDTHS.get(name, ())), dtype) for name, dtype in _NUMBERS.items()}
-    for name, (shape, dtype) in expected.items():
+    for name, (shape, dtype) in columns.items():
         column = getattr(touches, name)
         if column.shape != shape or column.dtype != dtype:
             raise CorruptFile(

@@ -7,6 +7,7 @@ recorded first: a collection may be finished with another NumPy, but not with an
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shlex
@@ -22,11 +23,12 @@ from activetouch.errors import LabelMismatch
 from activetouch.scene import Scene, Symmetry
 from activetouch.scene_description import in_words, scene_differences, scene_fields
 from belief.errors import CorruptFile
-from belief.files import sealed_json, unsealed_json, write_text
+from belief.files import create_text, require_regular_file, sealed_json, unsealed_json, write_text
 
 SPLITS = ("train", "calibration", "test")
 FORMAT = 4  # 3 did not record orientation, size and offset
 _OBJECTS_PER_SHARD = 48
+_DECISIVE = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,11 @@ class CollectionPlan:
 def shard_path(folder: Path, split: str, shard: int) -> Path:
     """Where a shard lives."""
     return folder / split / f"{shard:05d}.npz"
+
+
+def seal_path(folder: Path, split: str, shard: int) -> Path:
+    """Where the seal of a shard lives until the collection is complete."""
+    return folder / split / f"{shard:05d}.seal.json"
 
 
 @dataclass(frozen=True)
@@ -126,9 +133,39 @@ class Manifest:
         """Poses times rounds."""
         return len(self.pose_labels) * self.plan.repeats
 
-    def digest(self, split: str, shard: int) -> str | None:
-        """SHA-256 recorded for a shard; None until all are there."""
-        return None if self.sha256 is None else self.sha256[shard_path(Path(), split, shard).as_posix()]
+    @property
+    def identity(self) -> str:
+        """SHA-256 of all that decides which touches are recorded."""
+        return hashlib.sha256(json.dumps(self.decisive, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def decisive(self) -> dict[str, Any]:
+        """All that decides which touches are recorded, by name."""
+        told = {**asdict(self), "MuJoCo": self.mujoco_version}
+        return {name: told[name] for name in _DECISIVE}
+
+    def digest(self, folder: Path, split: str, shard: int) -> str | None:
+        """SHA-256 recorded for a shard in the manifest, or before the collection is complete in the seal of the shard.
+
+        Returns:
+            None if neither has it.
+
+        Raises:
+            CorruptFile: the shard was recorded for another collection.
+        """
+        if self.sha256 is not None:
+            return self.sha256[shard_path(Path(), split, shard).as_posix()]
+        try:
+            seal = unsealed_json(require_regular_file(seal_path(folder, split, shard)).read_text(encoding="utf-8"))
+            collection, digest = seal["collection"], str(seal["shard_sha256"])
+        except (OSError, ValueError, KeyError):
+            return None
+        if collection != self.identity:
+            raise CorruptFile(
+                f"{shard_path(folder, split, shard)} was recorded for another collection. Delete it and its seal, and "
+                f"record it again {self.how(folder)}"
+            )
+        return digest
 
     def how(self, folder: Path) -> str:
         """How to go on with the collection in a folder, as the end of a sentence."""
@@ -163,10 +200,14 @@ class Manifest:
         )
 
     def write(self, folder: Path) -> None:
-        """Write ``manifest.json``, with a digest of its own, whole or not at all."""
+        """Write ``manifest.json``, whole or not at all."""
+        write_text(folder / "manifest.json", self.to_json())
+
+    def to_json(self) -> str:
+        """The content of ``manifest.json``, with a digest of its own."""
         told = asdict(self)
         shards = told.pop("sha256")
-        write_text(folder / "manifest.json", sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n")
+        return sealed_json({"format": FORMAT, **told, "shards": shards}, 2) + "\n"
 
 
 class NoCollection(CorruptFile):
@@ -185,7 +226,7 @@ def read_manifest(folder: Path) -> Manifest:
     """
     path = folder if folder.is_file() else folder / "manifest.json"
     try:
-        found = unsealed_json(path.read_text(encoding="utf-8"))
+        found = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise NoCollection(f"{folder} holds no collection: {path.name} cannot be read ({error.strerror})") from error
     except ValueError as error:
@@ -212,17 +253,16 @@ def write_manifest(
                 f"{folder} holds {len(unexplained)} shards without a manifest.json, so nobody knows of which scene. "
                 "Restore it from a copy, or choose another folder"
             )
-        wanted.write(folder)
-        return wanted
+        if create_text(folder / "manifest.json", wanted.to_json()):
+            return wanted
     first = read_manifest(folder)
     _require_same(folder, first, wanted)
     return first
 
 
 def _require_same(folder: Path, first: Manifest, wanted: Manifest) -> None:
-    mine, asked = ({**asdict(manifest), "MuJoCo": manifest.mujoco_version} for manifest in (first, wanted))
-    decisive = ("plan", "shape_labels", "pose_labels", "symmetry", "image_shape", "MuJoCo", "contact_model", "scene")
-    if differing := [key for key in decisive if mine[key] != asked[key]]:
+    mine, asked = first.decisive, wanted.decisive
+    if differing := [key for key in _DECISIVE if mine[key] != asked[key]]:
         key = differing[0]
         if key == "scene":
             told = in_words(map(str, scene_differences(first.scene, wanted.scene, surroundings=True)))
@@ -291,7 +331,7 @@ def _damaged(path: Path, why: object) -> CorruptFile:
 
 
 def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: int = 0) -> Manifest:
-    """Write what all shards say into the manifest of a collection that has become complete.
+    """Write what all shards say into the manifest of a collection that has become complete, and delete their seals.
 
     Args:
         folder: of the collection.
@@ -301,4 +341,6 @@ def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: i
     """
     sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
     sealed.write(folder)
+    for split, shard, _ in manifest.shards():
+        seal_path(folder, split, shard).unlink(missing_ok=True)
     return sealed

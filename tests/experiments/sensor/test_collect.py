@@ -16,8 +16,9 @@ import tyro
 
 from activetouch import Quasistatic
 from activetouch.data.dataset import read_manifest, read_split, record_shard
-from activetouch.data.manifest import Manifest
-from activetouch.errors import UnstablePress
+from activetouch.data.manifest import Manifest, write_manifest
+from activetouch.data.solver_settings import solver_settings
+from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.pressing.contact import elastic_contact, surface_gap
 from activetouch.rendering import Noise
 from activetouch.scene_description import scene_fields
@@ -184,17 +185,85 @@ def test_a_changed_shard_is_found_when_the_command_is_run_again(folder):
     path = folder / "test" / "00000.npz"
     with np.load(path) as file:
         np.savez(path, **{**file, "depths": file["depths"] + 1e-9})
-    with pytest.raises(CorruptFile, match=r"1 shards in .* were changed after they were recorded: test/00000\.npz"):
+    with pytest.raises(CorruptFile, match=r"test/00000\.npz was changed after it was recorded"):
         collect(COARSE, PLAN, folder, jobs=1)
 
 
-def test_a_damaged_shard_never_gets_a_digest(folder):
-    change_manifest(folder, shards=None)
-    path = folder / "test" / "00000.npz"
-    path.write_bytes(path.read_bytes()[:-30])
-    with pytest.raises(CorruptFile, match="truncated or damaged"):
-        collect(COARSE, PLAN, folder, jobs=1)
+def interrupted(folder, monkeypatch, plan=PLAN):
+    """A collection of which only the shard of the split "test" is missing."""
+
+    def record(scene, plan, split, *arguments):
+        if split == "test":
+            raise KeyboardInterrupt
+        return record_shard(scene, plan, split, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("experiments.sensor.collect.record_shard", record)
+        with pytest.raises(KeyboardInterrupt):
+            collect(COARSE, plan.plan, folder, jobs=1)
     assert read_manifest(folder).sha256 is None
+
+
+def test_a_shard_that_was_damaged_before_the_collection_was_complete_never_gets_a_digest(tmp_path, monkeypatch):
+    interrupted(tmp_path, monkeypatch)
+    path = tmp_path / "train" / "00000.npz"
+    path.write_bytes(path.read_bytes()[:-30])
+    with pytest.raises(CorruptFile, match="was changed after it was recorded"):
+        collect(COARSE, PLAN.plan, tmp_path, jobs=1)
+    assert read_manifest(tmp_path).sha256 is None
+
+
+def test_a_shard_and_its_seal_from_another_collection_are_refused(tmp_path, monkeypatch):
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    interrupted(mine, monkeypatch)
+    interrupted(theirs, monkeypatch, replace(PLAN, seed=1))
+    for path in theirs.glob("train/00000.*"):
+        shutil.copy(path, mine / "train" / path.name)
+    for use in (lambda: collect(COARSE, PLAN.plan, mine, jobs=1), lambda: read_split(mine, "train")):
+        with pytest.raises(CorruptFile, match=r"train/00000\.npz was recorded for another collection"):
+            use()
+
+
+def test_a_shard_without_a_seal_is_recorded_again_as_nobody_knows_where_it_is_from(
+    original, tmp_path, monkeypatch, capsys
+):
+    mine, theirs = tmp_path / "mine", tmp_path / "theirs"
+    interrupted(mine, monkeypatch)
+    interrupted(theirs, monkeypatch, replace(PLAN, seed=1))
+    shutil.copy(theirs / "train" / "00000.npz", mine / "train" / "00000.npz")
+    (mine / "train" / "00000.seal.json").unlink()
+    collect(COARSE, PLAN.plan, mine, jobs=1)
+    assert "train/00000.npz do not say which collection they belong to" in capsys.readouterr().out
+    assert contents(mine) == contents(original)
+
+
+def test_of_two_collections_that_find_a_folder_empty_the_first_to_write_gets_it(tmp_path, monkeypatch):
+    def another_begins(scene):
+        monkeypatch.undo()
+        write_manifest(tmp_path, scene, replace(PLAN.plan, seed=1))
+        return solver_settings(scene)
+
+    monkeypatch.setattr("activetouch.data.manifest.solver_settings", another_begins)
+    with pytest.raises(LabelMismatch, match="holds a collection with other plan"):
+        collect(COARSE, PLAN.plan, tmp_path, jobs=1)
+    assert read_manifest(tmp_path).plan.seed == 1
+
+
+@pytest.mark.slow
+def test_of_two_collections_that_start_in_one_folder_at_once_one_gets_it_and_the_other_is_refused(tmp_path):
+    small = ("--scene", "coarse", "--fidelity", "quasistatic", "--plan.train", "13", "--plan.calibration", "1")
+    program = [sys.executable, "-m", "experiments.cli", "collect", *small, "--plan.test", "1", "--jobs", "1"]
+    processes = {
+        seed: subprocess.Popen(
+            [*program, "--plan.seed", str(seed), "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True
+        )
+        for seed in (1, 2)
+    }
+    errors = {seed: process.communicate(timeout=300)[1] for seed, process in processes.items()}
+    [winner] = [seed for seed, process in processes.items() if process.returncode == 0]
+    assert "holds a collection with other plan" in errors[3 - winner]
+    assert read_manifest(tmp_path).plan.seed == winner
+    collect(SceneChoice("coarse", fidelity="quasistatic"), replace(PLAN.plan, seed=winner), tmp_path, jobs=1)
 
 
 @pytest.mark.parametrize("randomised", [False, True])
