@@ -1,57 +1,62 @@
-"""Claims of folders: one process at a time writes its results into a folder."""
+"""Claims of folders: one process at a time writes its results into a folder.
+
+Windows and some network file systems have no lock for a folder; there a claim does not exclude others.
+"""
 
 from __future__ import annotations
 
 import os
-import weakref
+from collections.abc import Callable
 from contextlib import suppress
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 from belief.errors import CannotWrite
 from belief.files import cannot_write, require_writable
 
+P = ParamSpec("P")
+T = TypeVar("T")
 
-class FolderClaim:
-    """Claim of this process to be the only writer of a folder; it ends with this object or with the process.
-
-    Windows and some network file systems have no lock for a folder; there the claim does not exclude others.
-
-    Args:
-        folder: created if it does not exist; removed at the end of the claim if it was created and is empty.
-
-    Raises:
-        CannotWrite: another process has claimed the folder, or the folder cannot be created.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        created = [path for path in (folder, *folder.parents) if not path.exists()]
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise cannot_write(folder, error) from error
-        self._end = weakref.finalize(self, _release, _locked(folder), created)
+_CLAIMED: dict[Path, tuple[int | None, list[Path]]] = {}  # handle of each folder, and the folders created for it
 
 
-def claim_folder(folder: Path) -> FolderClaim:
-    """Check that files can be written into a folder, and that no other process writes there until the claim ends.
+def claim_folder(folder: Path) -> None:
+    """Check that files can be written into a folder, and that no other process does so until the claim ends.
+
+    The claim ends with the function that is decorated with :func:`ends_claims`, or with this process. A process may
+    claim a folder several times.
 
     Args:
         folder: of the results of a command; created if it does not exist.
-
-    Returns:
-        The claim; keep it until all files are written. A process may claim a folder several times.
 
     Raises:
         CannotWrite: the folder cannot be written, or another process has claimed it.
     """
     require_writable(folder)
-    path = folder.resolve()
-    if (claim := _CLAIMS.get(path)) is None:
-        _CLAIMS[path] = claim = FolderClaim(path)
-    return claim
+    if (path := folder.resolve()) in _CLAIMED:
+        return
+    created = [parent for parent in (path, *path.parents) if not parent.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    _CLAIMED[path] = _locked(path), created
 
 
-_CLAIMS: weakref.WeakValueDictionary[Path, FolderClaim] = weakref.WeakValueDictionary()
+def ends_claims(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorator: the claims of a function end with it, and the folders created for them go if they are empty."""
+
+    @wraps(function)
+    def with_claims(*args: P.args, **kwargs: P.kwargs) -> T:
+        before = set(_CLAIMED)
+        try:
+            return function(*args, **kwargs)
+        finally:
+            for path in [path for path in _CLAIMED if path not in before]:
+                _release(*_CLAIMED.pop(path))
+
+    return with_claims
 
 
 def _locked(folder: Path) -> int | None:

@@ -18,7 +18,7 @@ from typing import Annotated
 import tyro
 
 from activetouch.scene import Scene
-from belief.files import require_writable
+from belief.claims import claim_folder, ends_claims
 from experiments.bayes_error.ambiguity import AmbiguitySearch
 from experiments.bayes_error.congruent_bound import CongruentBound
 from experiments.bayes_error.estimator import Estimator, Findings, LimitStudy
@@ -80,6 +80,7 @@ class Limit:
     anyway: bool = False
     """Use the sensor in a scene that it was not made for."""
 
+    @ends_claims
     def run(self) -> None:
         """Measure, print and write."""
         check_arguments(self)
@@ -96,7 +97,7 @@ class Limit:
             )
         name = f"runs/limit-{in_file_names(self.choice.scene)}{'-joint' if most else ''}"
         folder = self.out if self.out is not None else Path(name)
-        require_writable(folder)
+        claim_folder(folder)
         findings = self._several(scene, folder) if most else self._single(scene, folder)
         console = plain_console()
         for sentence in findings.sentences:

@@ -16,8 +16,9 @@ from activetouch.data.manifest import Manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
+from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
-from belief.files import require_writable, write_text
+from belief.files import write_text
 from belief.observation_model import RatioModel
 from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit
 from belief.observation_model.rigid_body import RigidBodyModel
@@ -84,6 +85,7 @@ class CalibrationReport:
     trust: bool = False
     """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
+    @ends_claims
     def run(self) -> None:
         """Measure, print and write."""
         check_arguments(self)
@@ -92,7 +94,7 @@ class CalibrationReport:
         named_scene(self.scene)  # raises for an unknown name
         data = self.data if self.data is not None else repeats_folder(self.scene)
         folder = self.out if self.out is not None else Path(f"runs/calibration-{in_file_names(self.scene)}")
-        require_writable(folder)
+        claim_folder(folder)
         manifest = open_collection(data, self.scene, repeats=True)
         if manifest.plan.repeats < 2:
             raise NoRepeats(

@@ -18,8 +18,8 @@ from typing import Annotated
 
 from rich.progress import Progress
 
+from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError, UnknownName
-from belief.files import require_writable
 from experiments.command_line.arguments import NotEmpty, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.extremes.cases import Case, Finding, Verdict, judge
@@ -70,6 +70,7 @@ class Stress:
     out: Path = Path("runs/stress")
     """Folder for report.html and findings.csv."""
 
+    @ends_claims
     def run(self) -> None:
         """Judge all cases, write the report, and print it.
 
@@ -78,7 +79,7 @@ class Stress:
             NotRobust: a case failed; the report is written first.
         """
         check_arguments(self)
-        require_writable(self.out)
+        claim_folder(self.out)
         cases = {area: cases_of(area) for area in self.areas}
         pairs = [(area, case) for area, some in cases.items() for case in some]
         findings: dict[str, list[Finding]] = {area: [] for area in cases}

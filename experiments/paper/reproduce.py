@@ -13,8 +13,9 @@ from rich.markdown import Markdown
 from activetouch.extras import require_extra
 from activetouch.named_scenes import SCENES
 from activetouch.perception.recipe import RECIPES
+from belief.claims import claim_folder, ends_claims
 from belief.errors import CorruptFile
-from belief.files import require_writable, sealed_json, unsealed_json, write_text
+from belief.files import sealed_json, unsealed_json, write_text
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper.pipeline import Effort, sensor_from_nothing
@@ -100,6 +101,7 @@ class Reproduce:
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes for presses and searches, and of threads for training."""
 
+    @ends_claims
     def run(self) -> None:
         """Make what is missing, write and print it.
 
@@ -111,7 +113,7 @@ class Reproduce:
         from experiments.paper.figures import draw_figure2, draw_figure3
         from experiments.paper.table2 import search_columns, table
 
-        require_writable(self.out)
+        claim_folder(self.out)
         parts = self.parts if self.table is None else (f"table{self.table}",)
         self._check(parts)
         columns = None

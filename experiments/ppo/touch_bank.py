@@ -10,7 +10,7 @@ import numpy as np
 from activetouch.data.dataset import read_split
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
-from belief.files import require_writable
+from belief.claims import claim_folder, ends_claims
 from experiments.scene_choice import bank_folder, named_scene, repeats_folder
 from experiments.sensor.scores import readings
 from experiments.sensor_choice import open_collection, policy_sensor, require_collection
@@ -47,6 +47,7 @@ class MakeTouchBank:
     """Write only the objects to learn from, in half precision and without features: a bank as it comes with the
     package."""
 
+    @ends_claims
     def run(self) -> None:
         """Read both splits and write two banks."""
         from activetouch.envs.touch_bank import TouchBank  # loads gymnasium
@@ -55,7 +56,7 @@ class MakeTouchBank:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         sensor = policy_sensor(self.sensor, self.scene)
         out = self.out if self.out is not None else bank_folder(self.scene)
-        require_writable(out)
+        claim_folder(out)
         manifest = open_collection(data, self.scene, repeats=True)
         reader = TactileReader.load(sensor / READER_FILE)
         filed = self.scene if self.out is None else None

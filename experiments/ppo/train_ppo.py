@@ -15,8 +15,9 @@ from activetouch.errors import WrongScene
 from activetouch.extras import require_extra
 from activetouch.scene_description import require_scene
 from activetouch.sensor_files import fitted_model
+from belief.claims import claim_folder, ends_claims
 from belief.errors import CorruptFile, UnknownName
-from belief.files import atomic_path, require_writable, write_text
+from belief.files import atomic_path, write_text
 from belief.observation_model.registry import JOINT_MODELS
 from belief.policy_state import GOAL, WITH_GAINS
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
@@ -101,6 +102,7 @@ class TrainPPO:
     anyway: bool = False
     """Use banks of another scene than the sensor's."""
 
+    @ends_claims
     def run(self) -> None:
         """Train what is missing, choose, and write policies and learning curves."""
         check_arguments(self)
@@ -110,7 +112,7 @@ class TrainPPO:
         named_scene(self.scene)  # raises for an unknown name
         recipes = self._recipes()
         out = self.out if self.out is not None else Path(f"runs/ppo-{in_file_names(self.scene)}")
-        require_writable(out)
+        claim_folder(out)
         trainings = self._trainings(out, recipes)
         tasks = [partial(_run, index, training) for index, training in enumerate(trainings)]
         curves: dict[int, list[Score]] = {}

@@ -35,7 +35,8 @@ from activetouch.recorded.formats import Format
 from activetouch.rendering import read_out
 from activetouch.scene import Scene
 from activetouch.sensor_files import READER_FILE
-from belief.files import require_writable, write_text
+from belief.claims import claim_folder, ends_claims
+from belief.files import write_text
 from belief.seeding import keyed_rng
 from belief.statistics import paired_bootstrap
 from experiments.command_line.arguments import Count, CountOrNone, Jobs, Pixels, Seed, Within, check_arguments
@@ -145,6 +146,7 @@ class Leak:
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes that press; the results do not depend on it."""
 
+    @ends_claims
     def run(self) -> None:
         """Touch, classify, train if requested, print and write."""
         check_arguments(self)
@@ -159,7 +161,7 @@ class Leak:
             require_extra("train")
             require_input_size(self.input_size, scene.image_shape[0], "cnn")
         out = self.out if self.out is not None else Path(f"runs/leak-{in_file_names(self.choice.scene)}")
-        require_writable(out)
+        claim_folder(out)
         classifier = self._classifier(scene)
         readings: dict[str, Any] = {"image": partial(averaged, size=self.input_size)} if self.train else {}
         if classifier is not None:
@@ -193,7 +195,7 @@ class Leak:
         require_extra("recorded")
         own = self.recorded
         out = self.out if self.out is not None else Path(f"runs/leak-{own.format}-{own.task}")
-        require_writable(out)
+        claim_folder(out)
         leaks_of(data, own.format, own.task, own.folds, own.random_splits, own.leave_out_incomplete, self.seed, out)
 
     @property

@@ -19,8 +19,9 @@ from activetouch.placement import Placement
 from activetouch.pressing.trace import write_csv
 from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
+from belief.claims import claim_folder, ends_claims
 from belief.errors import MissingPackage
-from belief.files import require_writable, require_writable_file
+from belief.files import require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
 from experiments.press.cycles import record_cycles
@@ -144,10 +145,11 @@ class Record:
     out: Path = Path("runs/log")
     """Folder for the files."""
 
+    @ends_claims
     def run(self) -> None:
         """Press and write."""
         check_arguments(self)
-        require_writable(self.out)
+        claim_folder(self.out)
         scene = self.choice.named.scene
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
             rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)

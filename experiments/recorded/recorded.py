@@ -14,7 +14,7 @@ from activetouch.extras import require_extra
 from activetouch.recorded import TaskTouches, check_recorded, read_recorded, without_incomplete
 from activetouch.recorded.formats import Format
 from activetouch.recorded.reader import num_tried
-from belief.files import require_writable
+from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -90,6 +90,7 @@ class Recorded:
     out: Path | None = None
     """Folder for the results; runs/recorded-FORMAT-TASK by default."""
 
+    @ends_claims
     def run(self) -> None:
         """Read, split, search, print and write."""
         check_arguments(self)
@@ -104,7 +105,7 @@ class Recorded:
                         f'the order that is ranked on them is "{FIXED}"'
                     )
         out = self.out if self.out is not None else Path(f"runs/recorded-{self.format}-{self.task}")
-        require_writable(out)
+        claim_folder(out)
         touches, notes = read_recorded(self.data, self.format)
         if self.leave_out_incomplete:
             touches, left_out = without_incomplete(touches, self.task)

@@ -16,8 +16,8 @@ from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import READER_FILE, write_observation_model
+from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import require_writable
 from belief.metrics import negative_log_likelihood
 from belief.observation_model.selection import log_posteriors
 from belief.statistics import wilson_interval
@@ -73,12 +73,13 @@ class Adapt:
     anyway: bool = False
     """Use a sensor that was made for another scene."""
 
+    @ends_claims
     def run(self) -> None:
         """Touch, adapt, test, print and write."""
         check_arguments(self)
         scene = self._scene()
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.choice.scene)}-adapted")
-        require_writable(out)
+        claim_folder(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         require_adaptable(sensor)
         most = max(self.objects)

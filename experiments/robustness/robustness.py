@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from activetouch.sensor import TactileSensor
 from activetouch.sensor_files import load_observation_model, observation_file
 from activetouch.shapes import EXTENDED_SHAPES
+from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import require_writable, write_text
+from belief.files import write_text
 from belief.metrics import expected_calibration_error, negative_log_likelihood
 from belief.observation_model import ArrayModel
 from belief.observation_model.selection import log_posteriors
@@ -101,6 +102,7 @@ class Robustness:
     anyway: bool = False
     """Use the sensor in a scene that it was not made for, and take this scene as the training world."""
 
+    @ends_claims
     def run(self) -> None:
         """Touch, measure, print and write."""
         check_arguments(self)
@@ -110,7 +112,7 @@ class Robustness:
 
         scene, name = self.choice.named.scene, self.choice.scene
         out = self.out if self.out is not None else Path(f"runs/robustness-{in_file_names(name)}")
-        require_writable(out)
+        claim_folder(out)
         sensor = open_sensor(self.sensor, self.choice, self.anyway)
         shifted, left_out = applicable_conditions(scene, self.objects, self.deformable)
         for condition in self.conditions:

@@ -20,8 +20,9 @@ from activetouch.scene import Scene
 from activetouch.scene_description import in_words
 from activetouch.sensor_files import INDEPENDENT_FILE, READER_FILE, write_observation_model
 from belief.calibration import TemperatureScaling
+from belief.claims import claim_folder, ends_claims
 from belief.errors import ActiveTouchError
-from belief.files import require_writable, write_text
+from belief.files import write_text
 from belief.metrics import confusion_matrix, expected_calibration_error, negative_log_likelihood, shape_scores
 from belief.observation_model import ArrayModel
 from belief.observation_model.registry import JOINT_MODELS, OBSERVATION_MODELS, Fit, fit_named, require_readable
@@ -74,6 +75,7 @@ class Calibrate:
     trust: bool = False
     """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
+    @ends_claims
     def run(self, scene: Scene | None = None) -> None:
         """Choose, fit, write, and print the evaluation.
 
@@ -85,7 +87,7 @@ class Calibrate:
         data = self.data if self.data is not None else repeats_folder(self.scene)
         out = self.out if self.out is not None else Path(f"runs/sensor-{in_file_names(self.scene)}")
         chosen_from = {name: fit_named(name) for name in self.observation_model}
-        require_writable(out)
+        claim_folder(out)
         trained = self.reader if self.reader is not None else training_folder(self.scene) / READER_FILE
         manifest = open_collection(data, self.scene, repeats=True)
         if self.reader is None and not trained.exists():

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from activetouch.data.dataset import read_split
 from activetouch.extras import require_extra
 from activetouch.perception.reader import ImageReader
-from belief.files import require_writable, write_text
+from belief.claims import claim_folder, ends_claims
+from belief.files import write_text
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import progress_bar
@@ -89,6 +90,7 @@ class Frontier:
     out: Path = Path("runs/frontier")
     """Folder for numbers, table and figure."""
 
+    @ends_claims
     def run(self) -> None:
         """Read, time, write and print."""
         check_arguments(self)
@@ -97,7 +99,7 @@ class Frontier:
 
         from activetouch.perception.classifier import TouchClassifier, TouchNetwork
 
-        require_writable(self.out)
+        claim_folder(self.out)
         torch.set_num_threads(self.threads)
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)

@@ -14,7 +14,8 @@ from activetouch.data.dataset import SPLITS, TouchSet, read_split
 from activetouch.data.manifest import Manifest
 from activetouch.extras import require_extra
 from activetouch.perception.recipe import RECIPES
-from belief.files import require_writable, write_text
+from belief.claims import claim_folder, ends_claims
+from belief.files import write_text
 from experiments.command_line.arguments import BadArgument, Jobs, NotEmpty, Pixels, Seed, Share, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
@@ -78,6 +79,7 @@ class LearningCurve:
     out: Path | None = None
     """Folder for states, numbers and figure; runs/learning-curve-SCENE by default."""
 
+    @ends_claims
     def run(self) -> None:
         """Train, read, write and print."""
         check_arguments(self)
@@ -89,7 +91,7 @@ class LearningCurve:
         import torch
 
         out = self.out if self.out is not None else Path(f"runs/learning-curve-{in_file_names(self.scene)}")
-        require_writable(out)
+        claim_folder(out)
         data = self.data if self.data is not None else collection_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=False)
         require_input_size(self._size, manifest.image_shape[0], self.backbone)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.data.dataset import read_split
-from belief.files import require_writable
+from belief.claims import claim_folder, ends_claims
 from belief.observation_model.rigid_body import RigidBodyModel
 from experiments.command_line.arguments import BadArgument, Count, check_arguments
 from experiments.scene_choice import SceneChoice, repeats_folder
@@ -44,6 +44,7 @@ class RankPoses:
     length: Count = 16
     """Poses in the order; the others follow as the scene has them."""
 
+    @ends_claims
     def run(self) -> None:
         """Rank, print and write."""
         check_arguments(self)
@@ -55,7 +56,7 @@ class RankPoses:
         manifest = open_collection(data, self.scene, repeats=True)
         require_collection(data, manifest, sensor.reader.card, None, repeats=True)
         folder = sensor_folder(self.sensor, self.scene)
-        require_writable(folder)
+        claim_folder(folder)
         touches = read_split(data, "calibration")
         number, model = len(sensor.scene.poses), sensor.model
         in_round = np.arange(len(touches.poses)) % manifest.touches_per_object < number  # the first round of poses

@@ -25,7 +25,8 @@ from activetouch.data.manifest import Manifest
 from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from activetouch.sensor_files import READER_FILE
-from belief.files import require_writable, write_text
+from belief.claims import claim_folder, ends_claims
+from belief.files import write_text
 from belief.observation_model import ArrayModel
 from belief.observation_model.likelihood_ratio import RatioModel
 from belief.observation_model.rigid_body import RigidBodyModel
@@ -117,6 +118,7 @@ class SeveralTouches:
     out: Path = Path("runs/several-touches")
     """Folder for numbers, table and figure."""
 
+    @ends_claims
     def run(self) -> None:
         """Read, fit, evaluate, write and print."""
         check_arguments(self)
@@ -125,7 +127,7 @@ class SeveralTouches:
             raise BadArgument(
                 f"--touches must be at most {len(scene.poses)}, one in each pose, got {max(self.touches)}"
             )
-        require_writable(self.out)
+        claim_folder(self.out)
         data = self.data if self.data is not None else repeats_folder(self.scene)
         manifest = open_collection(data, self.scene, repeats=True)
         calibration, test = read_split(data, "calibration"), first_round(read_split(data, "test"), len(scene.poses))

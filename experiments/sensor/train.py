@@ -19,7 +19,7 @@ from activetouch.perception.card import CLASSIFIER_FILE
 from activetouch.perception.reader import resized
 from activetouch.perception.recipe import RECIPES, TrainingRecipe
 from activetouch.sensor_files import READER_FILE
-from belief.files import require_writable
+from belief.claims import claim_folder, ends_claims
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -138,6 +138,7 @@ class Train:
     trust: bool = False
     """Run code of your own that the collection names beside --scene, such as a renderer module:attribute."""
 
+    @ends_claims
     def run(self) -> None:
         """Train to the end of the recipe and write ``classifier.safetensors`` and ``reader.safetensors``."""
         check_arguments(self)
@@ -145,7 +146,7 @@ class Train:
         recipe, named = self.change.of(RECIPES[self.recipe]), named_scene(self.scene)
         data = self.data if self.data is not None else collection_folder(self.scene)
         out = self.out if self.out is not None else training_folder(self.scene)
-        require_writable(out)
+        claim_folder(out)
         manifest = to_be_read(open_collection(data, self.scene, repeats=False), Trust(data, [self.scene], self.trust))
         require_named_scene(data, manifest, self.scene if self.out is None else None, repeats=False)
         size = self.input_size if self.input_size is not None else named.input_size

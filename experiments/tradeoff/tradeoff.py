@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
+from belief.claims import claim_folder, ends_claims
 from belief.errors import UnknownName
-from belief.files import require_writable
 from experiments.command_line.arguments import (
     BadArgument,
     Count,
@@ -70,6 +70,7 @@ class Tradeoff:
     jobs: Jobs = 1
     """Number of processes; the results do not depend on it."""
 
+    @ends_claims
     def run(self) -> None:
         """Measure what is missing, then write and print the report.
 
@@ -85,7 +86,7 @@ class Tradeoff:
         for scene in self.scenes:
             if scene not in SHARES:
                 raise UnknownName("scene of the trade-off", scene, list(SHARES))
-        require_writable(self.out)
+        claim_folder(self.out)
         results = finished(self.out, self.seed) if self.finished else self.measure()
         if not results:
             raise BadArgument(f"{self.out} holds no results yet; leave out --finished to measure some")
