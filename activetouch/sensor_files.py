@@ -12,7 +12,7 @@ from activetouch.perception.card import ClassifierCard, read_card
 from activetouch.scene import Scene
 from activetouch.scene_description import require_scene, scene_fields
 from belief.errors import CorruptFile
-from belief.files import write_text
+from belief.files import require_regular_file, write_text
 from belief.observation_model import ArrayModel, read_observation_model, read_origin
 from belief.observation_model.registry import JOINT_MODELS
 
@@ -117,7 +117,7 @@ def fitted_model(folder: Path, independent: bool = False) -> FittedModel:
     """
     path = observation_file(folder, independent)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = require_regular_file(path).read_text(encoding="utf-8")
         origin = read_origin(text) or {}
         scene, ends = origin.get("scene"), origin.get("stiffness")
         if not (scene is None or isinstance(scene, dict)):

@@ -18,6 +18,7 @@ import numpy as np
 
 from belief import Confirm, Probe, Reject
 from belief.errors import MissingPackage
+from belief.files import require_regular_file
 from belief.policy_state import ENCODINGS, TOUCH_LIMIT
 from planners.decider import Decision, InformationState
 from planners.ppo import BadPolicy, MissingPolicy, situation_of
@@ -96,12 +97,15 @@ class SB3Policy:
         )
 
 
+_MOST_SETTINGS = 1 << 26  # of the settings in a file [bytes]
+
+
 @lru_cache(maxsize=32)
 def _model(path: Path, written: tuple[int, int]) -> Any:
     """The model, read once in each process, and again when its file was written anew."""
     try:
-        with zipfile.ZipFile(path) as file:
-            data = json.loads(file.read("data"))
+        with zipfile.ZipFile(require_regular_file(path, BadPolicy)) as file, file.open("data") as settings:
+            data = json.loads(settings.read(_MOST_SETTINGS))
         module, name = _algorithm(data)
     except (zipfile.BadZipFile, KeyError, ValueError, TypeError, AttributeError) as error:
         raise BadPolicy(f"{path} is no file that Stable-Baselines3 saved: {error}") from error

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from activetouch.errors import LabelMismatch
 from activetouch.sensor_files import INDEPENDENT_SUFFIX, MODELS
 from belief.errors import CorruptFile, UnknownName
-from belief.files import atomic_path, sealed_json, unsealed_json, write_text
+from belief.files import atomic_path, require_regular_file, sealed_json, unsealed_json, write_text
 
 _FORMAT = "activetouch-touch-bank-2"
 MANIFEST = "manifest.json"
@@ -123,7 +123,7 @@ class TouchBank(TouchRounds):
         """
         try:
             folder = Path(folder)
-            manifest = unsealed_json((folder / MANIFEST).read_text(encoding="utf-8"))
+            manifest = unsealed_json(require_regular_file(folder / MANIFEST).read_text(encoding="utf-8"))
             if manifest["format"] != _FORMAT:
                 raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}")
             for name, digest in manifest["arrays"].items():
@@ -172,5 +172,5 @@ class TouchBank(TouchRounds):
 
 
 def _digest(path: Path) -> str:
-    with path.open("rb") as file:
+    with require_regular_file(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -13,7 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
 from belief.errors import CorruptFile
-from belief.files import array_digest, atomic_path, sealed_json, unsealed_json
+from belief.files import array_digest, atomic_path, require_regular_file, sealed_json, unsealed_json
 
 STATE = "activetouch-state-1"
 """The kind of file that holds the state of a training."""
@@ -50,7 +50,7 @@ def read_tensors(path: Path, kind: str = STATE) -> tuple[dict[str, NDArray[Any]]
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or was changed after it was written.
     """
-    with _damage(path), safe_open(path, framework="np") as file:
+    with _damage(path), safe_open(require_regular_file(path), framework="np") as file:
         header = _header(file.metadata(), kind)
         arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         if header["tensors"] != array_digest(arrays):
@@ -68,7 +68,7 @@ def read_fields(path: Path, kind: str = STATE) -> dict[str, Any]:
     Raises:
         CorruptFile: the file is missing, truncated, of another kind, or its header was changed.
     """
-    with _damage(path), safe_open(path, framework="np") as file:
+    with _damage(path), safe_open(require_regular_file(path), framework="np") as file:
         return dict(_header(file.metadata(), kind)["fields"])
 
 
@@ -91,6 +91,8 @@ def _damage(path: Path) -> Iterator[None]:
     """What libraries say of a file that they cannot read, as our error."""
     try:
         yield
+    except CorruptFile:
+        raise
     except _OtherKind as error:
         raise CorruptFile(f"{path} {error}") from error
     except KeyError as error:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from activetouch.scene_description import scene_fields
-from belief.files import atomic_path
+from belief.files import atomic_path, read_npz, require_regular_file
 from experiments.bayes_error.body_bank import BodyBank
 from experiments.bayes_error.joint_evidence import Evidence
 from experiments.bayes_error.touched_objects import TouchedObjects
@@ -31,8 +31,8 @@ def kept(folder: Path, bank: BodyBank, touched: TouchedObjects, shape: int, numb
     identity = f"{scene_fields(bank.scene)} {touched.digest} {numbers} {code}"
     path = folder / f"{hashlib.sha256(identity.encode()).hexdigest()[:32]}.npz"
     try:
-        with np.load(path, allow_pickle=False) as found:
-            return shape, number, Evidence(found["joint"], found["single"])
+        content = require_regular_file(path).read_bytes()
+        return shape, number, Evidence(**read_npz(content, len(content), ["joint", "single"]))
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # not there, or damaged: computed again
         pass
     *_, evidence = bank.evidence(touched, shape, number)

@@ -15,7 +15,7 @@ from activetouch.named_scenes import SCENES
 from activetouch.perception.recipe import RECIPES
 from belief.claims import claim_folder, ends_claims
 from belief.errors import CorruptFile
-from belief.files import sealed_json, unsealed_json, write_text
+from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from experiments.command_line.arguments import BadArgument, Count, Jobs, NotEmpty, Pixels, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.paper.pipeline import Effort, sensor_from_nothing
@@ -201,7 +201,7 @@ class Reproduce:
         if not file.exists():
             return None
         try:
-            splits = unsealed_json(file.read_text(encoding="utf-8"))["splits"]
+            splits = unsealed_json(require_regular_file(file).read_text(encoding="utf-8"))["splits"]
             confusion: list[list[int]] = splits["by image"]["held out"]["confusion"]
         except (ValueError, KeyError, TypeError) as error:
             raise CorruptFile(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ from activetouch.rendering import ForcePatchRenderer, read_out
 from activetouch.scene import Scene
 from activetouch.scene_description import scene_fields
 from belief.errors import CorruptFile
-from belief.files import atomic_path
+from belief.files import atomic_path, read_npz, require_regular_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Seed, check_arguments
 from experiments.parallel import run_tasks
@@ -82,8 +83,9 @@ def kept_windows(scene: Scene, plan: WindowPlan, stream: int, jobs: int, folder:
             np.savez_compressed(temporary, **vars(touches))
     try:
         # Every array in such a file carries a checksum.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
-            return TouchSet(**found)
+        content = require_regular_file(path).read_bytes()
+        presses = plan.objects * len(scene.shapes) * plan.presses
+        return TouchSet(**read_npz(content, presses * plan.images * (math.prod(scene.image_shape) + 1024) + 2**16))
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise CorruptFile(f"{path} is damaged ({error}); delete it to press its objects again") from error
 

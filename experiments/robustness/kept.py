@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from belief.files import sealed_json, unsealed_json, write_text
+from belief.files import require_regular_file, sealed_json, unsealed_json, write_text
 from experiments.search.fingerprint import files_digest, made_with
 
 
@@ -34,7 +34,7 @@ def kept(folder: Path | None, words: list[Any], task: Callable[[], dict[str, Any
         return task()
     path = folder / f"{hashlib.sha256(json.dumps(words).encode()).hexdigest()[:16]}.json"
     with suppress(OSError, ValueError):  # missing, or damaged
-        return unsealed_json(path.read_text(encoding="utf-8"))
+        return unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
     result = task()
     write_text(path, sealed_json(result) + "\n")
     return unsealed_json(path.read_text(encoding="utf-8"))

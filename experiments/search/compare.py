@@ -14,7 +14,7 @@ from rich.console import Console
 
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
-from belief.files import require_writable, unsealed_json
+from belief.files import require_regular_file, require_writable, unsealed_json
 from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
 from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
@@ -113,7 +113,7 @@ class Compare:
             BadArgument: The file is not the ``run.json`` of a comparison.
         """
         file = path / "run.json" if path.is_dir() else path
-        if not file.is_file():
+        if not require_regular_file(file, BadArgument).exists():
             raise BadArgument(f"--config {path} is not the run.json of a comparison: there is no file {file}")
         try:
             recorded = unsealed_json(file.read_text(encoding="utf-8"))["arguments"]

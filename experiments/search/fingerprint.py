@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from belief.files import require_regular_file
 from belief.identity import class_code, function_code, is_standard, module_code
 
 _OWN = ("activetouch", "belief", "experiments")  # read by version, and by the digests that run.json has of them
@@ -66,7 +67,7 @@ def files_digest(paths: Iterable[Path]) -> str:
     """SHA-256 of the content of files, wherever they lie."""
     digest = hashlib.sha256()
     for path in paths:
-        digest.update(path.read_bytes())
+        digest.update(require_regular_file(path).read_bytes())
     return digest.hexdigest()
 
 

@@ -22,6 +22,7 @@ from activetouch.sensor_files import (
     READER_FILE,
     ROBUST_SUFFIX,
 )
+from belief.files import require_regular_file
 from belief.observation_model.registry import OBSERVATION_MODELS
 from experiments.scene_choice import FIDELITIES, SceneChoice
 from experiments.search.setting import Setting
@@ -195,7 +196,7 @@ class Configuration:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(require_regular_file(path).read_bytes()).hexdigest()
 
 
 def sweep(networks: Sequence[Network], calibrated: Sequence[str], episodes: int, seed: int) -> list[Configuration]:

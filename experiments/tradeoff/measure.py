@@ -22,7 +22,7 @@ from activetouch.scene_description import scene_fields
 from activetouch.sensor_files import POLICIES, READER_FILE, write_observation_model
 from activetouch.world import touch_many
 from belief import Touch
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, require_regular_file, write_text
 from experiments.command_line.workers import in_own_process
 from experiments.search.fingerprint import made_with
 from experiments.search.setting import episode_seed, make_world
@@ -89,7 +89,7 @@ def measured(configuration: Configuration, folder: Path) -> SearchResult:
     if not path.exists():
         result = _search(configuration, folder / "models")
         write_text(path, json.dumps(asdict(result)) + "\n")
-    return SearchResult(**{**json.loads(path.read_text()), "configuration": configuration})
+    return SearchResult(**{**json.loads(require_regular_file(path).read_text()), "configuration": configuration})
 
 
 def num_outdated(results: Iterable[SearchResult]) -> int:
@@ -105,7 +105,7 @@ def finished(folder: Path, seed: int) -> list[tuple[SearchResult, TouchCost]]:
     """
     found: dict[Configuration, SearchResult] = {}
     for path in sorted((folder / "results").glob("[!.]*.json")):
-        fields = json.loads(path.read_text())
+        fields = json.loads(require_regular_file(path).read_text())
         network = Network(**fields["configuration"].pop("network"))
         configuration = Configuration(network=network, **fields["configuration"])
         if configuration.key != path.stem or configuration.seed != seed:
@@ -186,7 +186,7 @@ def touch_cost(configuration: Configuration, folder: Path) -> TouchCost:
             context = multiprocessing.get_context("forkserver")  # small processes, and one import of these modules
             context.set_forkserver_preload(["activetouch.perception.reader", "activetouch.pressing.rig", __name__])
             write_text(path, json.dumps(in_own_process(context, measure, configuration)) + "\n")
-        found |= json.loads(path.read_text())
+        found |= json.loads(require_regular_file(path).read_text())
     return TouchCost(**found)
 
 

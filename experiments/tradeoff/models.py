@@ -15,7 +15,7 @@ from activetouch.perception.hypothesis_table import HypothesisTable
 from activetouch.perception.reader import TactileReader
 from belief import Touch
 from belief.errors import CorruptFile
-from belief.files import write_text
+from belief.files import require_regular_file, write_text
 from belief.observation_model import ArrayModel, read_observation_model
 from belief.observation_model.registry import fit_named
 from experiments.scene_choice import repeats_folder
@@ -49,7 +49,7 @@ def observation_model(configuration: Configuration, folder: Path) -> ArrayModel:
         fitted = fit_named(name)(read, truth.shapes, truth.object_ids, **options)
         write_text(path, fitted.to_json() + "\n")
     try:
-        model = read_observation_model(path.read_text(encoding="utf-8"))
+        model = read_observation_model(require_regular_file(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise CorruptFile(f"{path} is not an observation model: {error}. Delete it, then it is fitted again") from error
     return model if table is None else model.with_hypotheses(table)

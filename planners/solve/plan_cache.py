@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from belief.errors import CannotWrite
-from belief.files import array_digest
+from belief.files import array_digest, require_regular_file
 from belief.identity import module_code
 from belief.problem import Floats
 from planners.pomdp.alpha_vectors import AlphaVectors
@@ -110,7 +110,7 @@ def _code() -> tuple[str, ...]:
 def _read(path: Path, key: str, search: StagedProblem, num_touches: int) -> tuple[tuple[AlphaVectors, ...], ...] | None:
     """The alpha vectors in a file; None if there is none, or if it is damaged or something else."""
     try:
-        content = path.read_bytes()
+        content = require_regular_file(path, FileNotFoundError).read_bytes()
     except OSError:
         return None
     try:

@@ -6,8 +6,6 @@ A policy is valid only for the observation model it was solved for, so its file 
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from belief.errors import ActiveTouchError, CorruptFile, InvalidArgument
-from belief.files import atomic_path, sealed_json, unsealed_json
+from belief.files import atomic_path, read_npz, require_regular_file, sealed_json, unsealed_json
 from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.pomdp.alpha_vectors import AlphaVectors
@@ -25,7 +23,8 @@ from planners.pomdp.stages import StagedProblem
 from planners.solve.policy import SearchPolicy, TouchPolicy
 
 _FORMAT = "activetouch policy 3"
-_MOST_BYTES = 1 << 30  # of an unpacked file
+_MOST_BYTES = 1 << 30  # of an unpacked file whose header does not say how large it is
+_MOST_HEADER = 1 << 20  # of the header, and of the headers of all arrays
 
 
 class PolicyMismatch(ActiveTouchError, ValueError):
@@ -83,7 +82,8 @@ def write_arrays(
     Raises:
         CannotWrite: the disk is full, or the folder cannot be written to.
     """
-    header = {"format": name, **fields, "arrays_sha256": _arrays_sha256(arrays)}
+    size = sum(array.nbytes for array in arrays.values()) + _MOST_HEADER
+    header = {"format": name, **fields, "unpacked_bytes": size, "arrays_sha256": _arrays_sha256(arrays)}
     content: dict[str, Any] = {"header": np.array(sealed_json(header, indent=None)), **arrays}
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         (np.savez_compressed if compressed else np.savez)(file, allow_pickle=False, **content)
@@ -96,7 +96,7 @@ def load_policy(path: Path, outcome_probs: ArrayLike | None = None) -> TouchPoli
         CorruptPolicy: the file is not a policy, or is damaged.
         PolicyMismatch: it was solved for another observation model.
     """
-    content = path.read_bytes()
+    content = require_regular_file(path, CorruptPolicy).read_bytes()
     try:
         header, arrays = read_arrays(content, _FORMAT)
         policy = _policy(header, arrays)
@@ -123,15 +123,11 @@ def read_arrays(content: bytes, name: str) -> tuple[dict[str, Any], dict[str, ND
     Raises:
         Exception: it is something else, or damaged; numpy and zipfile raise many kinds.
     """
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        size = sum(member.file_size for member in archive.infolist())
-    if size > _MOST_BYTES:
-        raise ValueError(f"it would unpack to {size} bytes, more than {_MOST_BYTES}")
-    with np.load(io.BytesIO(content), allow_pickle=False) as found:
-        arrays = {name: found[name] for name in found.files}
-    header = unsealed_json(str(arrays.pop("header")))
+    header = unsealed_json(str(read_npz(content, _MOST_HEADER, ["header"])["header"]))
     if header["format"] != name:
         raise ValueError(f"its format is {header['format']!r}, this reads {name!r}")
+    arrays = read_npz(content, min(header.get("unpacked_bytes", _MOST_BYTES), _MOST_BYTES))
+    del arrays["header"]
     if header["arrays_sha256"] != _arrays_sha256(arrays):
         raise ValueError("it was changed after it was written: its arrays do not match their SHA-256")
     return header, arrays
