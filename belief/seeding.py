@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from numbers import Integral
 
 import numpy as np
 
@@ -21,11 +22,11 @@ _POOL = 4  # words to which numpy pads shorter keys
 _TOUCHING, _ARRANGING, _DECIDING = 1, 2, 3  # streams of an episode
 
 
-def keyed_rng(key: Sequence[int], *, is_fixed_length: bool = False) -> np.random.Generator:
+def keyed_rng(key: int | Sequence[int], *, is_fixed_length: bool = False) -> np.random.Generator:
     """The generator of a key; different keys have different streams.
 
     Args:
-        key: integers ≥ 0 of any size.
+        key: integers ≥ 0 of any size; a single one is a key of one.
         is_fixed_length: whether all keys of this kind have the same length; a final zero of a short key is then not
             marked.
 
@@ -40,7 +41,7 @@ def keyed_rng(key: Sequence[int], *, is_fixed_length: bool = False) -> np.random
     return np.random.default_rng(keyed_words(key, is_fixed_length=is_fixed_length))
 
 
-def keyed_words(key: Sequence[int], *, is_fixed_length: bool = False) -> list[int]:
+def keyed_words(key: int | Sequence[int], *, is_fixed_length: bool = False) -> list[int]:
     """The words below 2^32 that seed numpy for a key; arguments and errors as for :func:`keyed_rng`.
 
     >>> keyed_words([3, 2**32, 5])
@@ -60,16 +61,20 @@ def keyed_words(key: Sequence[int], *, is_fixed_length: bool = False) -> list[in
     return words
 
 
-def checked_key(key: Sequence[int]) -> tuple[int, ...]:
+def checked_key(key: int | Sequence[int]) -> tuple[int, ...]:
     """The key as a tuple of Python integers; raises InvalidArgument for a number that is not an integer ≥ 0.
 
+    A single number is a key of one.
+
+    >>> checked_key(3)
+    (3,)
     >>> checked_key([3, -1])
     Traceback (most recent call last):
     ...
     belief.errors.InvalidArgument: seeds and keys must be integers ≥ 0, got -1 in [3, -1]
     """
     try:
-        numbers = tuple(operator.index(number) for number in key)
+        numbers = tuple(operator.index(number) for number in ((key,) if isinstance(key, Integral) else key))
     except TypeError as error:
         raise InvalidArgument(f"seeds and keys must be integers ≥ 0, got {key!r}") from error
     for number in numbers:
@@ -78,7 +83,7 @@ def checked_key(key: Sequence[int]) -> tuple[int, ...]:
     return numbers
 
 
-def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) -> np.random.Generator:
+def touch_rng(seed: int | Sequence[int], object_index: int, pose: int, repeat: int) -> np.random.Generator:
     """Generator of one touch of an object in a pose, for the ``repeat``-th time (from 0).
 
     >>> touch_rng((7,), 0, 2, 0).random() == touch_rng((7,), 0, 2, 0).random()
@@ -87,7 +92,7 @@ def touch_rng(seed: Sequence[int], object_index: int, pose: int, repeat: int) ->
     return _of_episode(seed, _TOUCHING, object_index, pose, repeat)
 
 
-def arrangement_rng(seed: Sequence[int]) -> np.random.Generator:
+def arrangement_rng(seed: int | Sequence[int]) -> np.random.Generator:
     """Generator of an episode's objects: their shapes, sizes and orientations.
 
     >>> int(arrangement_rng((7, 0)).integers(100)) != int(arrangement_rng((7, 1)).integers(100))
@@ -96,7 +101,7 @@ def arrangement_rng(seed: Sequence[int]) -> np.random.Generator:
     return _of_episode(seed, _ARRANGING)
 
 
-def deciding_rng(seed: Sequence[int]) -> np.random.Generator:
+def deciding_rng(seed: int | Sequence[int]) -> np.random.Generator:
     """Generator of an episode's decider.
 
     >>> deciding_rng((7,)).random() != arrangement_rng((7,)).random()
@@ -105,7 +110,7 @@ def deciding_rng(seed: Sequence[int]) -> np.random.Generator:
     return _of_episode(seed, _DECIDING)
 
 
-def _of_episode(seed: Sequence[int], *stream: int) -> np.random.Generator:
+def _of_episode(seed: int | Sequence[int], *stream: int) -> np.random.Generator:
     """A stream of an episode; for seeds of one to three numbers the length of the key separates streams and seeds."""
     numbers = checked_key(seed)
     if not numbers:

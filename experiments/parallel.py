@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
+import tempfile
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from pickle import PicklingError
 from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CannotWrite
+from belief.files import is_of_writing
 from experiments.command_line.console import plain_console
 from experiments.command_line.workers import block_interrupt, end_with_parent
 
@@ -92,10 +96,25 @@ def _in_parallel(tasks: Iterable[Callable[[], T]], jobs: int) -> Generator[T, No
         results = parallel(joblib.delayed(task)() for task in tasks)
     try:
         yield from results
+    except PicklingError as error:
+        if (cause := _of_full_disk(error)) is None:
+            raise
+        folder = os.environ.get("JOBLIB_TEMP_FOLDER") or f"/dev/shm or {tempfile.gettempdir()}"
+        raise CannotWrite(
+            f"what the processes share does not fit into the temporary folder, {folder}: {cause.strerror}. Make room "
+            "there, set JOBLIB_TEMP_FOLDER to a folder with more room, or use --jobs 1. Finished results are kept"
+        ) from error
     finally:
         with warnings.catch_warnings():  # of unfinished tasks, when the caller stops early
             warnings.simplefilter("ignore", UserWarning)
             results.close()
+
+
+def _of_full_disk(error: PicklingError) -> OSError | None:
+    """The error of writing that kept a task from being sent, of which joblib gives only the text; None if none did."""
+    found = re.search(r"^OSError: \[Errno (\d+)\]", str(error.__cause__), re.MULTILINE)
+    cause = None if found is None else OSError(int(found[1]), os.strerror(int(found[1])))
+    return cause if cause is not None and is_of_writing(cause) else None
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from activetouch.rendering.renderer import require_renderer
 from activetouch.shapes import Mesh
 from belief.errors import ActiveTouchError
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import Positive
+from experiments.command_line.arguments import Positive, require_types
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
@@ -104,7 +104,7 @@ def in_file_names(scene: str) -> str:
     >>> in_file_names("gel"), in_file_names("mine:scene(force=2)")
     ('gel', 'mine-scene-force-2')
     """
-    return re.sub(r"[^\w.]+", "-", scene).strip("-")
+    return re.sub(r"[^\w.]+", "-", scene).strip("-.")
 
 
 def collection_folder(scene: str) -> Path:
@@ -203,6 +203,9 @@ class SceneChoice:
 
         Raises:
             FileNamesCode: scene or renderer is code that may not be used.
+            BadArgument: a field is of a wrong type.
         """
         trust.require([fields["scene"], fields.get("renderer")])
-        return cls(**{**fields, "meshes": tuple(Path(path) for path in fields["meshes"])})
+        choice = cls(**{**fields, "meshes": tuple(Path(path) for path in fields["meshes"])})
+        require_types(choice)
+        return choice

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from belief import Confirm, Probe, Reject
 from belief.errors import ActiveTouchError, CorruptFile
-from belief.files import array_digest, sealed_json, unsealed_json
+from belief.files import array_digest, in_file_name, sealed_json, unsealed_json
 from belief.policy_state import ENCODINGS, GOAL, NO_ACTION, WITH_GAINS, Situation, expected_gains, frame_probs
 from belief.problem import Floats
 from planners.decider import Decision, InformationState
@@ -156,7 +156,7 @@ def policy_file(state: str, target: str) -> str:
     >>> policy_file("paper", "cone"), policy_file("goal", "cone")
     ('paper-cone.safetensors', 'goal.safetensors')
     """
-    return f"{state}.safetensors" if state == GOAL else f"{state}-{target}.safetensors"
+    return f"{state}.safetensors" if state == GOAL else f"{state}-{in_file_name(target, '-')}.safetensors"
 
 
 def load_ppo_policy(folder: Path | None, state: str, target: str) -> Policy:

@@ -1,5 +1,6 @@
 """What importing costs, and that the import contracts really bite."""
 
+import ast
 import shutil
 import subprocess
 import sys
@@ -86,3 +87,43 @@ def test_imports_that_break_contracts_are_caught(tmp_path):
     assert violated.returncode != 0
     told = " ".join(violated.stdout.split())
     assert [said for said in BROKEN.values() if said not in told] == []
+
+
+POSIX_ONLY = {"crypt", "fcntl", "grp", "nis", "posix", "pty", "pwd", "resource", "spwd", "syslog", "termios", "tty"}
+POSIX_NAMES = {
+    *("os.fork", "os.getuid", "os.geteuid", "os.getpgid", "os.killpg", "os.mkfifo", "os.sysconf", "os.uname"),
+    *("signal.SIGKILL", "signal.SIGHUP", "signal.SIGALRM", "signal.SIGUSR1", "signal.SIGPIPE", "signal.alarm"),
+}
+
+
+@pytest.mark.parametrize("package", ["activetouch", "belief", "experiments", "planners"])
+def test_no_module_needs_at_its_import_what_only_posix_has(package):
+    for file in (ROOT / package).rglob("*.py"):
+        waiting = list(ast.parse(file.read_text()).body)
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                waiting += [*node.args.defaults, *getattr(node, "decorator_list", [])]
+                continue
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+            assert not POSIX_ONLY & {name.partition(".")[0] for name in names}, file
+            assert not (isinstance(node, ast.Attribute) and ast.unparse(node) in POSIX_NAMES), file
+            waiting += ast.iter_child_nodes(node)
+
+
+PUBLIC_SEEDS = {"int", "int | None", "int | Sequence[int]"}
+
+
+def test_every_public_function_and_class_takes_a_number_as_its_seed():
+    """Annotations say it, and mypy holds the code to them. An episode keeps its seed as the words that it has."""
+    seen = set()
+    for package in ("activetouch", "belief", "planners"):
+        for file in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.FunctionDef) and (not node.name.startswith("_") or node.name == "__init__"):
+                    for argument in [*node.args.args, *node.args.kwonlyargs]:
+                        if argument.arg == "seed" and node.name != "of":
+                            assert ast.unparse(argument.annotation) in PUBLIC_SEEDS, (file, node.name)
+                            seen.add(node.name)
+    assert {"search", "touch_rng", "arrangement_rng", "deciding_rng", "reset", "__init__"} <= seen

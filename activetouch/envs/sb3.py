@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from activetouch.envs.base import BadOption
 from activetouch.envs.batched_episodes import BankEpisodes, as_actions
-from belief.seeding import keyed_rng
+from belief.seeding import checked_key, keyed_rng
 
 
 class BankVecEnv(VecEnv):
@@ -23,11 +23,11 @@ class BankVecEnv(VecEnv):
 
     Args:
         episodes: the episodes.
-        seed: key of the generator; the seed set by ``seed()`` is appended.
+        seed: of the generator, one number or several; the seed set by ``seed()`` is appended.
     """
 
-    def __init__(self, episodes: BankEpisodes, seed: Sequence[int]) -> None:
-        self._episodes, self._seed, self._rng = episodes, tuple(seed), keyed_rng(seed, is_fixed_length=True)
+    def __init__(self, episodes: BankEpisodes, seed: int | Sequence[int]) -> None:
+        self._episodes, self._seed, self._rng = episodes, checked_key(seed), keyed_rng(seed, is_fixed_length=True)
         self._actions = np.zeros(episodes.num_envs, np.int64)
         self._returns, self._lengths = np.zeros(episodes.num_envs), np.zeros(episodes.num_envs, np.int64)
         self.render_mode = None

@@ -126,6 +126,8 @@ class TouchBank(TouchRounds):
             manifest = unsealed_json(require_regular_file(folder / MANIFEST).read_text(encoding="utf-8"))
             if manifest["format"] != _FORMAT:
                 raise CorruptFile(f"{folder} is no {_FORMAT} but {manifest['format']!r}")
+            if unknown := manifest["arrays"].keys() - {"logits", "shapes", "features"}:
+                raise CorruptFile(f"{folder} is no {_FORMAT}: it lists the array {min(unknown)!r}")
             for name, digest in manifest["arrays"].items():
                 if _digest(folder / f"{name}.npy") != digest:
                     raise CorruptFile(f"{folder / name}.npy was changed after it was written")

@@ -13,7 +13,7 @@ from belief import Touch
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
 from belief.problem import Floats
-from belief.seeding import keyed_rng
+from belief.seeding import checked_key, keyed_rng
 
 _KEY = 0x7EC0
 
@@ -96,7 +96,7 @@ class RecordedWorld:
     Args:
         bank: held-out touches.
         things: the objects, in order of visit.
-        seed: of the order of sessions.
+        seed: of the order of sessions, one number or several.
 
     >>> zeros, ones = np.zeros(2, np.int64), np.arange(2)
     >>> bank = RecordedBank(("mug", "can"), ("press",), np.eye(2), ones, ones, zeros, zeros)
@@ -105,7 +105,7 @@ class RecordedWorld:
     ((1, 0), [0.0, 1.0])
     """
 
-    def __init__(self, bank: RecordedBank, things: Sequence[int], seed: Sequence[int]) -> None:
+    def __init__(self, bank: RecordedBank, things: Sequence[int], seed: int | Sequence[int]) -> None:
         self._bank = bank
         self.things = tuple(int(thing) for thing in things)
         if unknown := [thing for thing in self.things if thing not in bank.objects]:
@@ -114,7 +114,7 @@ class RecordedWorld:
         self._orders = []
         for number, thing in enumerate(self.things):
             sessions = np.unique(bank.sessions[bank.objects == thing])
-            turns = keyed_rng([*seed, _KEY, number]).permutation(len(sessions))
+            turns = keyed_rng([*checked_key(seed), _KEY, number]).permutation(len(sessions))
             self._orders.append(dict(zip(sessions.tolist(), turns.tolist(), strict=True)))
         self.reset()
 

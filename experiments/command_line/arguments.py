@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeAlias, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, TypeAlias, get_args, get_origin, get_type_hints, runtime_checkable
 
 from belief.errors import ActiveTouchError
 
@@ -109,6 +109,42 @@ def check_arguments(command: Any, prefix: str = "--") -> None:
         for rule in rules:
             if value is not None and (must := rule.broken(value)) is not None:
                 raise BadArgument(f"{flag} must {must}, got {_words(value)}")
+
+
+def require_types(command: Any, prefix: str = "--") -> None:
+    """Check that all arguments of a command, nested groups included, have the types of their annotations.
+
+    The command line ensures this; a file that holds arguments does not.
+
+    Args:
+        command: dataclass instance.
+        prefix: prefix of its flags.
+
+    Raises:
+        BadArgument: An argument has another type.
+    """
+    annotations = get_type_hints(type(command))
+    for field in fields(command):
+        value, kind = getattr(command, field.name), annotations[field.name]
+        if not _fits(value, kind):
+            flag = prefix + field.name.replace("_", "-")
+            raise BadArgument(f"{flag} must be {getattr(kind, '__name__', kind)}, got {value!r:.80}")
+        if is_dataclass(value):
+            require_types(value, prefix)
+
+
+def _fits(value: Any, annotation: Any) -> bool:
+    """Whether a value has the type of an annotation."""
+    parts = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return value in parts
+    if get_origin(annotation) is tuple:
+        return isinstance(value, tuple) and all(_fits(one, parts[0]) for one in value)
+    if parts:  # of a union
+        return any(_fits(value, part) for part in parts)
+    if annotation in (int, float):
+        return isinstance(value, (int, annotation)) and not isinstance(value, bool) and abs(value) < 2**1023
+    return isinstance(value, annotation)
 
 
 def arguments(

@@ -37,7 +37,7 @@ class Trust:
         Raises:
             FileNamesCode: one of them is ``module:attribute``, and may not be used.
         """
-        unknown = [name for name in names if name and not self.allows(name)]
+        unknown = [str(name) for name in names if name and not self.allows(str(name))]  # a file may hold other types
         if unknown:
             raise FileNamesCode(
                 f"{self.source} names code: {', '.join(dict.fromkeys(unknown))}. Reading a file runs no code that only "

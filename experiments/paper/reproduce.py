@@ -168,7 +168,7 @@ class Reproduce:
     def _sensor(self, scene: str) -> Path | None:
         if not self.from_nothing:
             return None
-        return sensor_from_nothing(scene, self.effort, self.out / "from-nothing" / scene, self.jobs)
+        return sensor_from_nothing(scene, self.effort, self.out / "from-nothing" / in_file_names(scene), self.jobs)
 
     def _table1(self) -> None:
         import torch

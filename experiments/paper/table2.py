@@ -12,7 +12,7 @@ from activetouch.sensor_files import POLICIES
 from belief.errors import ActiveTouchError
 from belief.statistics import wilson_interval
 from experiments.reporting.tables import Table, Value, interval
-from experiments.scene_choice import SceneChoice
+from experiments.scene_choice import SceneChoice, in_file_names
 from experiments.search.compare import Compare
 from experiments.search.setting import Setting
 from experiments.search.summary import ALL
@@ -85,7 +85,15 @@ def search_columns(
         found = {name: Column(scene, name, {}, 0, missing=missing[name]) for name in deciders}
         if able:
             compare = Compare(
-                able, None, tuple(targets), episodes, seed, setting, out=folder / scene, bound=False, jobs=jobs
+                able,
+                None,
+                tuple(targets),
+                episodes,
+                seed,
+                setting,
+                out=folder / in_file_names(scene),
+                bound=False,
+                jobs=jobs,
             )
             comparison = compare.play()
             for name in able:

@@ -17,7 +17,7 @@ from activetouch.scene_description import require_scene
 from activetouch.sensor_files import fitted_model
 from belief.claims import claim_folder, ends_claims
 from belief.errors import CorruptFile, UnknownName
-from belief.files import atomic_path, write_text
+from belief.files import atomic_path, in_file_name, write_text
 from belief.observation_model.registry import JOINT_MODELS
 from belief.policy_state import GOAL, WITH_GAINS
 from experiments.command_line.arguments import Count, Jobs, NotNegative, Positive, Within, check_arguments
@@ -195,7 +195,9 @@ class TrainPPO:
                 raise UnknownName("target", target, list(bank.shape_labels))
         each = list(dict.fromkeys(self.targets or bank.shape_labels))
         return [
-            Training(bank, test_bank, model, target, recipe, seed, out / f"{name}-{target or ALL}-{seed}")
+            Training(
+                bank, test_bank, model, target, recipe, seed, out / f"{name}-{in_file_name(target or ALL, '-')}-{seed}"
+            )
             for name, recipe in recipes.items()
             for target in ([None] if recipe.state == GOAL else each)
             for seed in range(self.seeds)

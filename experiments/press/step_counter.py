@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import mmap
 import multiprocessing
-import resource
 import sys
 import time
 from dataclasses import dataclass
@@ -86,4 +86,4 @@ def _resident_megabytes() -> float:
         pages = int(Path("/proc/self/statm").read_text().split()[1])  # the peak would include the parent's
     except OSError:
         return float("nan")
-    return pages * resource.getpagesize() / 1e6
+    return pages * mmap.PAGESIZE / 1e6

@@ -21,7 +21,7 @@ from activetouch.rendering import RENDERERS
 from activetouch.scene import Scene
 from belief.claims import claim_folder, ends_claims
 from belief.errors import MissingPackage
-from belief.files import require_writable_file
+from belief.files import in_file_name, require_writable_file
 from belief.seeding import keyed_rng
 from experiments.command_line.arguments import Count, Picture, Seed, check_arguments
 from experiments.press.cycles import record_cycles
@@ -154,7 +154,7 @@ class Record:
         for shape_index, shape in enumerate(track(scene.shape_labels, "pressing")):
             rng = keyed_rng([self.seed, shape_index], is_fixed_length=True)
             cycles = record_cycles(scene, scene.sample_object(shape_index, rng), self.cycles, rng)
-            write_csv(self.out / f"{shape}.csv", cycles)
+            write_csv(self.out / f"{in_file_name(shape, '-')}.csv", cycles)
         print(f"wrote {len(scene.shapes)} files to {self.out}")
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from belief import Composition, SearchProblem
 from belief.errors import ActiveTouchError, UnknownName
 from belief.files import require_regular_file, require_writable, unsealed_json
-from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments
+from experiments.command_line.arguments import BadArgument, Count, Jobs, Seed, check_arguments, require_types
 from experiments.command_line.console import plain_console
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs
@@ -122,7 +122,9 @@ class Compare:
             }
             del given["jobs"]
             setting = Setting.from_dict(given["setting"], Trust(path, everything=True))  # run() checks what remains
-            return cls(**{**given, "setting": setting, "out": file.parent, "config": path, "trust": False})
+            found = cls(**{**given, "setting": setting, "out": file.parent, "config": path, "trust": False})
+            require_types(found)
+            return found
         except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
             raise BadArgument(f"--config {path} is not the run.json of a comparison: {error}") from error
 

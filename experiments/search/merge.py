@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
-from belief.errors import ActiveTouchError
+from belief.errors import ActiveTouchError, CorruptFile
 from experiments.command_line.arguments import BadArgument
 from experiments.search.fingerprint import differing
 from experiments.search.run_folder import BOUND, ORACLE, MadeBy, RunFolder, RunMismatch, ShardKey, united
@@ -87,7 +87,7 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     players = {name: dict(sorted(players[name].items())) for name in sorted(players)}
     deciders = [name for name in players if name not in (ORACLE, BOUND)]
     targets = list(dict.fromkeys(target for name in deciders for target in players[name]))
-    episodes = max(run["arguments"]["episodes"] for run in runs)
+    episodes = max(_episodes(folder, run) for folder, run in zip(merged, runs, strict=True))
     changes = {"deciders": deciders, "targets": targets, "episodes": episodes, "part": "1/1", "out": str(out)}
     # Before the first shard: without it, an interrupted merge leaves shards that any other run would take as its own.
     changed = {"made_by": players, "arguments": {**runs[0]["arguments"], **changes}}
@@ -107,6 +107,13 @@ def merge(sources: Sequence[Path], out: Path) -> list[ShardKey]:
     keys = target_folder.complete_keys()
     target_folder.write_episodes(line for key in keys if key.is_played for line in target_folder.lines(key))
     return keys
+
+
+def _episodes(folder: RunFolder, run: Mapping[str, Any]) -> int:
+    episodes = run["arguments"].get("episodes")
+    if not isinstance(episodes, int):
+        raise CorruptFile(f"{folder.path / 'run.json'} is damaged: its number of episodes is {episodes!r:.80}")
+    return episodes
 
 
 def _require_same_players(path: Path, theirs: MadeBy, ours: MadeBy) -> None:

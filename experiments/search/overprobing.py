@@ -118,18 +118,20 @@ class OverprobingCommand:
         """
         check_arguments(self)
         run = RunFolder(self.folder)
-        arguments = run.read_run()["arguments"]
-        setting = Setting.from_dict(arguments["setting"], Trust(self.folder, everything=self.trust))
+        setting = Setting.from_dict(
+            run.read_run()["arguments"].get("setting"), Trust(self.folder, everything=self.trust)
+        )
         labels = tuple(setting.problem.shape_labels)
         episodes: dict[str, list[Episode]] = {}
-        for key in (key for key in run.complete_keys() if key.is_played):
+        keys = [key for key in run.complete_keys() if key.is_played]
+        for key in keys:
             episodes.setdefault(key.decider, []).extend(read_episode(line, labels) for line in run.lines(key))
         found = [one for name, some in episodes.items() if (one := overprobing(name, some, self.confidence))]
         if not found:
-            num = sum(map(len, episodes.values()))
+            num, most = sum(map(len, episodes.values())), max((key.episodes(key.most).stop for key in keys), default=0)
             raise NothingToCount(
                 f"no posterior in {self.folder} reached --confidence {self.confidence} in {num} episodes. Use a lower "
-                f"value, or run more searches with:\n{run.again(episodes=arguments['episodes'] + 1000)}"
+                f"value, or run more searches with:\n{run.again(episodes=most + 1000)}"
             )
         write_text(self.folder / "overprobing.json", json.dumps([asdict(one) for one in found], indent=1) + "\n")
         shares = ("probed again", "revised", "first wrong", "wrong")

@@ -57,7 +57,9 @@ class Replay:
 
         require_writable_file(self.out)
         run = RunFolder(self.folder)
-        setting = Setting.from_dict(run.read_run()["arguments"]["setting"], Trust(self.folder, everything=self.trust))
+        setting = Setting.from_dict(
+            run.read_run()["arguments"].get("setting"), Trust(self.folder, everything=self.trust)
+        )
         episode = read_episode(self._line(run), tuple(setting.problem.shape_labels))
         draw = animate_search if self.out.suffix in _ANIMATED else draw_search
         with atomic_path(self.out) as temporary:

@@ -16,10 +16,11 @@ from activetouch import Scene, TactileSensor, TouchWorld
 from activetouch.sensor_files import POLICIES, READER_FILE, load_observation_model, observation_file
 from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
+from belief.errors import CorruptFile
 from belief.observation_model import ObservationModel, OutcomeTable
 from belief.seeding import arrangement_rng
 from belief.synthetic import sample_arrangement
-from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within
+from experiments.command_line.arguments import BadArgument, Count, NotNegative, Within, check_arguments, require_types
 from experiments.command_line.trust import Trust
 from experiments.scene_choice import SceneChoice
 from experiments.search.run_folder import Seconds
@@ -72,9 +73,17 @@ class Setting:
 
         Raises:
             FileNamesCode: the scene or its renderer is code that may not be used.
+            CorruptFile: a field is missing or of a wrong type.
+            BadArgument: a value is out of its range.
         """
-        sensor = None if fields["sensor"] is None else Path(fields["sensor"])
-        return cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"], trust), "sensor": sensor})
+        try:
+            sensor = None if fields["sensor"] is None else Path(fields["sensor"])
+            found = cls(**{**fields, "choice": SceneChoice.from_dict(fields["choice"], trust), "sensor": sensor})
+            require_types(found)
+        except (TypeError, KeyError, AttributeError, BadArgument) as error:
+            raise CorruptFile(f"{trust.source} does not describe a search: {error}") from error
+        check_arguments(found)
+        return found
 
     def resolved(self) -> Setting:
         """The same setting with absolute paths, for workers with another working folder."""

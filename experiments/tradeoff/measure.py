@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import resource
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -216,11 +215,18 @@ def _read_here(configuration: Configuration) -> dict[str, float]:
 
 
 def _peak_memory() -> float:
-    """Peak memory of this process [MB]; ``getrusage`` may include the parent process, so it is the second choice."""
+    """Peak memory of this process [MB]; NaN if the system does not report it.
+
+    ``getrusage`` may include the parent process, so it is the second choice.
+    """
     status = Path("/proc/self/status")
     if status.exists():
         [peak] = (line.split()[1] for line in status.read_text().splitlines() if line.startswith("VmHWM"))
         return int(peak) / 1e3
+    try:
+        import resource
+    except ImportError:  # Windows
+        return float("nan")
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 

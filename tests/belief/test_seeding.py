@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from belief import ActiveTouchError
+from belief.errors import InvalidArgument
 from belief.seeding import arrangement_rng, deciding_rng, keyed_rng, keyed_words, touch_rng
 
 # Numbers at which one word ends and the next begins, so that collisions are likely among few of them.
@@ -67,8 +68,17 @@ def test_no_two_draws_of_any_two_episodes_share_a_stream():
     assert len({state(rng) for rng in streams}) == len(streams)
 
 
-@pytest.mark.parametrize("seed", [(-1,), (0.5,), (1.0,), ("7",), (None,), (float("nan"),), (), 7, "7", None])
+@pytest.mark.parametrize("seed", [(-1,), (0.5,), (1.0,), ("7",), (None,), (float("nan"),), (), "7", None])
 @pytest.mark.parametrize("make", [arrangement_rng, deciding_rng, lambda seed: touch_rng(seed, 0, 0, 0)])
 def test_a_seed_that_is_none_is_refused(make, seed):
     with pytest.raises(ActiveTouchError, match="seed"):
         make(seed)
+
+
+def test_a_single_number_is_a_key_of_one():
+    for rng in (keyed_rng, arrangement_rng, deciding_rng, lambda seed: touch_rng(seed, 1, 2, 0)):
+        for number in (0, 7, np.int64(7), 2**40):
+            assert rng(number).random() == rng((number,)).random() == rng([number]).random()
+        for wrong in (-1, 1.5, "7", None):
+            with pytest.raises(InvalidArgument, match="integers"):
+                rng(wrong)

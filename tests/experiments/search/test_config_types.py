@@ -1,0 +1,72 @@
+"""A run.json that was changed and sealed anew is a clear error or works, whatever types it holds."""
+
+import pytest
+
+from belief.errors import ActiveTouchError
+from belief.files import sealed_json
+from experiments.cli import _parsed
+from experiments.scene_choice import SceneChoice
+from experiments.search.compare import Compare
+from experiments.search.merge import merge
+from experiments.search.overprobing import OverprobingCommand
+from experiments.search.replay import Replay
+from experiments.search.run_folder import RunFolder
+from experiments.search.setting import Setting
+
+pytestmark = [pytest.mark.torch, pytest.mark.mujoco]
+WRONG = [None, [], {}, [None], [[]], {"a": 1}, "", "x", 0, -1, 1.5, 10**400, True, 1e308, ["x", 1]]
+
+
+def paths(fields, before=()):
+    """The path of every value in nested dictionaries."""
+    for name, value in fields.items():
+        yield (*before, name)
+        if isinstance(value, dict):
+            yield from paths(value, (*before, name))
+
+
+def changed(fields, path, value):
+    name, *rest = path
+    return {**fields, name: changed(fields[name], rest, value) if rest else value}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = RunFolder(tmp_path_factory.mktemp("run"))
+    folder.open({}, Compare(setting=Setting(SceneChoice("coarse")), jobs=1)._arguments(), {})
+    return folder.read_run()
+
+
+class WouldPlay(Exception):
+    """The arguments were accepted."""
+
+
+def stop(*_, **__):
+    raise WouldPlay
+
+
+READERS = {
+    "compare": lambda path: _parsed(["compare", "--config", str(path / "run.json"), "--out", str(path)]).run(),
+    "replay": lambda path: Replay(path, out=path / "search.png").run(),
+    "overprobing": lambda path: OverprobingCommand(path).run(),
+    "merge": lambda path: merge([path], path / "merged"),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.search.compare.play_missing", stop)
+    refused = 0
+    for path in paths(run["arguments"]):
+        for wrong in WRONG:
+            (tmp_path / "run.json").write_text(
+                sealed_json({**run, "arguments": changed(run["arguments"], path, wrong)})
+            )
+            try:
+                READERS[reader](tmp_path)
+            except (ActiveTouchError, FileNotFoundError, WouldPlay) as error:
+                refused += not isinstance(error, WouldPlay)
+            except BaseException as error:
+                error.add_note(f"{path} {wrong!r:.50}")
+                raise
+    assert refused

@@ -1,0 +1,28 @@
+"""What goes wrong in several processes is a clear error."""
+
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import resource
+from functools import partial
+import numpy as np
+from belief.errors import CannotWrite
+from experiments.parallel import run_tasks
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**20, 2**20))
+    try:
+        list(run_tasks([partial(np.sum, np.zeros(2**22))] * 4, 2, "summing"))
+    except CannotWrite as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits the size of files as POSIX does")
+def test_a_temporary_folder_without_room_is_named_with_a_way_out(tmp_path, monkeypatch):
+    monkeypatch.setenv("JOBLIB_TEMP_FOLDER", str(tmp_path))
+    told = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=120).stdout
+    assert f"does not fit into the temporary folder, {tmp_path}: File too large" in told
+    assert "set JOBLIB_TEMP_FOLDER to a folder with more room, or use --jobs 1" in told
