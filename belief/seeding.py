@@ -10,8 +10,7 @@ marks the ambiguous keys and leaves all others unchanged.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
-from numbers import Integral
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -74,7 +73,7 @@ def checked_key(key: int | Sequence[int]) -> tuple[int, ...]:
     belief.errors.InvalidArgument: seeds and keys must be integers ≥ 0, got -1 in [3, -1]
     """
     try:
-        numbers = tuple(operator.index(number) for number in ((key,) if isinstance(key, Integral) else key))
+        numbers = tuple(operator.index(number) for number in (key if isinstance(key, Iterable) else [key]))
     except TypeError as error:
         raise InvalidArgument(f"seeds and keys must be integers ≥ 0, got {key!r}") from error
     for number in numbers:

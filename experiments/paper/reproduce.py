@@ -21,7 +21,7 @@ from experiments.command_line.console import plain_console
 from experiments.paper.pipeline import Effort, sensor_from_nothing
 from experiments.paper.sliding_windows import WindowPlan, kept_windows
 from experiments.parallel import default_jobs
-from experiments.scene_choice import named_scene
+from experiments.scene_choice import in_file_names, named_scene
 from experiments.sensor.train import BackboneName, Changes, require_input_size
 from planners.registry import find_decider
 
