@@ -288,7 +288,9 @@ def test_the_gymnasium_vector_env_resets_in_the_same_step_and_hands_out_last_sta
 def test_the_sb3_vector_env_plays_the_same_and_reports_ends(bank, model):
     from activetouch.envs.sb3 import BankVecEnv
 
-    envs = BankVecEnv(BankEpisodes(bank, model, "shape_0", 16, touch_limit=2), seed=(0,))
+    episodes = BankEpisodes(bank, model, "shape_0", 16, touch_limit=2)
+    assert BankVecEnv(episodes, seed=0).chance == BankVecEnv(episodes, seed=(0,)).chance
+    envs = BankVecEnv(episodes, seed=(0,))
     observations = envs.reset()
     assert observations.shape == (16, 10)
     assert np.stack(envs.env_method("action_masks")).all()

@@ -250,6 +250,7 @@ def test_a_world_stays_with_a_session_and_repeats_only_after_the_last(rng):
 def test_the_same_seed_replays_the_same_recordings(rng):
     made = [[RecordedWorld(bank(), [0], seed).touch(0, rng).logits[0] for _ in range(1)] for seed in ([1], [1])]
     assert made[0] == made[1]
+    assert RecordedWorld(bank(), [0], 1).touch(0, rng).logits[0] == made[0][0]  # a single number is a key of one
     assert len({RecordedWorld(bank(), [0], [seed]).touch(0, rng).logits[0] for seed in range(20)}) == 3
 
 

@@ -14,7 +14,7 @@ from experiments.search.run_folder import RunFolder
 from experiments.search.setting import Setting
 
 pytestmark = [pytest.mark.torch, pytest.mark.mujoco]
-WRONG = [None, [], {}, [None], [[]], {"a": 1}, "", "x", 0, -1, 1.5, 10**400, True, 1e308, ["x", 1]]
+WRONG = [None, {}, [[]], "x", 1.5, 10**400, True]
 
 
 def paths(fields, before=()):
@@ -53,7 +53,9 @@ READERS = {
 }
 
 
-@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize(
+    "reader", [pytest.param(name, marks=[pytest.mark.slow] * (name == "compare")) for name in READERS]
+)
 def test_a_field_of_a_wrong_type_is_a_clear_error_or_works(reader, run, tmp_path, monkeypatch):
     monkeypatch.setattr("experiments.search.compare.play_missing", stop)
     refused = 0
