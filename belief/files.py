@@ -231,7 +231,9 @@ def _array(data: bytes) -> NDArray[Any]:
     version = np.lib.format.read_magic(stream)
     read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read_header(stream)
-    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell() or dtype.hasobject:
+    if dtype.hasobject:
+        raise ValueError("Object arrays cannot be read, because that would run code from the file")
+    if math.prod(shape) * dtype.itemsize != len(data) - stream.tell():
         raise ValueError(f"an array of {len(data)} bytes is said to be {shape} {dtype}")
     stream.seek(0)
     array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
