@@ -140,17 +140,22 @@ class SB3Policy:
 def _normaliser_of(model: Any, path: Path, beside: list[Path]) -> Normaliser | None:
     """How the observations of a policy are normalised; None if it learned from plain ones."""
     plain, seen = getattr(model, "_last_original_obs", None), getattr(model, "_last_obs", None)
-    if plain is None or seen is None or np.array_equal(plain, seen):  # SB3 keeps both, of the last step of the training
+    if plain is None or seen is None:  # SB3 keeps the plain observation of an environment inside VecNormalize only
         return None
     if not beside:
+        low, high = model.observation_space.low, model.observation_space.high
+        if np.array_equal(plain, seen) or (low.min() >= 0.0 and (seen >= low).all() and (seen <= high).all()):
+            return None  # only rewards were normalised: normalised observations have negative numbers
         raise BadPolicy(
-            f"{path} learned from observations that VecNormalize had normalised, and its statistics do not lie beside "
-            f"it; save them with env.save('{path.with_name(path.stem + '_vecnormalize.pkl')}')"
+            f"{path} learned inside VecNormalize, and its statistics do not lie beside it; save them with "
+            f"env.save('{path.with_name(path.stem + '_vecnormalize.pkl')}')"
         )
     found = _statistics(beside[0], _written(beside[0]))
-    if found is None or found.mean.shape != model.observation_space.shape:
-        shape = "that are off" if found is None else f"of shape {found.mean.shape}"
-        raise BadPolicy(f"{beside[0]} has statistics {shape}, and {path} needs some of its observations")
+    if found is not None and found.mean.shape != model.observation_space.shape:
+        raise BadPolicy(
+            f"{beside[0]} has the statistics of observations {found.mean.shape}, and {path} reads "
+            f"{model.observation_space.shape}; put its own file there"
+        )
     return found
 
 
