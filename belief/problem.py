@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +100,8 @@ class SearchProblem:
         composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of the bag
             from which they are drawn.
         touch_cost: λ ≥ 0, cost of one touch in units of a success.
-        touch_limit: number of touches after which the search is truncated.
+        touch_limit: number of touches after which the search is truncated; by default 4 for each object, and at least
+            48.
         unsure_reward: reward of the answer "I do not know" (:class:`Unsure`), at least that of a wrong answer (-1) and
             below that of a success (+1). At 0, a searcher that wants the largest return gives an answer if it is more
             probably right than wrong; at c, if it is right with probability above (1 + c) / 2. None: the search does
@@ -122,7 +123,7 @@ class SearchProblem:
     num_objects: int
     composition: Composition | Counts = Composition.DISTINCT
     touch_cost: float = 0.02
-    touch_limit: int = 48
+    touch_limit: int = cast("int", None)
     unsure_reward: float | None = None
 
     def __post_init__(self) -> None:
@@ -130,8 +131,10 @@ class SearchProblem:
             object.__setattr__(self, "composition", Composition(self.composition))  # may be a plain string
         for name in ("shape_labels", "pose_labels"):
             object.__setattr__(self, name, checked_names(name, getattr(self, name)))
-        for name in ("num_objects", "touch_limit"):
-            require_count(name, getattr(self, name))
+        require_count("num_objects", self.num_objects)
+        if self.touch_limit is None:
+            object.__setattr__(self, "touch_limit", max(48, 4 * int(self.num_objects)))
+        require_count("touch_limit", self.touch_limit)
         if isinstance(self.composition, Counts) and sum(self.composition.of(self.shape_labels)) < self.num_objects:
             raise ValueError(f"{self.num_objects} objects cannot come from a bag of {self.composition.total}")
         if self.composition is Composition.DISTINCT and self.num_objects > self.num_shapes:

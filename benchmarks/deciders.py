@@ -158,6 +158,7 @@ def main() -> None:
         "--trees", type=int, nargs=3, default=(200, 100, 20), help="tree searches with 100, 1 000, 10 000 simulations"
     )
     parser.add_argument("--models", nargs="+", default=["coarse", "random"], choices=["coarse", "random"])
+    parser.add_argument("--no-bounds", action="store_true", help="do not compute the bounds on the optimum")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/deciders"))
     arguments = parser.parse_args()
@@ -167,7 +168,8 @@ def main() -> None:
         print(f"\ntouches drawn from the table: {name}")
         print(f"{'decider':28}{'n':>6}{'return':>16}{'success':>8}{'touches':>8}{'ms':>10}   over point_based")
         rows += measure(name, tables()[name], arguments)
-        print("the optimum returns between {:.3f} and {:.3f}".format(*bounds(tables()[name])), flush=True)
+        if not arguments.no_bounds:
+            print("the optimum returns between {:.3f} and {:.3f}".format(*bounds(tables()[name])), flush=True)
         with (arguments.out / "deciders.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, [field.name for field in fields(Row)])
             writer.writeheader()

@@ -23,6 +23,7 @@ from belief.observation_model import OutcomeTable
 from belief.problem import Floats
 from planners.decider import InformationState, touch_share
 from planners.repeats import LeastUsedFirst, RepeatDiscount
+from planners.stopping import share_of_threshold
 
 _SEQUENCES = 2_000  # of touches, in all
 _MOST_TOUCHES = 16  # in a sequence
@@ -157,7 +158,7 @@ def _test_value(
     stop = np.maximum(2.0 * target_prob - 1.0, target_prob * reject_target + (1.0 - target_prob) * reject_other)
     stop -= touch_cost * np.arange(stop.shape[2])
     best = -np.inf
-    for reject in _REJECT:
+    for reject in _REJECT * share_of_threshold(float(prior[target])):
         for confirm in _CONFIRM:
             beyond = (target_prob <= reject) | (target_prob >= confirm)
             beyond[..., -1] = True

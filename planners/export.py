@@ -2,7 +2,8 @@ r"""Touch problems in Cassandra's ``.pomdp`` format, for other solvers: pomdp-so
 
 A file holds the discount, states, actions, observations, the start, and full tables T(s' | a, s), O(o | a, s') and
 R(s, a). The states are those of :mod:`planners.pomdp.stages` and a terminal one with reward zero. Many solvers need a
-discount below one; a problem with discount 1 may be exported with 0.999 instead.
+discount below one, SARSOP among them; a problem with discount 1 may be exported with 0.999 instead. Labels that the
+format does not allow, or that it uses as words, are renamed; a comment in the file says how.
 
 >>> from planners.solve import TouchProblem
 >>> table = np.array([[[0.9, 0.1], [0.1, 0.9]]])
@@ -22,6 +23,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -32,6 +34,12 @@ from planners.pomdp.stages import StagedProblem, staged
 
 _MAX_NUMBERS = 4_000_000
 _SEAL = "# sha256 of the lines below: "
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        "discount values states actions observations T O R uniform identity reward cost start include exclude reset",
+    )
+)
 
 
 class BadPomdp(CorruptFile):
@@ -82,9 +90,8 @@ def as_pomdp(
     ('object_0_shape_0', 'object_0_shape_1', 'object_1_shape_1', 'object_1_shape_0', 'end')
     """
     stages = staged(problem)
-    num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
-    shapes = _names(shape_labels, num_shapes, "shape")
-    poses = _names(pose_labels, num_poses, "pose")
+    num_poses, _, num_outcomes = problem.outcome_probs.shape
+    states, actions, observations = map(legal_labels, _plain_labels(problem, stages, shape_labels, pose_labels))
     sizes = [len(stage.shapes) for stage in stages.stages]
     num_states, num_actions = sum(sizes) + 1, num_poses + 2
     if num_actions * num_states * (num_states + num_outcomes + 1) > _MAX_NUMBERS:
@@ -110,9 +117,9 @@ def as_pomdp(
             transitions[num_poses + 1, here, starts[number + 1] : starts[number + 2]] = stage.moves
     return TabularPomdp(
         float(problem.discount),
-        legal_labels([*_state_names(stages, shapes), "end"]),
-        legal_labels([*(f"probe_{pose}" for pose in poses), "confirm", "reject"]),
-        legal_labels([*(f"outcome_{outcome}" for outcome in range(num_outcomes)), "nothing"]),
+        states,
+        actions,
+        observations,
         np.concatenate([stages.initial, np.zeros(num_states - sizes[0])]),
         transitions,
         observed,
@@ -135,8 +142,11 @@ def to_pomdp(
     [[-0.05, -0.05, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]]
     """
     pomdp = as_pomdp(problem, shape_labels, pose_labels)
+    plain = chain(*_plain_labels(problem, staged(problem), shape_labels, pose_labels))
+    legal = (*pomdp.states, *pomdp.actions, *pomdp.observations)
     lines = [
         "# Is it the target? States stay as they are while probed; the last state is terminal.",
+        *(f"# {new} stands for {old!a}" for old, new in zip(plain, legal, strict=True) if old != new),
         f"discount: {pomdp.discount!r}",
         "values: reward",
         f"states: {' '.join(pomdp.states)}",
@@ -233,13 +243,15 @@ def _read(text: str) -> TabularPomdp:
 def legal_labels(labels: Sequence[str]) -> tuple[str, ...]:
     """Different labels of letters, digits, ``-`` and ``_`` that begin with a letter, as all parsers require.
 
-    >>> legal_labels(["cube face", "cube.face", "45°"])
-    ('cube_face', 'cube_face_2', 'x45_')
+    Words of the format are no labels.
+
+    >>> legal_labels(["cube face", "cube.face", "45°", "reset"])
+    ('cube_face', 'cube_face_2', 'x45_', 'xreset')
     """
     legal: list[str] = []
     for label in labels:
         plain = re.sub(r"[^A-Za-z0-9_-]", "_", label)
-        plain = plain if re.match(r"[A-Za-z]", plain) else f"x{plain}"
+        plain = plain if re.match(r"[A-Za-z]", plain) and plain not in _RESERVED else f"x{plain}"
         unique, number = plain, 1
         while unique in legal:
             number += 1
@@ -253,6 +265,22 @@ def _state_names(stages: StagedProblem, shapes: Sequence[str]) -> list[str]:
     if len(names) == 1:
         return names[0]
     return [f"object_{number}_{name}" for number, stage in enumerate(names) for name in stage]
+
+
+def _plain_labels(
+    problem: TouchProblem | SearchTouchProblem,
+    stages: StagedProblem,
+    shape_labels: Sequence[str] | None,
+    pose_labels: Sequence[str] | None,
+) -> tuple[list[str], list[str], list[str]]:
+    """Labels of states, actions and observations, which the format may not allow."""
+    num_poses, num_shapes, num_outcomes = problem.outcome_probs.shape
+    shapes, poses = _names(shape_labels, num_shapes, "shape"), _names(pose_labels, num_poses, "pose")
+    return (
+        [*_state_names(stages, shapes), "end"],
+        [*(f"probe_{pose}" for pose in poses), "confirm", "reject"],
+        [*(f"outcome_{outcome}" for outcome in range(num_outcomes)), "nothing"],
+    )
 
 
 def _names(labels: Sequence[str] | None, size: int, kind: str) -> Sequence[str]:

@@ -12,6 +12,8 @@ from belief.errors import InvalidArgument
 from belief.validation import require_count
 from planners.decider import Decision, InformationState
 
+_LOW_PRIOR = 1.0 / 12.0  # below it thresholds of rejection fall with the prior; the lowest prior of the named scenes
+
 
 @dataclass(frozen=True)
 class PosteriorThresholds:
@@ -19,9 +21,13 @@ class PosteriorThresholds:
 
     The last object is confirmed without a touch if some object must be a target, because rejecting it always fails.
 
+    A low prior alone rejects nothing (decision 0075): what rejects an object is evidence, in its own touches or in
+    those of other objects.
+
     Attributes:
         confirm: posterior at or above which to confirm.
-        reject: posterior at or below which to reject.
+        reject: posterior at or below which to reject, if the prior of the target in the problem is at least 1/12. A
+            lower prior lowers it in proportion, and it is at most half the prior (:meth:`reject_at`).
         max_touches: touches of one object after which the more probable decision is taken.
     """
 
@@ -34,18 +40,18 @@ class PosteriorThresholds:
             raise InvalidArgument(f"need 0 ≤ reject < confirm ≤ 1, got {self.reject} and {self.confirm}")
         require_count("max_touches", self.max_touches)
 
+    def reject_at(self, prior_prob: float) -> float:
+        """Posterior of the target at or below which an object is rejected, for a prior of the problem.
+
+        >>> [round(PosteriorThresholds(reject=0.01).reject_at(prior), 6) for prior in (0.25, 1 / 12, 0.001)]
+        [0.01, 0.01, 0.00012]
+        """
+        return min(self.reject * share_of_threshold(prior_prob), prior_prob / 2.0)
+
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
-        prob = info.target_prob
-        scores = {"target_prob": prob}
-        must_be_here = info.num_left == 1 and info.problem.prior_absent_probs[info.target] == 0.0
-        if prob >= self.confirm or (must_be_here and prob > 0.0):
-            return Decision(Confirm(), scores)
-        if prob <= self.reject:
-            return Decision(Reject(), scores)
-        if len(info.history) >= self.max_touches:
-            return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
-        return None
+        reject = self.reject_at(float(info.problem.prior_probs[info.target]))
+        return _beyond(info, self.confirm, reject, self.max_touches)
 
 
 @dataclass(frozen=True)
@@ -103,4 +109,23 @@ class SequentialTest:
     def stop(self, info: InformationState) -> Decision | None:
         """See :class:`planners.decider.StoppingRule`."""
         reject, confirm = self.thresholds(float(info.problem.prior_probs[info.target]))
-        return PosteriorThresholds(confirm, reject, self.max_touches).stop(info)
+        return _beyond(info, confirm, reject, self.max_touches)
+
+
+def share_of_threshold(prior_prob: float) -> float:
+    """Factor of a threshold of rejection for a low prior of the target, in [0, 1] (decision 0075)."""
+    return min(prior_prob / _LOW_PRIOR, 1.0)
+
+
+def _beyond(info: InformationState, confirm: float, reject: float, max_touches: int) -> Decision | None:
+    """The decision beyond one of two thresholds on the posterior, or at the last touch; None before."""
+    prob = info.target_prob
+    scores = {"target_prob": prob}
+    must_be_here = info.num_left == 1 and info.problem.prior_absent_probs[info.target] == 0.0
+    if prob >= confirm or (must_be_here and prob > 0.0):
+        return Decision(Confirm(), scores)
+    if prob <= reject:
+        return Decision(Reject(), scores)
+    if len(info.history) >= max_touches:
+        return Decision(Confirm() if prob >= 0.5 else Reject(), scores)
+    return None

@@ -16,6 +16,8 @@ from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 
 _LARGEST_FORCE = 1e4  # [N]; a larger force means that the simulation diverged
+MOST_FORCE = (2.0, 1.0)
+"""A guarded move fails if it holds more than this factor times its threshold, plus this many newtons."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,9 @@ class GuardedMove(SteppedPress):
     """Forward at constant speed until the force exceeds a threshold, hold that position, and go back.
 
     The force in the pause is not controlled: it differs from the threshold by the effect of the object's momentum and
-    of the last step. The trace begins shortly before the first contact and ends when the pad is free again;
-    ``with_trace`` gives the press whose trace is complete.
+    of the last step. A press that exceeds the threshold by far fails (:data:`MOST_FORCE`). The trace begins shortly
+    before the first contact and ends when the pad is free again; ``with_trace`` gives the press whose trace is
+    complete.
 
     Attributes:
         timestep: of the simulation [s].
@@ -65,6 +68,13 @@ class GuardedMove(SteppedPress):
             raise UnstablePress(
                 f"pressing {placement}: {force:.3g} N in the pause, {rig.num_warnings} MuJoCo warnings. Try a smaller "
                 f"timestep (now {self.timestep} s) or speed (now {self.speed} m/s)."
+            )
+        factor, margin = MOST_FORCE
+        if force > factor * target_force + margin:
+            raise UnstablePress(
+                f"pressing {placement}: the threshold is {target_force:.3g} N, and the pause holds {force:.3g} N, "
+                f"because at {self.speed} m/s the object's momentum carries it on. Try a speed of "
+                f"{self.speed * target_force / force:.2g} m/s, or Dynamic, which controls the force."
             )
         return elastic_contact(setup.pad, gap, force, placement.stiffness, rig.trace())
 

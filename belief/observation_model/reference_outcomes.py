@@ -27,7 +27,7 @@ from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
 _AT_ONCE = 1 << 22  # numbers, of log weights that are worked on at a time
-_MOST_OUTCOMES = 1 << 25  # numbers, of probabilities of outcomes under all hypotheses that are kept
+_MOST_OUTCOMES = 1 << 25  # numbers, of probabilities of outcomes under all hypotheses that are kept, pose by pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +56,18 @@ class ReferenceOutcomes:
         """
         if (views := self.hypotheses.views) is not None:
             return views.of_all_poses(self.shared(num_outcomes), chosen)
-        shapes = np.arange(len(chosen))[:, None]
-        if math.prod(self.hypotheses.shape[:3]) * num_outcomes <= _MOST_OUTCOMES:
-            found = self.shared(num_outcomes)[:, shapes, chosen]
-        else:
-            kept = _evenly(self.references.shape[1], num_outcomes)
-            table = np.moveaxis(self.hypotheses.table, 3, 1)[:, :, shapes, chosen]
-            found = self.hypotheses.scaled(self.references[:, kept]) @ table.reshape(*table.shape[:2], -1)
-            found = bounded_softmax(found.swapaxes(1, 2) - self._log_normalisers[:, None, kept])
-            found = found.reshape(len(found), *chosen.shape, -1)
+        num_poses, num_shapes, number = self.hypotheses.shape[:3]
+        num_kept = min(_MOST_OUTCOMES // (num_shapes * number * num_outcomes), num_poses)
+        kept = _evenly(self.references.shape[1], num_outcomes)
+        rows = (np.arange(num_shapes)[:, None] * number + chosen).ravel()
+        found = np.empty((num_poses, rows.size, len(kept)), np.float32)
+        for pose in range(num_kept):
+            self._kept(pose, num_outcomes).reshape(-1, len(kept)).take(rows, axis=0, out=found[pose], mode="clip")
+        for pose in range(num_kept, num_poses):
+            table = np.moveaxis(self.hypotheses.table[pose], 2, 0).reshape(-1, num_shapes * number)[:, rows]
+            scores = self.hypotheses.scaled(self.references[pose, kept]) @ table
+            found[pose] = self._of_scores(pose, kept, scores)
+        found = found.reshape(num_poses, *chosen.shape, -1)
         found.flags.writeable = False
         return found
 
@@ -78,13 +81,30 @@ class ReferenceOutcomes:
             ValueError: there are no hypotheses yet.
         """
         if num_outcomes not in self._shared:
-            kept, tables = _evenly(self.references.shape[1], num_outcomes), []
-            for group, (pose, references) in enumerate(zip(self._first_poses, self.references, strict=True)):
-                found = np.moveaxis(self.hypotheses.scores(pose, references[kept]), 0, 2)
-                tables.append(bounded_softmax(np.ascontiguousarray(found) - self._log_normalisers[group, kept]))
+            kept = _evenly(self.references.shape[1], num_outcomes)
+            tables = [self._of_group(group, pose, kept) for group, pose in enumerate(self._first_poses)]
             self._shared[num_outcomes] = np.stack(tables)
             self._shared[num_outcomes].flags.writeable = False
         return self._shared[num_outcomes]
+
+    def _kept(self, pose: int, num_outcomes: int) -> Floats32:
+        """p(reference touch | shape, hypothesis) in a pose that has references of its own, ``(K, N, M)``; kept."""
+        key = pose, num_outcomes
+        if key not in self._of_poses:
+            self._of_poses[key] = self._of_group(pose, pose, _evenly(self.references.shape[1], num_outcomes))
+        return self._of_poses[key]
+
+    def _of_group(self, group: int, pose: int, kept: NDArray[np.int64]) -> Floats32:
+        """p(reference touch | shape, hypothesis) of some references of a group, in one of its poses, ``(K, N, M)``."""
+        return self._of_scores(group, kept, self.hypotheses.scores(pose, self.references[group, kept]))
+
+    def _of_scores(self, group: int, kept: NDArray[np.int64], scores: Floats32) -> Floats32:
+        """Probabilities ``(..., M)`` of references of a group from their likelihood scores ``(M, ...)``."""
+        return bounded_softmax(np.ascontiguousarray(np.moveaxis(scores, 0, -1)) - self._log_normalisers[group, kept])
+
+    @cached_property
+    def _of_poses(self) -> dict[tuple[int, int], Floats32]:
+        return {}
 
     @cached_property
     def _shared(self) -> dict[int, Floats32]:

@@ -17,7 +17,7 @@ NOTHING = Said("See its docstring.", "See [what the columns mean](../columns.md)
 
 _TARGET = "`target_prob`: posterior probability that the current object is the target."
 _GAINS = f"{_TARGET} `gain_POSE`: expected information of a touch in this pose in nats, discounted for repeats."
-_THRESHOLDS = "It confirms at a posterior of 0.99, rejects at 0.01, and touches an object twelve times at most."
+_THRESHOLDS = "It confirms at a posterior of 0.99, rejects at 0.01 (lower for a prior below 1/12), and touches an object twelve times at most."
 
 DECIDERS = {
     "random_confirm": Said(

@@ -11,7 +11,7 @@ import tyro
 from belief import Composition
 from belief.errors import InvalidArgument, UnknownName
 from belief.files import write_text
-from experiments.command_line.arguments import BadArgument, check_arguments
+from experiments.command_line.arguments import BadArgument, Within, check_arguments
 from experiments.search.setting import Setting, known_model, require_abstain
 from planners.export import to_pomdp
 from planners.point_based import PointBased
@@ -26,6 +26,7 @@ class Export:
     For example:
 
         activetouch export --scene coarse --target cone --out cone.pomdp
+        activetouch export --scene coarse --target cone --discount 0.999 --out for-sarsop.pomdp
         activetouch export --scene coarse --target cone --format npz --out cone.npz
         activetouch export --scene many --target cone --num-objects 1 --out one-object.pomdp
     """
@@ -36,6 +37,9 @@ class Export:
     """File to write."""
     format: Literal["pomdp", "npz"] = "pomdp"
     """pomdp: the search in Cassandra's text format. npz: the solved policy, for planners.solve.load_policy."""
+    discount: Annotated[float, Within(0.0, 1.0, open_low=True)] = 1.0
+    """Discount of a .pomdp file, for each touch and each rejection. Searches have 1; SARSOP and others need less, such
+    as 0.999."""
     setting: Annotated[Setting, tyro.conf.arg(name="")] = field(default_factory=Setting)
     """Setting of the search."""
 
@@ -51,6 +55,8 @@ class Export:
         if self.setting.abstain is not None:
             raise BadArgument("--abstain is for compare; export writes a search without the answer UNSURE")
         require_abstain(self.setting)
+        if self.format == "npz" and self.discount != 1.0:
+            raise BadArgument(f"--discount {self.discount} is for .pomdp files; the policy of point_based has none")
         problem = self.setting.problem
         if self.target not in problem.shape_labels:
             raise UnknownName("target", self.target, list(problem.shape_labels))
@@ -65,9 +71,16 @@ class Export:
                 if not isinstance(problem.composition, Composition):
                     raise InvalidArgument("a .pomdp file needs --composition distinct or independent")
                 search = SearchTouchProblem(
-                    table.probs, problem.num_objects, problem.composition, target, problem.touch_cost
+                    table.probs,
+                    problem.num_objects,
+                    problem.composition,
+                    target,
+                    problem.touch_cost,
+                    discount=self.discount,
                 )
                 write_text(self.out, to_pomdp(search, problem.shape_labels, problem.pose_labels))
                 print(f"{self.out}: search for the {self.target} among {problem.num_objects} objects")
+                if self.discount == 1.0:
+                    print("discount 1: SARSOP and other solvers refuse it; --discount 0.999 writes a file for them")
         except InvalidArgument as error:
             raise InvalidArgument(f"{error}. For one object: --num-objects 1") from error

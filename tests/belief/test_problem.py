@@ -5,6 +5,7 @@ import pytest
 
 from belief import ActiveTouchError, Composition, SearchProblem, Touch
 from belief.synthetic import SyntheticWorld, random_model
+from planners import Outcome, make_decider, search
 
 
 def problem(**options):
@@ -130,3 +131,17 @@ def test_a_touch_cost_of_any_type_of_number_loses_no_digits_of_the_return(kind):
     search = problem(touch_cost=cost)
     assert type(search.touch_cost) is float
     assert search.reward(1, 1, 1001) == 1.0 - 1001 * 0.0625
+
+
+@pytest.mark.parametrize(("num_objects", "expected"), [(1, 48), (4, 48), (12, 48), (13, 52), (60, 240)])
+def test_the_default_touch_limit_grows_with_the_number_of_objects(num_objects, expected):
+    assert problem(num_objects=num_objects, composition="independent").touch_limit == expected
+    assert problem(num_objects=num_objects, composition="independent", touch_limit=7).touch_limit == 7
+
+
+def test_a_search_without_a_target_among_sixty_objects_ends_within_the_default_limit():
+    model = random_model(np.random.default_rng(0), 4, 2, sharpness=3.0)
+    sixty = problem(shape_labels=model.shape_labels, num_objects=60, composition="independent")
+    decider = make_decider("information_gain", model.outcome_table())
+    episode = search(SyntheticWorld(model, [1, 2, 3] * 20), decider, sixty, 0, model, (0,))
+    assert (episode.outcome, episode.num_touches > 48) == (Outcome.EXHAUSTED, True)

@@ -138,6 +138,25 @@ def test_names_must_fit_and_large_searches_are_refused():
         as_pomdp(large)
 
 
+RESERVED = ["discount", "values", "states", "actions", "observations", "T", "O", "R", "uniform", "identity", "reward"]
+RESERVED += ["cost", "start", "include", "exclude", "reset"]
+
+
+def test_no_label_is_a_word_of_the_format_and_the_file_says_what_was_renamed():
+    labels = [*RESERVED, "cube", "45°", "a\nT: *"]
+    table = np.full((len(labels), len(labels), 2), 0.5)
+    problem = TouchProblem(table, np.full(len(labels), 1 / len(labels)), 0, 0.05)
+    text = to_pomdp(problem, labels, labels)
+    copy = read_pomdp(text)
+    for kind in (copy.states, copy.actions, copy.observations):
+        assert not set(kind) & set(RESERVED)
+        assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", label) for label in kind)
+    renamed = dict(re.findall(r"^# (\S+) stands for (.+)$", text, re.MULTILINE))
+    for label, state in zip(labels, copy.states, strict=False):
+        assert renamed.get(state, repr(state)) == ascii(label)
+    assert legal_labels(["T", "xT"]) == ("xT", "xT_2")
+
+
 def test_labels_stay_different():
     assert legal_labels(["a b", "a.b", "a_b", "a_b_2"]) == ("a_b", "a_b_2", "a_b_3", "a_b_2_2")
 

@@ -1,12 +1,15 @@
 """A policy that Stable-Baselines3 saved plays as a decider, whatever it observes."""
 
+import pickle
 import zipfile
 
 import numpy as np
 import pytest
 
-from planners import check_decider, make_decider
+from belief import Belief, SearchProblem
+from planners import InformationState, check_decider, make_decider, sb3_policy
 from planners.ppo import BadPolicy, MissingPolicy
+from planners.sb3_policy import SB3Policy
 
 pytestmark = pytest.mark.torch
 K, P = 4, 3
@@ -99,3 +102,105 @@ def test_a_recurrent_policy_is_refused(tmp_path, model):
     decider = make_decider(f"sb3:{tmp_path}/recurrent.zip", model.outcome_table())
     with pytest.raises(BadPolicy, match="cannot be loaded as MaskablePPO"):
         check_decider(decider, np.random.default_rng(0), model, num_searches=1)
+
+
+class Short:
+    """An environment with observations as large as the paper's state, whose tests end after so many steps."""
+
+    def __new__(cls, length=3):
+        import gymnasium
+
+        class Env(gymnasium.Env):
+            observation_space = gymnasium.spaces.Box(0.0, 1.0, (K + P + 3,), np.float32)
+            action_space = gymnasium.spaces.Discrete(P + 2)
+            steps = 0
+
+            def reset(self, *, seed=None, options=None):
+                self.steps = 0
+                self.observation_space.seed(0)
+                return self.observation_space.sample(), {}
+
+            def step(self, action):
+                self.steps += 1
+                return self.observation_space.sample() ** 3, 0.0, self.steps >= length, False, {}
+
+        return Env()
+
+
+def normalised(folder, algorithm="PPO", **options):
+    """A policy that learned inside VecNormalize, saved in a folder, and its environment."""
+    import stable_baselines3
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    settings = {"n_steps": 16, "batch_size": 8} if algorithm == "PPO" else {"learning_starts": 8}
+    env = VecNormalize(DummyVecEnv([Short]), **options)
+    learner = getattr(stable_baselines3, algorithm)("MlpPolicy", env, seed=0, device="cpu", **settings).learn(32)
+    learner.save(folder / "policy.zip")
+    return learner, env
+
+
+def first_decision(path, model, decider=None):
+    labels = tuple(model.shape_labels)
+    problem = SearchProblem(labels, tuple(f"p{i}" for i in range(P)), 1, "independent")
+    decider = decider or SB3Policy(str(path))
+    return decider.decide(InformationState(problem, 0, Belief.uniform(labels)), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+@pytest.mark.parametrize("name", ["policy_vecnormalize", "vecnormalize", "vec_normalize"])
+def test_a_policy_that_learned_inside_vecnormalize_sees_what_it_saw_there(algorithm, name, tmp_path, model, rng):
+    learner, env = normalised(tmp_path, algorithm)
+    with pytest.raises(BadPolicy, match=r"inside VecNormalize.*policy_vecnormalize\.pkl"):
+        first_decision(tmp_path / "policy.zip", model)
+    env.save(tmp_path / f"{name}.pkl")
+    first_decision(tmp_path / "policy.zip", model)
+    path = tmp_path / f"{name}.pkl"
+    assert SB3Policy(str(tmp_path / "policy.zip")).files("any") == (tmp_path / "policy.zip", path)
+    found = sb3_policy._normaliser_of(learner, tmp_path / "policy.zip", [path])
+    for seen in rng.uniform(size=(20, K + P + 3)):
+        np.testing.assert_allclose(found(seen), env.normalize_obs(seen), rtol=1e-6)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "DQN"])
+@pytest.mark.parametrize("is_beside", [True, False])
+def test_a_policy_for_which_only_rewards_were_normalised_sees_plain_observations(algorithm, is_beside, tmp_path, model):
+    learner, env = normalised(tmp_path, algorithm, norm_obs=False)
+    if is_beside:
+        env.save(tmp_path / "vecnormalize.pkl")
+    first_decision(tmp_path / "policy.zip", model)
+    assert sb3_policy._normaliser_of(learner, tmp_path / "policy.zip", sorted(tmp_path.glob("*.pkl"))) is None
+
+
+def test_statistics_of_other_observations_are_refused(tmp_path, model):
+    _, env = normalised(tmp_path)
+    env.obs_rms.mean, env.obs_rms.var = np.zeros(4), np.ones(4)
+    env.save(tmp_path / "vecnormalize.pkl")
+    with pytest.raises(BadPolicy, match=r"observations \(4,\).*reads \(10,\)"):
+        first_decision(tmp_path / "policy.zip", model)
+
+
+class Evil:
+    def __reduce__(self):
+        return exec, ("raise SystemExit('code of a file ran')",)
+
+
+@pytest.mark.parametrize("content", [Evil(), {"obs_rms": Evil()}, [1, 2], np.zeros(3), b"", None, "cut"])
+def test_statistics_that_are_none_are_refused_and_no_code_runs_from_them(content, tmp_path, model):
+    _, env = normalised(tmp_path)
+    path = tmp_path / "vecnormalize.pkl"
+    env.save(path)
+    path.write_bytes(path.read_bytes()[:-40] if isinstance(content, str) else pickle.dumps(content))
+    with pytest.raises(BadPolicy, match="cannot be read as the statistics of VecNormalize"):
+        first_decision(tmp_path / "policy.zip", model)
+
+
+def test_a_policy_that_learned_in_longer_tests_names_their_touch_limit(tmp_path, model):
+    from stable_baselines3 import PPO
+
+    PPO("MlpPolicy", Short(25), seed=0, device="cpu", n_steps=64, batch_size=32).learn(64).save(tmp_path / "long.zip")
+    with pytest.raises(BadPolicy, match=r"up to 25 steps.*touch limit of 12.*touch_limit=24"):
+        first_decision(tmp_path / "long.zip", model)
+    decider = make_decider(
+        f"planners.sb3_policy:SB3Policy(path='{tmp_path / 'long.zip'}',touch_limit=24)", model.outcome_table()
+    )
+    assert first_decision(tmp_path / "long.zip", model, decider)

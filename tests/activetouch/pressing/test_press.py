@@ -1,6 +1,7 @@
 """Real presses in MuJoCo: every shape in every pose, misses, extremes."""
 
 import pickle
+import re
 from itertools import pairwise
 
 import numpy as np
@@ -251,3 +252,22 @@ def test_the_guarded_move_holds_still_in_the_pause(rng):
     end = contact.trace.end_of_pause
     assert np.ptp(contact.trace.position[end - 10 : end, 0]) < 1e-5
     assert contact.force == pytest.approx(contact.trace.force[end - 1, 0], rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", [GuardedMove, RecordedMove])
+@pytest.mark.parametrize("speed", [0.3, 0.5])
+@pytest.mark.parametrize("name", ["sphere", "cube"])
+def test_a_guarded_move_that_is_too_fast_for_its_threshold_says_what_works(kind, speed, name):
+    placement = Placement(SHAPES[name], 1.0, UPRIGHT)
+    with pytest.raises(UnstablePress, match=rf"threshold is 2 N, .* holds .* N, .* {speed} m/s .* speed of") as error:
+        kind(speed=speed).press(SETUP, placement, 2.0)
+    suggested = float(re.search(r"speed of ([0-9.e-]+) m/s", str(error.value)).group(1))
+    assert kind(speed=suggested).press(SETUP, placement, 2.0).force <= 3.0
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.3, 0.5])
+def test_a_controlled_press_is_not_carried_beyond_its_force_at_any_speed(speed, rng):
+    for target_force in (0.2, 2.0, 5.0):
+        for shape in SHAPES.values():
+            contact = Dynamic(speed=speed).press(SETUP, Placement(shape, 1.0, random_orientation(rng)), target_force)
+            assert contact.force <= 1.101 * target_force

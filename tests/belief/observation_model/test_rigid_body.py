@@ -419,12 +419,15 @@ def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
         assert not one.table.flags.writeable
 
 
-def test_outcomes_that_are_too_many_to_keep_are_computed_for_the_asked_hypotheses_alone(world, rng, monkeypatch):
+@pytest.mark.parametrize("num_kept", range(P + 1))
+def test_outcomes_are_kept_in_as_many_poses_as_fit_and_computed_in_the_others(world, rng, monkeypatch, num_kept):
     model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
-    kept = model.outcome_probs(chosen, 20)
-    monkeypatch.setattr("belief.observation_model.reference_outcomes._MOST_OUTCOMES", 0)
-    np.testing.assert_allclose(model.outcome_probs(chosen, 20), kept, rtol=1e-5)
-    assert kept.shape == (P, K, 7, 20)
+    expected, bound = model.outcome_probs(chosen, 20), num_kept * K * N * 20
+    monkeypatch.setattr("belief.observation_model.reference_outcomes._MOST_OUTCOMES", bound)
+    fresh = model.with_hypotheses(model.table)
+    np.testing.assert_allclose(fresh.outcome_probs(chosen, 20), expected, rtol=1e-5)
+    assert sum(kept.size for kept in fresh._outcomes._of_poses.values()) == bound
+    assert expected.shape == (P, K, 7, 20)
 
 
 def test_a_copy_in_another_process_scores_touches_alike_to_the_last_bit(world, rng):

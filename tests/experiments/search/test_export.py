@@ -30,6 +30,16 @@ def test_an_exported_search_is_the_one_that_compare_plays(tmp_path):
     assert (read.rewards == expected.rewards).all()
 
 
+def test_a_discount_below_one_is_written_and_one_of_one_is_told(tmp_path, capsys):
+    for discount, told in ((1.0, True), (0.999, False)):
+        Export(target="cone", out=tmp_path / "cone.pomdp", discount=discount, setting=COARSE).run()
+        assert read_pomdp((tmp_path / "cone.pomdp").read_text()).discount == discount
+        assert ("--discount 0.999" in capsys.readouterr().out) == told
+    for arguments, message in (({"discount": 1.5}, "--discount"), ({"format": "npz", "discount": 0.9}, "--discount")):
+        with pytest.raises(BadArgument, match=message):
+            Export(target="cone", out=tmp_path / "x", setting=COARSE, **arguments).run()
+
+
 def test_an_exported_policy_is_the_one_that_the_default_planner_follows(tmp_path):
     Export(target="cone", format="npz", out=tmp_path / "cone.npz", setting=COARSE).run()
     model, table = known_model(COARSE)
