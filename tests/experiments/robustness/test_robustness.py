@@ -477,18 +477,20 @@ def test_the_tables_hold_the_numbers_of_the_record(name):
         if title is None:
             continue
         table = tables[title]
-        gaps = dict.fromkeys(models, (0.0, 0.0))
+        gaps, width = dict.fromkeys(models, (0.0, 0.0)), 5 if part == "stops" else 4
         for (condition, row), cells in zip(numbers["conditions"].items(), table.rows, strict=True):
             assert cells[0] == condition
             for place, model in enumerate(models):
                 ends = row["models"][model].get(part)
-                told = cells[4 * place + 2 : 4 * place + 5]
+                told = cells[width * place + 2 : width * place + 5]
                 if ends is None:
                     assert told == (None, None, None)
                     continue
                 assert told == (ends["touches"], ends["stated"], ends["achieved"])
                 right = ends["success"] if part == "searches" else row["models"][model]["fused_accuracy"]
-                assert cells[4 * place + 1].startswith(f"{right:.3f} [")
+                assert cells[width * place + 1].startswith(f"{right:.3f} [")
+                if part == "stops":
+                    assert cells[width * place + 5] == "{} {:.3f}".format(*ends["worst_shape"])
                 if ends["stated"] is not None and not row["is_chance"]:
                     gap = ends["stated"] - ends["achieved"]
                     gaps[model] = max(gaps[model], (abs(gap), gap))
