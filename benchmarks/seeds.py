@@ -3,7 +3,7 @@
     python -m benchmarks.seeds 1 2 -- --scene coarse --deciders information_gain random_poses --episodes 125
 
 The arguments after -- are those of `activetouch compare`. Searches of each seed are kept in a folder of their own, so
-that an interrupted run continues.
+that an interrupted run continues; the folder of --out gets the tables of all.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from experiments.search.compare import Compare
 from experiments.search.run_folder import Seconds
 from experiments.search.short_names import short_names
 from experiments.search.summary import Comparison, compare_episodes
+from experiments.search.tables import comparison_tables
 from experiments.search.terminal import terminal_table
 from experiments.search.verdict import verdict_sentences
 
@@ -54,6 +55,8 @@ def main() -> None:
     asked = tyro.cli(Compare, args=sys.argv[here + 1 :])
     runs = [replace(asked, seed=seed, out=asked.folder.with_name(f"{asked.folder.name}-seed{seed}")) for seed in seeds]
     comparison = pooled([run.play() for run in runs])
+    for table in comparison_tables(comparison):
+        table.write_csv(asked.folder / "tables" / f"{table.name}.csv")
     names, said = short_names(comparison.deciders)
     spoken, console = comparison.renamed(names), plain_console()
     console.print(terminal_table(spoken, console.width).rich())
