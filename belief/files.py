@@ -99,7 +99,13 @@ def _link(temporary: Path, path: Path) -> None:
 
 
 def create_text(path: Path, text: str) -> bool:
-    """Write a text file, atomically, unless the file exists; return whether it was written."""
+    """Write a text file, atomically, unless the file exists; return whether it was written.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     create_text(Path(folder, "a"), "first"), create_text(Path(folder, "a"), "second")
+    (True, False)
+    """
     try:
         with atomic_path(path, only_new=True) as temporary:
             temporary.write_text(text, encoding="utf-8")
@@ -209,6 +215,11 @@ def read_npz(content: bytes, most: int, names: Collection[str] | None = None) ->
     Raises:
         KeyError: an array is missing.
         Exception: the file is larger, damaged or something else; zipfile and numpy raise many kinds.
+
+    >>> file = io.BytesIO()
+    >>> np.savez_compressed(file, zeros=np.zeros(3))
+    >>> read_npz(file.getvalue(), most=1000)
+    {'zeros': array([0., 0., 0.])}
     """
     arrays: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:

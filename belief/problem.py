@@ -100,8 +100,8 @@ class SearchProblem:
         composition: how their shapes depend on each other: "distinct", "independent", or the :class:`Counts` of the bag
             from which they are drawn.
         touch_cost: λ ≥ 0, cost of one touch in units of a success.
-        touch_limit: number of touches after which the search is truncated; by default 4 for each object, and at least
-            48.
+        touch_limit: number of touches after which the search is truncated; by default, or with None, 4 for each object,
+            and at least 48.
         unsure_reward: reward of the answer "I do not know" (:class:`Unsure`), at least that of a wrong answer (-1) and
             below that of a success (+1). At 0, a searcher that wants the largest return gives an answer if it is more
             probably right than wrong; at c, if it is right with probability above (1 + c) / 2. None: the search does

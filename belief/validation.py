@@ -57,7 +57,7 @@ def as_logs(name: str, logs: ArrayLike | None, keyword: str, plain: ArrayLike | 
     """
     if (logs is None) == (plain is None):
         given = "neither" if logs is None else "both"
-        raise InvalidArgument(f"give either {name} or {keyword}=..., got {given}")
+        raise InvalidArgument(f"either {name} or {keyword}=... must be given, got {given}")
     if plain is None:
         given_logs = as_real(np.asarray([]) if logs is None else logs, name)
         if _may_be_probs(given_logs):

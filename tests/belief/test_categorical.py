@@ -107,7 +107,7 @@ def test_what_cannot_be_probabilities_needs_no_warning(logs):
 @pytest.mark.parametrize(
     ("given", "named", "message"),
     [
-        ((), {}, "either log_likelihood or likelihood=..., got neither"),
+        ((), {}, "either log_likelihood or likelihood=... must be given, got neither"),
         (([0.0, 1.0],), {"likelihood": [0.5, 0.5]}, "got both"),
         ((), {"likelihood": [-0.1, 0.5]}, "likelihood holds NaN, infinity or a negative number"),
         ((), {"likelihood": [np.nan, 0.5]}, "likelihood holds NaN"),

@@ -353,6 +353,7 @@ def test_arrangements_answer_or_refuse(weights, counts):
         assert arrangement_marginals(weights, counts).tolist() == np.exp(result).tolist()
 
 
+@pytest.mark.filterwarnings("ignore:log_likelihood has no negative number and sums to one")
 @given(extremes(3), extremes(3))
 def test_beliefs_answer_or_refuse(values, scores):
     for belief in (answer(lambda: Belief.from_probs(LABELS, values)), answer(lambda: Belief(LABELS, values))):

@@ -308,7 +308,7 @@ def test_probabilities_of_zero_and_one_are_fitted_and_what_are_none_refused(name
         ({"probs": [[-0.5, 1.5]], "labels": [0]}, "below zero"),
         ({"probs": [[np.nan, 1.0]], "labels": [0]}, "NaN"),
         ({"probs": [[0.5, 0.5]]}, "labels must be given"),
-        ({"labels": [0]}, "either logits or probs=..., got neither"),
+        ({"labels": [0]}, "either logits or probs=... must be given, got neither"),
         ({"logits": [[0.5, 2.5]], "probs": [[0.5, 0.5]], "labels": [0]}, "got both"),
     ):
         with pytest.raises(ValueError, match=message):
