@@ -65,12 +65,16 @@ class Noise:
     std: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.std < np.inf:
-            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
+        _require_std(self.std)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
         return image + self.std * rng.standard_normal(image.shape, dtype=np.float32)
+
+
+def _require_std(std: float) -> None:
+    if not 0.0 <= std < np.inf:
+        raise ValueError(f"std must be finite and ≥ 0, got {std}")
 
 
 @dataclass(frozen=True)
@@ -150,8 +154,7 @@ class DrawnNoise:
     factor: Distribution
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.std < np.inf:
-            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
+        _require_std(self.std)
         if self.factor.support[0] < 0.0:
             raise ValueError(f"factor must be ≥ 0, got {self.factor}")
 
@@ -266,8 +269,7 @@ class Blur:
     std: float
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.std < np.inf:
-            raise ValueError(f"std must be finite and ≥ 0, got {self.std}")
+        _require_std(self.std)
 
     def __call__(self, image: Image, rng: np.random.Generator) -> Image:
         """See :class:`Fault`."""
