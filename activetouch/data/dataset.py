@@ -23,7 +23,15 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from activetouch.data.manifest import SPLITS, CollectionPlan, Manifest, read_manifest, shard_path, write_manifest
+from activetouch.data.manifest import (
+    SPLITS,
+    CollectionPlan,
+    Manifest,
+    read_manifest,
+    seal_path,
+    shard_path,
+    write_manifest,
+)
 from activetouch.errors import LabelMismatch, UnstablePress
 from activetouch.scene import Scene, WorldObject
 from belief.errors import CorruptFile, UnknownName
@@ -178,7 +186,7 @@ def record_shard(
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         if collection is not None:
             seal = {"collection": collection, "shard_sha256": digest}
-            write_text(path.with_suffix(".seal.json"), sealed_json(seal, indent=None) + "\n")
+            write_text(seal_path(path), sealed_json(seal, indent=None) + "\n")
     return digest, int(np.count_nonzero(redrawn))
 
 

@@ -69,9 +69,9 @@ def shard_path(folder: Path, split: str, shard: int) -> Path:
     return folder / split / f"{shard:05d}.npz"
 
 
-def seal_path(folder: Path, split: str, shard: int) -> Path:
+def seal_path(shard: Path) -> Path:
     """Where the seal of a shard lives until the collection is complete."""
-    return folder / split / f"{shard:05d}.seal.json"
+    return shard.with_suffix(".seal.json")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,8 @@ class Manifest:
         if self.sha256 is not None:
             return self.sha256[shard_path(Path(), split, shard).as_posix()]
         try:
-            seal = unsealed_json(require_regular_file(seal_path(folder, split, shard)).read_text(encoding="utf-8"))
+            path = seal_path(shard_path(folder, split, shard))
+            seal = unsealed_json(require_regular_file(path).read_text(encoding="utf-8"))
             collection, digest = seal["collection"], str(seal["shard_sha256"])
         except (OSError, ValueError, KeyError):
             return None
@@ -342,5 +343,5 @@ def seal(folder: Path, manifest: Manifest, sha256: Mapping[str, str], redrawn: i
     sealed = replace(manifest, sha256=dict(sorted(sha256.items())), redrawn=redrawn)
     sealed.write(folder)
     for split, shard, _ in manifest.shards():
-        seal_path(folder, split, shard).unlink(missing_ok=True)
+        seal_path(shard_path(folder, split, shard)).unlink(missing_ok=True)
     return sealed

@@ -49,8 +49,8 @@ def _dead(share: float) -> Change:
         number, old = scene.image_shape[0] ** 2, faults_of(DeadTaxels, scene.faults)
         dead = old[0] if old else DeadTaxels(0.0)
         more = replace(dead, share=min(dead.share + share, 1.0))
-        if round(more.share * number) == round(dead.share * number):
-            raise DoesNotApply(f"{100 * share:g} % of its {number} taxels is less than one")
+        added = round(more.share * number) - round(dead.share * number)
+        _require_taxels(added, f"{100 * share:g} % of its {number} taxels")
         return _faulty(lambda faults: (*(fault for fault in faults if fault not in old), more))(scene)
 
     return changed
@@ -60,7 +60,7 @@ def _stuck(share: float) -> Change:
     """Taxels that read full scale, in addition to the faults of the sensor."""
 
     def changed(scene: Scene) -> Scene:
-        _require_taxels(scene, share * scene.image_shape[0] ** 2, f"{100 * share:g} % of its taxels")
+        _require_taxels(share * scene.image_shape[0] ** 2, f"{100 * share:g} % of its taxels")
         return _faulty(lambda faults: (*faults, StuckTaxels(share)))(scene)
 
     return changed
@@ -71,13 +71,13 @@ def _shifted(taxels: int = 0, share: float = 0.0) -> Change:
 
     def changed(scene: Scene) -> Scene:
         by = taxels + share * scene.image_shape[0]
-        _require_taxels(scene, by, f"{100 * share:g} % of its edge")
+        _require_taxels(by, f"{100 * share:g} % of its edge")
         return _faulty(lambda faults: (Shift(columns=round(by)), *faults))(scene)
 
     return changed
 
 
-def _require_taxels(scene: Scene, number: float, what: str) -> None:
+def _require_taxels(number: float, what: str) -> None:
     """Check that a number of taxels is at least one when rounded."""
     if round(number) < 1:
         raise DoesNotApply(f"{what} is less than one taxel")

@@ -281,7 +281,7 @@ class RunFolder:
 
     def tell_foreign(self) -> None:
         """Print to stderr which shards are left out of all results because their seal names another run, or none."""
-        stems = [key.stem for key in self._keys() if self._read_seal(key) and not self._owns(self._read_seal(key))]
+        stems = [key.stem for key in self._keys() if (seal := self._read_seal(key)) and not self._owns(seal)]
         if stems:
             some = ", ".join(stems[:5]) + (f" and {len(stems) - 5} more" if len(stems) > 5 else "")
             print(f"{self.path} has shards of another run; they are left out: {some}", file=sys.stderr)
