@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -39,7 +40,7 @@ def running() -> Iterator[None]:
         SystemExit: 130 after Ctrl-C, 143 after SIGTERM.
     """
     code = 0
-    with _handlers(signal.default_int_handler, _terminate):
+    with _handlers(_interrupt, _terminate):
         try:
             yield
         except (KeyboardInterrupt, Exception) as error:
@@ -85,13 +86,29 @@ def _end_at_once(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise an exception as Python does at Ctrl-C."""
+    _silence_libraries()
+    raise KeyboardInterrupt
+
+
 def _terminate(number: int, frame: FrameType | None) -> None:
     """Raise an exception as Ctrl-C does; if foreign code swallows it, a thread ends the process later."""
+    _silence_libraries()
     signal.signal(number, _end_at_once)
     deadline = threading.Timer(_PATIENCE, _give_up)
     deadline.daemon = True
     deadline.start()
     raise Terminated
+
+
+def _silence_libraries() -> None:
+    """Print neither errors of threads nor warnings from now on: joblib's thread may be handing out a task as it stops.
+
+    The process ends soon; one line says why.
+    """
+    threading.excepthook = lambda error: None
+    warnings.simplefilter("ignore")
 
 
 def _give_up() -> None:
