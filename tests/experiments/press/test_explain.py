@@ -80,5 +80,5 @@ def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path
 
 
 def test_a_sensor_without_an_independent_model_is_measured_alone():
-    table = belief_table("keyed", SCENES["keyed"].scene, [MODELS / "keyed"])
+    table = belief_table("coarse", SCENES["coarse"].scene, [MODELS / "coarse-robust"])
     assert [row[0] for row in table.rows] == ["joint: one rigid body"]
