@@ -71,7 +71,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
         "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),
-        "stress": Command("extremes.stress:Stress", "test extreme inputs of commands and functions"),
     },
 }
 """All commands, grouped and ordered as in the help."""

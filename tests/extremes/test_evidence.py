@@ -56,7 +56,7 @@ from belief.statistics import (
 )
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
-from experiments.extremes.cases import (
+from tests.extremes.cases import (
     Case,
     Expectation,
     Verdict,
