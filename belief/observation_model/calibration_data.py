@@ -89,7 +89,7 @@ class LabelledTouches(FrozenArrays):
     @property
     def logits(self) -> Floats:
         """``(n, K)``."""
-        return self.batch.logits[0]
+        return self.batch.require_logits()[0]
 
     @property
     def poses(self) -> NDArray[np.int64]:

@@ -155,7 +155,7 @@ class ArrayModel(FrozenArrays, ABC):
         self.require_fit(batch)
         if batch.poses.size == 0:
             return np.zeros((len(batch), len(self.shape_labels)))
-        size = max(1, _BLOCK // batch.logits[0].size)
+        size = max(1, _BLOCK // (batch.num_touches * len(self.shape_labels)))
         if len(batch) <= size:
             return self._log_likelihoods(batch)
         blocks = (batch.sequences(slice(first, first + size)) for first in range(0, len(batch), size))
@@ -249,7 +249,7 @@ class ArrayModel(FrozenArrays, ABC):
         Raises:
             ValueError: the message names the first touch that does not fit.
         """
-        if batch.num_shapes != len(self.shape_labels):
+        if batch.logits is not None and batch.num_shapes != len(self.shape_labels):
             raise ValueError(
                 f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), touch 0 and all "
                 f"others have {batch.num_shapes} logits"

@@ -212,10 +212,11 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the touch does not fit the model, or brings none.
         """
-        found, logits = touch.features, vars(touch).get("logits", 0.0)  # of some sensors they are not computed yet
-        fits = touch.num_shapes == len(self.shape_labels) and touch.pose < self.num_poses and np.isfinite(logits).all()
-        if fits and found is not None and found.shape == self.references.shape[-1:] and np.isfinite(found).all():
-            return np.asarray(found[None])
+        found, logits = touch.features, touch.logits
+        if found is not None and found.shape == self.references.shape[-1:] and touch.pose < self.num_poses:
+            plain = logits is None or (logits.shape == (len(self.shape_labels),) and np.isfinite(logits).all())
+            if plain and np.isfinite(found).all():
+                return np.asarray(found[None])
         return self.embeddings(self.alone(touch))[0]  # says what is wrong
 
     @property

@@ -102,7 +102,7 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
     >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
     >>> model = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
     >>> felt = np.eye(2)[[0, 1, 0, 0] * 10, None]
-    >>> touches = TouchBatch(np.zeros((40, 1), int), np.zeros((40, 1, 2)), felt)
+    >>> touches = TouchBatch(np.zeros((40, 1), int), features=felt)
     >>> round(refitted(model, touches, [0, 1, 0, 1] * 10)[0].temperature, 1)
     1.5
     """
@@ -110,9 +110,7 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
     order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
     order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
     rows = np.arange(len(touches))[:, None]
-    assert touches.features is not None, "checked by the caller"
-    some = TouchBatch(touches.poses[rows, order], touches.logits[rows, order], touches.features[rows, order])
-    return model, _conflict_test(model, some, shapes)
+    return model, _conflict_test(model, touches.take((rows, order)), shapes)
 
 
 def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
@@ -186,7 +184,7 @@ def _in_different_poses(
         by_object = order[np.argsort(data.objects[order], kind="stable")]
         found.append(_sequences(data, by_object, min(most, data.num_objects), length))
     rows = np.concatenate([some for some, _ in found])[:most]
-    return _touches(data, rows), np.concatenate([some for _, some in found])[:most]
+    return data.batch.take((0, rows)), np.concatenate([some for _, some in found])[:most]
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
@@ -240,7 +238,8 @@ def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
     most = max(2, min(_REPEATED, _that_fit(model, length)))
     some = np.sort(np.random.default_rng(3).permutation(len(found.rows))[:most])
     found = Repeats(found.rows[some], found.shapes[some])
-    touches = _touches(data, np.where(found.rows >= 0, found.rows, found.rows[:, :1]))  # padding does not count
+    rows = np.where(found.rows >= 0, found.rows, found.rows[:, :1])  # padding does not count
+    touches = data.batch.take((0, rows))
     sums = np.stack([after.astype(np.float32) for _, _, after in model.steps(touches)][1:], axis=1)  # (G, n - 1, K, N)
     numbers = np.arange(2, length + 1)
 
@@ -256,7 +255,7 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
     rows, shapes = _sequences(data, by_object, _TESTED_ON, MOST_TOUCHES)
-    return _conflict_test(model, _touches(data, rows), shapes)
+    return _conflict_test(model, data.batch.take((0, rows)), shapes)
 
 
 def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
@@ -292,9 +291,3 @@ def _sequences(
     if len(ids) > most_objects:  # random ones, because shapes alternate in collections
         ids = np.sort(np.random.default_rng(2).permutation(ids)[:most_objects])
     return by_object[ends[ids][:, None] + np.arange(length)], shapes[ids]
-
-
-def _touches(data: LabelledTouches, rows: NDArray[np.int64]) -> TouchBatch:
-    """The touches in these rows, ``(S, n)``, as sequences."""
-    assert data.batch.features is not None, "checked by the caller"
-    return TouchBatch(data.poses[rows], data.logits[rows], np.asarray(data.batch.features[0])[rows])

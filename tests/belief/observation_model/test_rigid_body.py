@@ -4,6 +4,7 @@ import copy
 import json
 import pickle
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -442,3 +443,15 @@ def test_hypotheses_that_do_not_fit_are_refused_at_first_use(world, rng):
     model = world.model(rng).with_hypotheses(lambda number: world.embed(number)[:, :1])
     with pytest.raises(ValueError, match="hypotheses must be"):
         model.start().update(world.touch(0, 0, 0, rng))
+
+
+def test_logits_are_of_no_account_to_it(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 0, 3, [0, 1, 2, 0], rng)
+    bare = [Touch(touch.pose, features=touch.features) for touch in touches]
+    np.testing.assert_array_equal(model.log_likelihood(bare), model.log_likelihood(touches))
+    ours, theirs = (reduce(lambda e, touch: e.update(touch), some, model.start()) for some in (bare, touches))
+    np.testing.assert_array_equal(ours.log_weights, theirs.log_weights)
+    batch = TouchBatch.of([bare, bare])
+    again = model.refitted(batch, [0, 0]).temperature
+    assert again == model.refitted(TouchBatch.of([touches, touches]), [0, 0]).temperature
