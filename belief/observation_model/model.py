@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +105,8 @@ class ArrayModel(FrozenArrays, ABC):
 
     @classmethod
     @abstractmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
-        """The model of fields from :meth:`to_fields`."""
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ArrayModel:
+        """The model of fields from :meth:`to_fields`; :meth:`with_hypotheses` completes it."""
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.

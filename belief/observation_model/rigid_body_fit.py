@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.log_weights import largest_posterior, log_means, misfit
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
     Repeats,
@@ -23,6 +24,7 @@ from belief.observation_model.repeat_discount import (
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
+_AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
 _COLDEST, _WIDTH, _NEAR = -1.0, 3.0, 1e-2  # of the log temperature: first window of the search, its width, its error
 _FITTED_ON, _AT_LEAST = 1200, 400  # sequences for the temperature: at most, and at least where memory is short
@@ -57,9 +59,6 @@ class JointModel(Protocol):
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
 
-    def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:
-        """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it."""
-
 
 _Joint = TypeVar("_Joint", bound=JointModel)
 
@@ -72,9 +71,9 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
         data: touches with embeddings as features.
 
     >>> from belief import Touch
-    >>> from belief.observation_model.rigid_body import RigidBodyModel
-    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
-    >>> unfitted = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
+    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
+    >>> unfitted = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
     >>> felt = np.eye(2)[[0, 1, 0, 0] * 10]                                     # one touch in four misleads
     >>> touches = [Touch(0, np.zeros(2), embedding) for embedding in felt]
     >>> model, test = fitted(unfitted, LabelledTouches.of(touches, [0, 1, 0, 1] * 10, range(40)))
@@ -98,9 +97,9 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
         touches: of S objects, one sequence each.
         shapes: true shape of each object, ``(S,)``.
 
-    >>> from belief.observation_model.rigid_body import RigidBodyModel
-    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
-    >>> model = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
+    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
+    >>> model = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
     >>> felt = np.eye(2)[[0, 1, 0, 0] * 10, None]
     >>> touches = TouchBatch(np.zeros((40, 1), int), features=felt)
     >>> round(refitted(model, touches, [0, 1, 0, 1] * 10)[0].temperature, 1)
@@ -261,8 +260,26 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
 def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
     """The conflict test from one sequence of touches of each object."""
     assert touches.features is not None, "checked by the caller"
-    misfits, certainties = model.misfits(touches)
-    return ConflictTest.fit(touches.features.astype(np.float64), misfits, shapes, certainties)
+    found, certainties = _misfits(model, touches)
+    return ConflictTest.fit(touches.features.astype(np.float64), found, shapes, certainties)
+
+
+def _misfits(model: JointModel, batch: TouchBatch) -> tuple[Floats, Floats]:
+    """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it.
+
+    Returns:
+        Misfits, log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i) over the hypotheses i, and the
+        largest posterior of a shape, ``(S, n)`` each.
+    """
+    found, certainties, length = np.empty(batch.poses.shape), np.empty(batch.poses.shape), max(1, batch.num_touches)
+    size = max(1, _AT_ONCE // (len(model.shape_labels) * model.num_hypotheses * length))
+    for first in range(0, len(batch), size):
+        block = slice(first, first + size)
+        for step, (before, scores, _) in enumerate(model.steps(batch.sequences(block))):
+            log_likelihoods = log_means(before)
+            found[block, step] = misfit(scores, log_likelihoods, log_means(before + scores))
+            certainties[block, step] = largest_posterior(log_likelihoods)
+    return found, certainties
 
 
 def _that_fit(model: JointModel, kept: int) -> int:
