@@ -23,6 +23,12 @@ from belief.validation import as_real, require_count
 
 Floats: TypeAlias = NDArray[np.float64]
 
+WHO_GIVES_LOGITS = (
+    ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
+    "features); a sensor gives them if its with_logits is true"
+)
+"""The rest of a message that says that logits are missing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Touch(FrozenArrays):
@@ -71,13 +77,10 @@ class Touch(FrozenArrays):
         >>> Touch(2, features=np.ones(64)).require_logits()  # doctest: +ELLIPSIS
         Traceback (most recent call last):
         ...
-        belief.errors.InvalidArgument: the touch in pose 2 has no logits, only features, ...
+        belief.errors.InvalidArgument: the touch in pose 2 has no logits, only features, which a joint ...
         """
         if self.logits is None:
-            raise InvalidArgument(
-                f"the touch in pose {self.pose} has no logits, only features, which a joint observation model reads. "
-                "Logits come from the reader: Touch(pose, logits, features); a sensor gives them if with_logits is true"
-            )
+            raise InvalidArgument(f"the touch in pose {self.pose} has no logits{WHO_GIVES_LOGITS}")
         return self.logits
 
     def __repr__(self) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import Floats, Touch
+from belief.problem import WHO_GIVES_LOGITS, Floats, Touch
 from belief.validation import as_real, unmasked
 
 
@@ -55,19 +55,22 @@ class TouchBatch(FrozenArrays):
         object.__setattr__(self, "poses", indices)
         if self.logits is None and self.features is None:
             raise InvalidArgument("all touches need logits (S, n, K), or all need features (S, n, F)")
-        if self.logits is not None:
-            logits = np.asarray(as_real(self.logits, "logits"), np.float64)
-            if logits.ndim != 3 or logits.shape[:2] != poses.shape or logits.shape[2] == 0:
-                raise ValueError(f"need poses (S, n) and logits (S, n, K), got {poses.shape} and {logits.shape}")
-            _require_finite("logits", logits)
-            object.__setattr__(self, "logits", logits)
-        if self.features is not None:
-            features = as_real(self.features, "features")
-            if features.ndim != 3 or features.shape[:2] != poses.shape:
-                raise ValueError(f"features must be (S, n, F) with the poses' {poses.shape}, got {features.shape}")
-            _require_finite("features", features)
-            object.__setattr__(self, "features", features)
+        for name in ("logits", "features"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._checked(name))
         self.freeze()
+
+    def _checked(self, name: str) -> NDArray[np.floating]:
+        """One row of finite numbers for each touch; logits in double precision."""
+        array = as_real(getattr(self, name), name)
+        array = np.asarray(array, np.float64) if name == "logits" else array
+        if array.ndim != 3 or array.shape[:2] != self.poses.shape or (name == "logits" and not array.shape[2]):
+            shapes = f"{self.poses.shape} and {array.shape}"
+            raise ValueError(f"need poses (S, n), and {name} must be a row for each (S, n, …), got {shapes}")
+        if not np.isfinite(array).all():
+            sequence, touch = (int(i) for i in np.argwhere(~np.isfinite(array).all(axis=2))[0])
+            raise ValueError(f"touch {touch} of sequence {sequence} needs finite {name}, got {array[sequence, touch]}")
+        return array
 
     @classmethod
     def of(cls, sequences: Sequence[Sequence[Touch]]) -> TouchBatch:
@@ -110,10 +113,7 @@ class TouchBatch(FrozenArrays):
             InvalidArgument: there are none.
         """
         if self.logits is None:
-            raise InvalidArgument(
-                "these touches have no logits, which every observation model but a joint one reads. Logits come from "
-                "the reader: Touch(pose, logits, features); a sensor gives them if with_logits is true"
-            )
+            raise InvalidArgument(f"these touches have no logits{WHO_GIVES_LOGITS}")
         return self.logits
 
     def take(self, index: Any) -> TouchBatch:
@@ -162,9 +162,3 @@ def _stacked(name: str, touches: Sequence[Touch], shape: tuple[int, int]) -> NDA
             place = f"touch {index % shape[1]} of sequence {index // shape[1]}"
             raise ValueError(f"{place} needs a row of {name}, as many as in the first touch, got {row!r}")
     return as_real(rows, name).reshape(*shape, -1)
-
-
-def _require_finite(name: str, values: NDArray[np.floating]) -> None:
-    if not np.isfinite(values).all():
-        sequence, touch = (int(i) for i in np.argwhere(~np.isfinite(values).all(axis=2))[0])
-        raise ValueError(f"touch {touch} of sequence {sequence} needs finite {name}, got {values[sequence, touch]}")
