@@ -25,7 +25,7 @@ from belief.validation import as_real
 
 Floats32 = NDArray[np.float32]
 
-_LARGEST = 1e30  # number in an embedding
+_LARGEST, _LARGEST_OF_HYPOTHESES = 1e30, 1e6  # numbers in embeddings of touches and of hypotheses
 
 
 @runtime_checkable
@@ -149,7 +149,7 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     """Check embedded hypotheses.
 
     Raises:
-        ValueError: they have another shape, masked entries, NaN or infinity, or are not real numbers.
+        ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
 
     >>> require_table(np.full((1, 2, 1, 1), np.nan, np.float32), (1, 2, 1, 1))
     Traceback (most recent call last):
@@ -162,6 +162,8 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()
         raise ValueError(f"hypotheses must be finite, got {values[tuple(place)]} at {place}")
+    if values.size and float(max(values.max(), -values.min())) > _LARGEST_OF_HYPOTHESES:
+        raise ValueError(f"hypotheses must be numbers of at most {_LARGEST_OF_HYPOTHESES:g} in size, got larger ones")
 
 
 def _numbers_first(table: Floats32) -> Floats32:
