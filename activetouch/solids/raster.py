@@ -80,7 +80,7 @@ def heights(
     Returns:
         ``(n, num_pixels, num_pixels)`` [m], rows along z, columns along y; ``-inf`` where there is no surface.
     """
-    maps = np.empty((len(turns), num_pixels, num_pixels), dtype)
+    maps = np.full((len(turns), num_pixels, num_pixels), -np.inf, dtype)
     axes = turns.transpose(1, 0, 2)[::-1] * np.array([1 / pixel, 1 / pixel, -1.0])[:, None, None]
     shifts = places.T[::-1, :, None] / pixel + (num_pixels - 1) / 2
     step = max(1, _PORTION // max(num_pixels**2, surface.faces.shape[1]))
@@ -89,13 +89,11 @@ def heights(
         corners = axes[:, some] @ surface.vertices  # row and column [pixels] and height [m], (3, b, v)
         corners[:2] += shifts[:, some]
         visible = None if surface.normals is None else (-axes[2, some] @ surface.normals < 0.0)
-        drawn = np.full((corners.shape[1], num_pixels, num_pixels), -np.inf)
-        _draw(corners, surface.faces, visible, drawn)
-        maps[some] = drawn
+        _draw(corners, surface.faces, visible, maps[some])
     return maps
 
 
-def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps: Floats) -> None:
+def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps: NDArray[Any]) -> None:
     """Write the triangles ``(3, f)`` into ``maps`` ``(b, N, N)``.
 
     Args:
@@ -124,9 +122,7 @@ def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps:
     begin[2] = high.take(crossed) + 1.0
     begin = begin.clip(0.0, size)
     first, count = begin[:2], (begin[1:] - begin[:2]).astype(np.intp)  # rows of the lower and of the upper half, (2, k)
-    half = np.empty(
-        (10, *first.shape)
-    )  # column and height at two edges, place of the row in the maps, and their slopes
+    half = np.empty((10, *first.shape))  # column and height at two edges, place of the row in maps, and slopes of all
     half[5:7], half[7:9], half[9] = slope[:, :1], slope[:, 1:], size
     np.multiply(first - point[0, 0], half[5:7], out=half[:2])
     half[:2] += point[1:, :1]
@@ -138,7 +134,7 @@ def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps:
         _draw_rows(half[:, some], count[some], size, maps.reshape(-1))
 
 
-def _draw_rows(half: Floats, count: Ints, size: int, pixels: Floats) -> None:
+def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> None:
     """Write halves of triangles with ``count`` rows each; see :func:`_draw`."""
     owner = np.arange(len(count)).repeat(count)
     row = half.take(owner, axis=1)
@@ -162,7 +158,7 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: Floats) -> None:
         _draw_pixels(place[some].astype(np.intp), value[some], slope[some], count[some], pixels)
 
 
-def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels: Floats) -> None:
+def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels: NDArray[Any]) -> None:
     """Write parts of rows that begin at ``place``, with ``count`` pixels each."""
     before = count.cumsum() - count
     owner = np.arange(len(count)).repeat(count)
@@ -171,16 +167,16 @@ def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels:
     values *= index
     values += (value - before * slope).take(owner)
     index += (place - before).take(owner)
-    np.maximum.at(pixels, index, values)
+    np.maximum.at(pixels, index, values.astype(pixels.dtype, copy=False))
 
 
 def portions(counts: Ints, most: int) -> Iterator[slice]:
     """Slices whose counts sum to about ``most``."""
-    ends = np.cumsum(counts)
-    total = int(ends[-1]) if len(ends) else 0
+    total = int(counts.sum())
     if total <= most:
         yield slice(0, len(counts))
         return
+    ends = np.cumsum(counts)
     cuts = np.searchsorted(ends, np.arange(most, total, most), side="left") + 1
     bounds = np.unique(np.concatenate([[0], cuts, [len(counts)]])).tolist()
     yield from (slice(begin, end) for begin, end in pairwise(bounds))
