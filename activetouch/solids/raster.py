@@ -152,7 +152,6 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> No
     width[width == 0.0] = 1.0
     slope = (other_height - height) / width
     value = height + (np.minimum(np.maximum(start, left), right) - column) * slope
-    slope *= count > 1  # one that is not used may be very large
     place += start
     for some in portions(count, _MOST):
         _draw_pixels(place[some].astype(np.intp), value[some], slope[some], count[some], pixels)
@@ -160,13 +159,13 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> No
 
 def _draw_pixels(place: Ints, value: Floats, slope: Floats, count: Ints, pixels: NDArray[Any]) -> None:
     """Write parts of rows that begin at ``place``, with ``count`` pixels each."""
-    before = count.cumsum() - count
     owner = np.arange(len(count)).repeat(count)
-    index = np.arange(len(owner))
+    along = np.arange(len(owner)) - (count.cumsum() - count).take(owner)
     values = slope.take(owner)
-    values *= index
-    values += (value - before * slope).take(owner)
-    index += (place - before).take(owner)
+    values *= along
+    values += value.take(owner)
+    index = place.take(owner)
+    index += along
     np.maximum.at(pixels, index, values.astype(pixels.dtype, copy=False))
 
 
