@@ -19,6 +19,7 @@ from activetouch.solids.triangles import Ints, faces_outwards
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
+_NARROW = 1e-6  # triangles that are narrower along the rows are level there [pixels]
 _FLAT = 1e-30  # smallest extent of an edge across the rows [pixels]
 _SLACK = 1e-9  # widening of triangles along the rows, far above rounding [pixels]
 _STARTS, _ENDS = (0, 0, 1), (2, 1, 2)  # corners of the edges low to high, low to middle, middle to high
@@ -49,11 +50,11 @@ class Surface:
             return both_sides
         a, b, c = vertices[faces].transpose(1, 2, 0)
         front = cls(*corners, np.cross(b - a, c - a, axis=0))
-        turns = np.linalg.qr(np.random.default_rng(0).normal(size=(32, 3, 3)))[0]
+        turns = np.linalg.qr(np.random.default_rng(0).normal(size=(12, 3, 3)))[0]
         turns *= np.linalg.det(turns)[:, None, None]
         pixel = float(np.linalg.norm(vertices, axis=1).max()) / 16
         # What crosses itself can show its inside although it is closed.
-        one, two = (heights(surface, turns, np.zeros((32, 2)), pixel, 32) for surface in (front, both_sides))
+        one, two = (heights(surface, turns, np.zeros((12, 2)), pixel, 32) for surface in (front, both_sides))
         return front if np.allclose(one, two, rtol=0.0, atol=1e-9) else both_sides
 
 
@@ -122,14 +123,16 @@ def _draw(corners: Floats, faces: Ints, visible: NDArray[np.bool_] | None, maps:
     begin[2] = high.take(crossed) + 1.0
     begin = begin.clip(0.0, size)
     first, count = begin[:2], (begin[1:] - begin[:2]).astype(np.intp)  # rows of the lower and of the upper half, (2, k)
-    half = np.empty((10, *first.shape))  # column and height at two edges, place of the row in maps, and slopes of all
-    half[5:7], half[7:9], half[9] = slope[:, :1], slope[:, 1:], size
-    np.multiply(first - point[0, 0], half[5:7], out=half[:2])
+    column, height = point[1:, 0] + edge[0, 1] * slope[:, 0] - point[1:, 1]  # of the long edge beside the middle corner
+    half = np.empty((9, *first.shape))  # column and height at the long edge, column at the other, place in the maps,
+    half[4:6], half[6], half[7] = slope[:, :1], slope[0, 1:], size  # their slopes along the rows,
+    half[8] = height / np.where(np.abs(column) < _NARROW, np.inf, column)  # and that of the height along the columns
+    np.multiply(first - point[0, 0], half[4:6], out=half[:2])
     half[:2] += point[1:, :1]
-    np.multiply(first - point[0, :2], half[7:9], out=half[2:4])
-    half[2:4] += point[1:, :2]
-    half[4] = (image.take(crossed) * size + first) * size
-    half, count = half.reshape(10, -1), count.ravel()
+    np.multiply(first - point[0, :2], half[6], out=half[2])
+    half[2] += point[1, :2]
+    half[3] = (image.take(crossed) * size + first) * size
+    half, count = half.reshape(9, -1), count.ravel()
     for some in portions(count, _MOST):
         _draw_rows(half[:, some], count[some], size, maps.reshape(-1))
 
@@ -139,18 +142,15 @@ def _draw_rows(half: Floats, count: Ints, size: int, pixels: NDArray[Any]) -> No
     owner = np.arange(len(count)).repeat(count)
     row = half.take(owner, axis=1)
     along = np.arange(len(owner)) - (count.cumsum() - count).take(owner)
-    row[5:] *= along
-    row[:5] += row[5:]
-    column, height, other_column, other_height, place = row[:5]
-    left, right = np.minimum(column, other_column), np.maximum(column, other_column)
+    row[4:8] *= along
+    row[:4] += row[4:8]
+    column, height, other, place, *_, slope = row
+    left, right = np.minimum(column, other), np.maximum(column, other)
     start, stop = np.ceil(left - _SLACK), np.floor(right + _SLACK)
     np.maximum(start, 0.0, out=start)
     np.minimum(stop, size - 1, out=stop)
     stop -= start
     count = np.maximum(stop + 1.0, 0.0).astype(np.intp)
-    width = other_column - column
-    width[width == 0.0] = 1.0
-    slope = (other_height - height) / width
     value = height + (np.minimum(np.maximum(start, left), right) - column) * slope
     place += start
     for some in portions(count, _MOST):
