@@ -107,18 +107,7 @@ def predicted_contacts(
 
 
 def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, starts: Floats) -> tuple[Floats, float]:
-    """Distances [m] of a body from the taxels of a plane, and of its centre from that plane.
-
-    Args:
-        body: at nominal size.
-        rotation: object to pad frame, ``(3, 3)``.
-        scale: size factor.
-        offset: of its centre along y and z [m], ``(2,)``.
-        starts: a one and the place (y, z) of every taxel, ``(3, m)`` [m].
-
-    Returns:
-        ``(m,)``, ``inf`` beside the body; and a distance at which every taxel is outside the body.
-    """
+    """Distance of a body, ``inf`` beside it, and of its centre from taxels at (1, y, z), ``starts`` ``(3, m)`` [m]."""
     to_object = rotation.T / scale  # the object's frame, at nominal size
     clearance = 2 * (body.bounding_radius * scale)
     to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
@@ -129,11 +118,7 @@ def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, s
 
 
 def _checked(rotations: ArrayLike, offsets: ArrayLike, scales: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Arrays ``(n, 4)``, ``(n, 2)`` and ``(n,)``.
-
-    Raises:
-        InvalidArgument: they are of other shapes or hold impossible numbers.
-    """
+    """Arrays ``(n, 4)``, ``(n, 2)`` and ``(n,)``; see ``predicted_contacts``."""
     turns, places, sizes = (np.asarray(given, float) for given in (rotations, offsets, scales))
     num = len(turns) if turns.ndim else 0
     if turns.shape != (num, 4) or places.shape not in ((num, 2), (2,)) or sizes.shape not in ((num,), ()):
