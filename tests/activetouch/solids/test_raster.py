@@ -103,6 +103,31 @@ def test_no_pixel_on_an_edge_or_a_corner_is_left_out(towards, two_sided, rng):
     np.testing.assert_allclose(maps, expected, rtol=0, atol=1e-9)
 
 
+def test_no_pixel_on_a_random_point_of_a_random_edge_is_left_out(rng):
+    surface = Surface.of(BALL.vertices, BALL.faces)
+    start, end = BALL.vertices[BALL.edges_unique.T]
+    for _ in range(4):
+        turn, along = to_matrix(random_orientation(rng)), rng.uniform(size=(len(start), 1))
+        point = (start + along * (end - start)) @ turn.T
+        point = point[np.linalg.norm(point[:, 1:], axis=1) < 0.0135]  # not on the silhouette
+        places = -point[:, 1:]
+        maps = heights(surface, np.broadcast_to(turn, (len(places), 3, 3)), places, PIXEL, 1).ravel()
+        assert np.isfinite(maps).all()
+        front = point[:, 0] < -1e-3
+        np.testing.assert_allclose(maps[front], -point[front, 0], rtol=0, atol=1e-9)
+
+
+def test_a_triangle_that_is_narrower_than_its_widening_is_not_prolonged():
+    for width in 10.0 ** -np.arange(1, 16):  # in pixels, of a triangle 20 mm deep
+        corners = np.array([[-0.01, 0.0, -PIXEL], [0.01, width * PIXEL, 0.2 * PIXEL], [-0.01, 0.0, PIXEL]])
+        surface = Surface.of(corners, np.array([[0, 1, 2]]))
+        beside = np.array([[shift * PIXEL, 0.0] for shift in (-width, -width - 5e-10, 5e-10, -width / 2)])
+        maps = heights(surface, np.eye(3)[None].repeat(4, 0), beside, PIXEL, 1).ravel()
+        hit = maps[np.isfinite(maps)]
+        assert (np.abs(hit) <= 0.01 + 1e-12).all()
+        assert np.isfinite(maps[3])
+
+
 def test_whole_rows_of_corners_on_pixels_leave_no_gap():
     side = np.arange(9) * PIXEL
     z, y = (axis.ravel() for axis in np.meshgrid(side, side, indexing="ij"))
