@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
 from activetouch.solids.triangles import Ints, edges, tetrahedra
@@ -85,6 +86,11 @@ class Mesh:
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
         return Geom("mesh", vertices=self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The triangles, prepared for height maps."""
+        return Surface.of(self.vertices, self.faces)
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
