@@ -25,6 +25,7 @@ from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
+    from activetouch.pressing.height_maps import Window, predicted_contacts
     from activetouch.sensor import TactileSensor
     from activetouch.world import TouchWorld
 
@@ -33,6 +34,8 @@ _LATER = {
     "TouchWorld": "activetouch.world",
     "compare": "experiments.search.objects",
     "make_sensor": "experiments.sensor.make_sensor",
+    "predicted_contacts": "activetouch.pressing.height_maps",
+    "Window": "activetouch.pressing.height_maps",
 }
 
 __all__ = [
@@ -44,9 +47,11 @@ __all__ = [
     "Scene",
     "TactileSensor",
     "TouchWorld",
+    "Window",
     "compare",
     "envs",
     "make_sensor",
+    "predicted_contacts",
 ]
 
 
