@@ -44,8 +44,9 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     directions = _towards_the_pad()
     hull = points[:, np.argmax(directions @ points, axis=1)]
     hull[1:] += half_taxel * np.where(directions.T[1:] < 0.0, -1.0, 1.0)  # a taxel is a square
-    solid = np.hstack([hull, hull + [[2 * pad.half_thickness], [0.0], [0.0]]])
-    return Geom("mesh", vertices=(to_matrix(placement.orientation).T @ solid).T / placement.scale)
+    behind = hull + np.array([[2 * pad.half_thickness], [0.0], [0.0]])
+    solid = to_matrix(placement.orientation).T @ np.hstack([hull, behind])
+    return Geom("mesh", vertices=solid.T / placement.scale)
 
 
 def _towards_the_pad() -> Floats:
