@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from activetouch.poses import to_matrices
 from activetouch.pressing.pad import Pad
+from activetouch.solids.mesh import Mesh
+from activetouch.solids.raster import heights
 from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument
 from belief.validation import require_count
@@ -92,16 +94,38 @@ def predicted_contacts(
     array([ -inf, 0.016, 0.016, 0.016,  -inf])
     """
     turns, places, sizes = _checked(rotations, offsets, scales)
+    matrices, num = to_matrices(turns), window.num_pixels
+    if isinstance(body, Mesh):
+        return heights(body.surface, matrices * sizes[:, None, None], places, window.edge / num, num, dtype)
     z, y = (axis.ravel() for axis in np.meshgrid(window.centres, window.centres, indexing="ij"))
-    rays = np.stack([np.ones_like(y), y, z])
-    heights = np.empty((len(turns), y.size), dtype)
-    for turn, place, size, out in zip(to_matrices(turns), places, sizes.tolist(), heights, strict=True):
-        to_object = turn.T / size
-        clearance = 2 * body.bounding_radius * size
-        to_start = to_object.copy()
-        to_start[:, 0] = -(to_object @ (clearance, *place))
-        out[:] = clearance - size * body.entry_distance(to_start @ rays, turn[0])
-    return heights.reshape(-1, window.num_pixels, window.num_pixels)
+    starts = np.stack([np.ones_like(y), y, z])
+    maps = np.empty((len(turns), num * num), dtype)
+    for matrix, place, size, reached in zip(matrices, places, sizes.tolist(), maps, strict=True):
+        distance, clearance = ray_distances(body, matrix, size, place, starts)
+        reached[:] = clearance - distance
+    return maps.reshape(-1, num, num)
+
+
+def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, starts: Floats) -> tuple[Floats, float]:
+    """Distances [m] of a body from the taxels of a plane, and of its centre from that plane.
+
+    Args:
+        body: at nominal size.
+        rotation: object to pad frame, ``(3, 3)``.
+        scale: size factor.
+        offset: of its centre along y and z [m], ``(2,)``.
+        starts: a one and the place (y, z) of every taxel, ``(3, m)`` [m].
+
+    Returns:
+        ``(m,)``, ``inf`` beside the body; and a distance at which every taxel is outside the body.
+    """
+    to_object = rotation.T / scale  # the object's frame, at nominal size
+    clearance = 2 * (body.bounding_radius * scale)
+    to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
+    to_start[:, 0] = -(to_object @ (clearance, *offset))
+    distance = body.entry_distance(to_start @ starts, rotation[0])
+    distance *= scale
+    return distance, clearance
 
 
 def _checked(rotations: ArrayLike, offsets: ArrayLike, scales: ArrayLike) -> tuple[Floats, Floats, Floats]:

@@ -11,6 +11,7 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh
+from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
 from activetouch.solids.triangles import Ints, edges, tetrahedra
@@ -91,6 +92,11 @@ class Mesh:
         volume = float(tetrahedra(self.vertices, self.faces).sum())
         is_convex = np.allclose((area, volume), (hull.area, hull.volume), rtol=_CONVEX, atol=0.0)
         return Geom("mesh", vertices=self.vertices[hull.vertices], presses="solid" if is_convex else "surface")
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The triangles, prepared for height maps."""
+        return Surface.of(self.vertices, self.faces)
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""
