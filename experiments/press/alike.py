@@ -10,7 +10,7 @@ over the offset of each touch.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TypeAlias
 
@@ -19,11 +19,12 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.hypotheses import quaternions
-from activetouch.poses import POSE_SETS, hamilton_product, turn, turned
+from activetouch.poses import POSE_SETS, hamilton_product, random_orientation, to_matrices, turn, turned
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Scene
 from activetouch.shapes import Shape
 from belief.errors import InvalidArgument
+from belief.statistics import wilson_interval
 from belief.validation import require_count
 from experiments.press.contact_fit import Feeler, Limits, Presses, fit
 
@@ -34,8 +35,11 @@ SHOWN = 0.05
 """A difference shows if two shapes are confused with less than this probability."""
 _ORIENTATIONS = 1500  # of the bank, each with four rolls
 _TOUCHES = 6
-_STARTS, _STEPS = 3, 5
-_HOPELESS = 2.0  # times the distance at which the bank finds nearly all touches of the shape itself
+_STARTS, _STEPS = 2, 5
+_ALIGNED = 3  # objects that tell how the frames of two shapes lie to each other
+_SAME = 0.25  # squared distance of images that are one
+_HOPELESS = (1.5, 1.2)  # for one touch and for all, times the distance at which the bank finds nearly all touches of the shape itself
+_VIEWS, _SEEN_PIXELS = 60, 48  # height maps of a whole shape, and their pixels along an edge
 _MOST_COMPARED = 3  # pairs whose touches from 26 directions are compared
 
 
@@ -118,7 +122,8 @@ def alike(
     Raises:
         InvalidArgument: there are fewer than two shapes or two objects.
     """
-    if len(scene.shapes) < 2 or require_count("num_objects", num_objects) < 2:
+    require_count("num_objects", num_objects)
+    if min(len(scene.shapes), num_objects) < 2:
         raise InvalidArgument(f"needs two shapes and two objects of each, got {len(scene.shapes)} and {num_objects}")
     study = _Study(scene, num_objects, np.random.default_rng(seed))
     for label in track(scene.shape_labels):
@@ -126,6 +131,7 @@ def alike(
     return study.result()
 
 
+COUNT={}
 class _Study:
     """Distances of the touches of all objects to all shapes."""
 
@@ -139,99 +145,198 @@ class _Study:
         self.bank = np.concatenate([turned(turn("x", -roll * np.pi / 2), base) for roll in range(4)])
         tree = scipy.spatial.cKDTree(np.vstack([self.bank, -self.bank]))
         self.nearest = [tree.query(turned(pose, self.bank))[1] % len(self.bank) for pose in self.poses]
-        self.truth, self.images, self.heights = {}, {}, {}
+        self.truth: dict[str, Presses] = {}
+        self.heights: dict[str, Floats] = {}
         for number, (label, solid) in enumerate(self.solids.items()):
-            things = [scene.sample_object(number, rng) for _ in range(num_objects)]
-            turns = quaternions_of(rng, num_objects)
-            offsets = [[vary.sample_offset(rng) for _ in self.poses] for _ in things]
-            self.truth[label] = Presses(turns, np.array([thing.scale for thing in things]), np.array(offsets))
+            sizes = np.array([scene.sample_object(number, rng).scale for _ in range(num_objects)])
+            turns = np.array([random_orientation(rng) for _ in sizes])
+            offsets = np.array([[vary.sample_offset(rng) for _ in self.poses] for _ in sizes])
+            self.truth[label] = Presses(turns, sizes, offsets)
             self.heights[label] = self.truth[label].heights(solid, self.poses, self.feeler.window)
-            self.images[label] = self._images(self.heights[label], num_objects)
-        self.told: dict[tuple[Pair, int], Floats] = {}  # distances by (touched, compared) and number of touches
-        self.searched: dict[tuple[Pair, int], Floats] = {}
-        self.found: dict[Pair, Presses] = {}
+        self.told: dict[tuple[int, Pair], Floats] = {}  # distances by number of touches, touched and compared shape
+        self.searched: dict[tuple[int, Pair], Floats] = {}
+        self.found: dict[Pair, Presses] = {}  # what looks most like all touches
+        self.relative: dict[Pair, Floats] = {}  # rotation from the frame of the second shape to that of the first
         self.reach: dict[str, Reach] = {}
 
-    def _images(self, heights: Floats, num_objects: int) -> Floats:
-        images = self.feeler.images(heights)[0]
+    def images(self, heights: Floats, num_objects: int) -> Floats:
+        """Images ``(m, P, e, e)`` of height maps ``(m·P, N, N)``."""
+        images = self.feeler.images(heights)
         return images.reshape(num_objects, -1, *images.shape[1:])
 
     def compare(self, label: str) -> None:
         """Compare the touches of all objects with one shape."""
-        solid = self.solids[label]
-        bank, heights = self._bank(solid)
-        self.reach[label] = _reach(solid, heights, self.bank[: len(heights)], self)
-        coarse = {other: self._distances(self.images[other], bank) for other in self.solids}
+        bank, heights = self._bank(self.solids[label])
+        self.reach[label] = self._reach(label, heights)
+        coarse = {
+            other: _distances(self.images(self.heights[other], len(self.truth[other].sizes)), bank)
+            for other in self.solids
+        }
         for num_touches in (len(self.poses), 1):
-            ranked = {other: self._ranked(coarse[other], num_touches) for other in self.solids}
-            hopeless = _HOPELESS * float(np.quantile(ranked[label][1][:, 0], 0.95))
+            ranked = {other: self._ranked(coarse[other][:, :num_touches]) for other in self.solids}
+            hopeless = _HOPELESS[num_touches > 1] ** 2 * float(np.quantile(ranked[label][1][:, 0], 0.95))
             for other in self.solids:
                 self._search((other, label), num_touches, *ranked[other], hopeless)
 
     def _bank(self, solid: Shape) -> tuple[Floats, Floats]:
         """Images of all orientations of a shape at four offsets, ``(4·n, 4, e·e)``, and height maps ``(n, N, N)``."""
-        feeler = self.feeler
-        pixel = 2 * feeler.pad.half_width / feeler.num_pixels
+        pixel, num = self.feeler.window.edge / self.feeler.num_pixels, self.feeler.num_pixels
         shift = round(max(map(abs, self.limits.offsets)) / 2 / pixel)
-        num, size = feeler.num_pixels, float(np.mean(self.limits.sizes))
         window = Window((num + 2 * shift) * pixel, num + 2 * shift)
+        size = float(np.mean(self.limits.sizes))
         heights = predicted_contacts(solid, self.bank[:_ORIENTATIONS], (0.0, 0.0), window, size, np.float32)
         places = [(row, column) for row in (0, 2 * shift) for column in (0, 2 * shift)]
-        images = np.stack([feeler.images(heights[:, r : r + num, c : c + num])[0] for r, c in places], axis=1)
-        rolled = np.concatenate([np.rot90(images, roll, axes=(2, 3)) for roll in range(4)]).astype(np.float32)
+        images = np.stack([self.feeler.images(heights[:, r : r + num, c : c + num]) for r, c in places], axis=1)
+        rolled = np.concatenate([np.rot90(images, roll, axes=(2, 3)) for roll in range(4)])
         return rolled.reshape(*rolled.shape[:2], -1), heights[:, shift : shift + num, shift : shift + num]
 
-    def _distances(self, images: Floats, bank: Floats) -> Floats:
-        """Squared distances of images ``(m, P, e, e)`` to the nearest offset in the bank, ``(m, P, 4·n)``."""
-        flat = images.reshape(-1, bank.shape[-1]).astype(np.float32)
-        products = (flat @ bank.reshape(-1, bank.shape[-1]).T).reshape(len(flat), *bank.shape[:2])
-        nearest = (np.square(bank).sum(axis=2) - 2.0 * products).min(axis=2)
-        return (nearest + np.square(flat).sum(axis=1)[:, None]).reshape(*images.shape[:2], -1)
-
-    def _ranked(self, coarse: Floats, num_touches: int) -> tuple[NDArray[np.intp], Floats]:
+    def _ranked(self, coarse: Floats) -> tuple[NDArray[np.intp], Floats]:
         """The nearest orientations of each object in the bank and their squared distances, ``(m, starts)``."""
-        total = sum(coarse[:, place][:, self.nearest[place]] for place in range(num_touches))
-        best = np.argpartition(total, _STARTS, axis=1)[:, :_STARTS]
-        best = np.take_along_axis(best, np.argsort(np.take_along_axis(total, best, 1), axis=1), 1)
-        return best, np.take_along_axis(total, best, 1)
+        total = np.sum([coarse[:, place][:, self.nearest[place]] for place in range(coarse.shape[1])], axis=0)
+        best = np.argsort(total, axis=1)[:, :_STARTS]
+        return best, np.take_along_axis(total, best, axis=1)
 
-    def _search(
-        self, pair: Pair, num_touches: int, starts: NDArray[np.intp], coarse: Floats, hopeless: float
-    ) -> None:
-        """Distances of the objects of the first shape to the nearest presses of the second."""
+    def _search(self, pair: Pair, num_touches: int, starts: NDArray[np.intp], coarse: Floats, hopeless: float) -> None:
+        """Distances of the objects of the first shape from the presses of the second that look most like them."""
+        truth, middle = self.truth[pair[0]].of(num_touches), np.full(len(coarse), np.mean(self.limits.sizes))
+        self.searched[num_touches, pair] = coarse[:, 0]
+        if pair[0] == pair[1]:
+            self.told[num_touches, pair] = np.zeros(len(coarse))
+            return
+        found, cost = truth, np.where(coarse[:, 0] <= hopeless, coarse[:, 0], np.inf)
+        found, cost = self._better(pair, found, cost, truth)
+        for column in range(_STARTS):
+            start = Presses(self.bank[starts[:, column]], middle, np.zeros_like(truth.offsets))
+            found, cost = self._better(pair, found, cost, start)
+        if num_touches > 1 and np.isfinite(cost).any():  # the frames of the shapes, where these look most alike
+            best = np.full(len(cost), np.inf)
+            rows = np.argsort(cost)[:_ALIGNED]
+            best[rows] = cost[rows]
+            refined, refined_cost = self._better(pair, found, best, found, 4 * _STEPS)
+            row = int(np.argmin(refined_cost))
+            self.relative[pair] = np.array(hamilton_product(truth.turns[row] * (1, -1, -1, -1), refined.turns[row]))
+        if pair in self.relative:
+            aligned = np.array(hamilton_product(truth.turns.T, self.relative[pair][:, None])).T
+            found, cost = self._better(pair, found, cost, Presses(aligned, truth.sizes, truth.offsets))
+        if num_touches > 1:
+            self.found[pair] = found
+        self.told[num_touches, pair] = np.sqrt(np.minimum(cost, coarse[:, 0]))
+
+    def _better(
+        self, pair: Pair, presses: Presses, cost: Floats, start: Presses, steps: int = _STEPS
+    ) -> tuple[Presses, Floats]:
+        """Fits from another start where they are better; none where the cost is infinite, or next to nothing."""
+        rows = np.flatnonzero(np.isfinite(cost) & (cost > _SAME))
+        if rows.size == 0:
+            return presses, cost
         touched, compared = pair
-        truth = self.truth[touched]
-        truth = Presses(truth.turns, truth.sizes, truth.offsets[:, :num_touches])
-        middle = Presses(
-            truth.turns, np.full(len(truth.sizes), np.mean(self.limits.sizes)), 0.0 * truth.offsets
+        num = start.offsets.shape[1]
+        images = self.images(self.heights[touched], len(cost))[rows, :num]
+        fitted, fitted_cost = fit(
+            self.feeler, self.solids[compared], images, start[rows], self.poses[:num], self.limits, steps
         )
-        told, searched, found = coarse[:, 0].copy(), coarse[:, 0].copy(), truth
-        near = np.flatnonzero(coarse[:, 0] <= hopeless)
-        if near.size:
-            images = self.images[touched][:, :num_touches][near]
+        import os
+        COUNT[num]=COUNT.get(num,0)+len(rows)*num*(steps+1)
+        every, costs = presses.put(rows, fitted), cost.copy()
+        costs[rows] = fitted_cost
+        return presses.or_else(every, costs < cost), np.minimum(costs, cost)
 
-            def better(presses: Presses, cost: Floats, start: Presses) -> tuple[Presses, Floats]:
-                new, new_cost = fit(
-                    self.feeler, self.solids[compared], images, start, self.poses[:num_touches], self.limits, _STEPS
-                )
-                return presses.or_else(new, new_cost < cost), np.minimum(cost, new_cost)
+    def result(self) -> Alike:
+        """The pairs, most alike first."""
+        pairs = sorted((self._likeness(pair) for pair in combinations(self.solids, 2)), key=lambda p: (-p.all, -p.one))
+        compared = [
+            replace(pair, shown_from_26=self._shown_from_26(pair.shapes)) if pair.all > SHOWN else pair
+            for pair in pairs[:_MOST_COMPARED]
+        ]
+        return Alike((*compared, *pairs[_MOST_COMPARED:]), self.reach, len(self.poses))
 
-            presses, cost = middle[near], coarse[near, 0]
-            for column in range(_STARTS):
-                start = Presses(self.bank[starts[near, column]], middle.sizes[near], middle.offsets[near])
-                presses, cost = better(presses, cost, start)
-            searched[near] = cost
-            if touched == compared:
-                cost = 0.0 * cost
-            else:
-                presses, cost = better(presses, cost, truth[near])
-                if num_touches > 1:  # how the frames of the two shapes lie to each other, where they look most alike
-                    best = int(np.argmin(cost))
-                    relative = _product(_inverse(truth.turns[near][best]), presses.turns[best])
-                    self.found[pair] = relative
-                if pair in self.found:
-                    aligned = _product(truth.turns[near], self.found[pair])
-                    presses, cost = better(presses, cost, Presses(aligned, truth.sizes[near], truth.offsets[near]))
-            told[near] = cost
-            found = found.or_else(found, np.zeros(len(told), bool))
-        self.told[pair, num_touches], self.searched[pair, num_touches] = np.sqrt(told), np.sqrt(searched)
+    def _likeness(self, pair: Pair) -> Likeness:
+        num = len(self.poses)
+        both = (pair, pair[::-1])
+        one, every = ([_confused(self.told[touches, way]) for way in both] for touches in (1, num))
+        searching = []
+        for touches in (1, num):
+            wrong = [self.searched[touches, way] - self.searched[touches, (way[0], way[0])] for way in both]
+            searching.append(min(0.5, float(np.mean([np.mean((w < 0.0) + 0.5 * (w == 0.0)) for w in wrong]))))
+        least_one, least = (min(errors, key=np.mean) for errors in (one, every))
+        return Likeness(
+            shapes=pair,
+            one=float(least_one.mean()),
+            one_interval=_interval(least_one),
+            one_searching=max(searching[0], float(least_one.mean())),
+            all=float(least.mean()),
+            all_interval=_interval(least),
+            all_searching=max(searching[1], float(least.mean())),
+            shown=max(float((errors < SHOWN).mean()) for errors in every),
+        )
+
+    def _shown_from_26(self, pair: Pair) -> float:
+        """See :class:`Likeness`: fits of the touches in all 26 poses, from those of the touches in the scene's."""
+        poses = np.array(list(POSE_SETS["directions26"].values()))
+        shown = []
+        for touched, compared in (pair, pair[::-1]):
+            there, model = self.truth[touched], self.found[touched, compared]
+            num = len(there.sizes)
+            everywhere = Presses(there.turns, there.sizes, np.zeros((num, len(poses), 2)))
+            images = self.images(everywhere.heights(self.solids[touched], poses, self.feeler.window), num)
+            start = Presses(model.turns, model.sizes, everywhere.offsets)
+            cost = fit(self.feeler, self.solids[compared], images, start, poses, self.limits, _STEPS)[1]
+            shown.append(float((_confused(np.sqrt(cost)) < SHOWN).mean()))
+        return max(shown)
+
+    def _reach(self, label: str, heights: Floats) -> Reach:
+        """What touches of a shape reach, from height maps ``(n, N, N)`` in the orientations of the bank."""
+        solid, size, truth = self.solids[label], float(np.mean(self.limits.sizes)), self.truth[label]
+        num, some = len(heights), slice(0, None, _ORIENTATIONS // _VIEWS)
+        whole = Window(2 * solid.bounding_radius * size, _SEEN_PIXELS)
+        views = predicted_contacts(solid, self.bank[:num][some], (0.0, 0.0), whole, size)
+        edge = solid.bounding_radius / 4
+
+        def cubes(
+            maps: Floats, turns: Floats, window: Window, sizes: Floats, offsets: Floats, deepest: float
+        ) -> list[NDArray[np.int64]]:
+            """Numbers of the cubes in which the points of each map lie that are at most so far from the first."""
+            found = []
+            for map_, matrix, scale, (y, z) in zip(maps, to_matrices(turns), sizes, offsets, strict=True):
+                row, column = np.nonzero(map_ > map_.max() - deepest)
+                points = np.array([-map_[row, column], window.centres[column] - y, window.centres[row] - z])
+                places = np.floor(matrix.T @ points / (scale * edge)).astype(np.int64)
+                found.append(np.unique((places + 64).T @ (1, 128, 128 * 128)))
+            return found
+
+        depth = self.feeler.pad.max_depth
+        middle, centred = np.full(num, size), np.zeros((num, 2))
+        seen = _joined(cubes(views, self.bank[:num][some], whole, middle[some], centred[some], np.inf))
+        ever = _joined(cubes(heights, self.bank[:num], self.feeler.window, middle, centred, depth))
+        shown = np.stack([turned(pose, truth.turns) for pose in self.poses], axis=1).reshape(-1, 4)
+        sizes = np.repeat(truth.sizes, len(self.poses))
+        touched = cubes(self.heights[label], shown, self.feeler.window, sizes, truth.offsets.reshape(-1, 2), depth)
+        each = [_joined(touched[first : first + len(self.poses)]) for first in range(0, len(touched), len(self.poses))]
+        return Reach(_share(ever, seen), float(np.mean([_share(own, seen) for own in each])))
+
+
+def _joined(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    return np.unique(np.concatenate(parts))
+
+
+def _share(part: NDArray[np.int64], whole: NDArray[np.int64]) -> float:
+    return len(np.intersect1d(part, whole)) / len(whole)
+
+
+def _distances(images: Floats, bank: Floats) -> Floats:
+    """Squared distances of images ``(m, P, e, e)`` to the nearest offset in the bank, ``(m, P, 4·n)``."""
+    flat, known = (a.reshape(-1, bank.shape[-1]).astype(np.float32) for a in (images, bank))
+    products = (flat @ known.T).reshape(len(flat), *bank.shape[:2])
+    nearest = (np.square(known).sum(axis=1).reshape(bank.shape[:2]) - 2.0 * products).min(axis=2)
+    return np.maximum(nearest + np.square(flat).sum(axis=1)[:, None], 0.0).reshape(*images.shape[:2], -1)
+
+
+def _confused(distances: Floats) -> Floats:
+    """Probability of confusing two images at a distance in units of the noise."""
+    return np.asarray(scipy.special.ndtr(-distances / 2))
+
+
+def _interval(errors: Floats) -> tuple[float, float]:
+    """Interval of the mean of errors in [0, 0.5]: that of a proportion, as they have no larger variance."""
+    low, high = wilson_interval(round(2.0 * float(errors.sum())), len(errors))
+    return low / 2.0, high / 2.0

@@ -57,62 +57,100 @@ class Feeler:
         load = force / (pad.stiffness * stiffness * (2 * pad.half_width / (taxels * binning)) ** 2)
         return cls(pad, load, taxels * binning, binning, float(np.hypot(noise, _TOLERANCE)))
 
+    @property
+    def edge(self) -> int:
+        """Taxels along the edge of an image."""
+        return self.num_pixels // self.binning
+
     @cached_property
     def window(self) -> Window:
         """The face of the pad."""
         return Window(2 * self.pad.half_width, self.num_pixels)
 
-    def images(self, heights: Floats) -> tuple[Floats, NDArray[np.bool_], Floats]:
-        """Images of height maps ``(n, N, N)``.
-
-        Returns:
-            The images ``(n, e, e)``, the pixels that are loaded, and the weights with which the heights of the pixels
-            determine the depth, both ``(n, N, N)``.
-        """
-        top = heights.max(axis=(1, 2), keepdims=True)
-        gap = np.where(np.isfinite(top), top - heights, np.inf)
-        depth = np.full(top.shape, self.pad.max_depth)
+    def touched(self, heights: Floats) -> Touched:
+        """What is pressed in height maps ``(n, N, N)`` [m]."""
+        num, deepest = len(heights), self.pad.max_depth
+        flat = heights.reshape(num, -1)
+        top = flat.max(axis=1)
+        pixels = np.flatnonzero(flat > (top - deepest)[:, None])
+        maps = pixels // flat.shape[1]
+        gap = top[maps] - flat.ravel()[pixels]
+        depth = np.full(num, deepest)
         for _ in range(_NEWTON_STEPS):  # see Pad.indentation
-            loaded = gap < depth
-            total = np.where(loaded, gap, 0.0).sum(axis=(1, 2), keepdims=True)
-            lower = (self.load + total) / np.maximum(loaded.sum(axis=(1, 2), keepdims=True), 1)
+            loaded = gap < depth[maps]
+            count = np.bincount(maps, loaded, num)
+            lower = (self.load + np.bincount(maps, gap * loaded, num)) / np.maximum(count, 1.0)
             is_converged = bool((lower > depth - 1e-9).all())
             depth = np.minimum(lower, depth)
             if is_converged:
                 break
-        loaded = gap < depth
-        anchor = np.where(depth < self.pad.max_depth, loaded, gap == 0.0)
-        weights = anchor / np.maximum(anchor.sum(axis=(1, 2), keepdims=True), 1)
-        return self._binned(np.maximum(depth - gap, 0.0)), loaded, weights
+        loaded = gap < depth[maps]
+        pixels, maps, gap = pixels[loaded], maps[loaded], gap[loaded]
+        anchor = np.where(depth[maps] < deepest, 1.0, gap == 0.0)
+        weights = anchor / np.bincount(maps, anchor, num)[maps]
+        return Touched(num, maps, pixels % flat.shape[1], depth[maps] - gap, weights)
 
-    def _binned(self, indentations: Floats) -> Floats:
-        """Indentations ``(..., N, N)`` [m] as an image ``(..., e, e)``."""
-        edge, width = self.num_pixels // self.binning, self.binning
-        blocks = indentations.reshape(*indentations.shape[:-2], edge, width, edge, width)
-        return blocks.mean(axis=(-3, -1)) / (self.pad.max_depth * self.noise)
+    def images(self, heights: Floats) -> Floats:
+        """Images ``(n, e, e)`` of height maps ``(n, N, N)`` [m]."""
+        touched = self.touched(heights)
+        return self.on_taxels(touched, touched.indentations[None])[:, 0].reshape(touched.num_maps, *2 * [self.edge])
 
-    def changes(self, heights: Floats, loaded: NDArray[np.bool_], weights: Floats, offsets: Floats) -> Floats:
+    def on_taxels(self, touched: Touched, values: Floats) -> Floats:
+        """Several values ``(k, l)`` [m] of the loaded pixels as images ``(n, k, e·e)``."""
+        row, column = np.divmod(touched.pixels, self.num_pixels)
+        taxels = row // self.binning * self.edge + column // self.binning
+        places, size = touched.maps * self.edge**2 + taxels, touched.num_maps * self.edge**2
+        sums = [np.bincount(places, some, size).reshape(touched.num_maps, -1) for some in values]
+        return np.stack(sums, axis=1) / (self.binning**2 * self.pad.max_depth * self.noise)
+
+    def changes(self, heights: Floats, touched: Touched, offsets: Floats) -> Floats:
         """Derivatives of images by a rotation vector [1/rad], the logarithm of the size, and y and z [1/m].
 
         Args:
             heights: the maps ``(n, N, N)`` [m].
-            loaded: from :meth:`images`.
-            weights: from :meth:`images`.
+            touched: what is pressed in them.
             offsets: of the body's centre [m], ``(n, 2)``.
 
         Returns:
             ``(n, 6, e·e)``.
         """
-        z, y = np.meshgrid(self.window.centres, self.window.centres, indexing="ij")
-        y, z = y - offsets[:, 0, None, None], z - offsets[:, 1, None, None]
-        with np.errstate(invalid="ignore"):
-            slopes = np.stack(np.gradient(heights, self.window.edge / self.num_pixels, axis=(2, 1)))
-        h_y, h_z = np.clip(np.nan_to_num(slopes), -_STEEPEST, _STEEPEST)
-        h = np.where(np.isfinite(heights), heights, 0.0)
+        maps, num = touched.maps, self.num_pixels
+        row, column = np.divmod(touched.pixels, num)
+        y, z = (self.window.centres[place] - offsets[maps, axis] for axis, place in enumerate((column, row)))
+        h = heights[maps, row, column]
+        slopes = []
+        for down, right in ((0, 1), (1, 0)):  # along y, along z
+            ahead = np.minimum(row + down, num - 1), np.minimum(column + right, num - 1)
+            behind = np.maximum(row - down, 0), np.maximum(column - right, 0)
+            steps = (ahead[0] - behind[0]) + (ahead[1] - behind[1])
+            high, low = heights[maps, *ahead], heights[maps, *behind]
+            with np.errstate(invalid="ignore"):  # beside the body
+                slope = (high - low) * num / (steps * self.window.edge)
+            slopes.append(np.clip(np.nan_to_num(slope), -_STEEPEST, _STEEPEST))
+        h_y, h_z = slopes
         # The surface is at x = -h. A point p that moves by v = ω × p + σ p + t changes h by -v_x - h_y v_y - h_z v_z.
-        change = np.stack([h_y * z - h_z * y, -z - h_z * h, y + h_y * h, h - h_y * y - h_z * z, -h_y, -h_z], axis=1)
-        depth = np.einsum("nkij,nij->nk", change, weights)  # so that the force stays
-        return self._binned(np.where(loaded[:, None], change - depth[:, :, None, None], 0.0)).reshape(*depth.shape, -1)
+        change = np.stack([h_y * z - h_z * y, -z - h_z * h, y + h_y * h, h - h_y * y - h_z * z, -h_y, -h_z])
+        depth = [np.bincount(maps, some * touched.weights, touched.num_maps)[maps] for some in change]
+        return self.on_taxels(touched, change - depth)  # at a constant force
+
+
+@dataclass(frozen=True)
+class Touched:
+    """The loaded pixels of several height maps.
+
+    Attributes:
+        num_maps: number of the maps.
+        maps: in which each pixel is, ``(l,)``.
+        pixels: place in the map, ``(l,)``.
+        indentations: of the pad [m], ``(l,)``.
+        weights: with which the height of a pixel determines the depth, ``(l,)``.
+    """
+
+    num_maps: int
+    maps: NDArray[np.intp]
+    pixels: NDArray[np.intp]
+    indentations: Floats
+    weights: Floats
 
 
 @dataclass(frozen=True)
@@ -131,6 +169,17 @@ class Presses:
 
     def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Presses:
         return Presses(self.turns[rows], self.sizes[rows], self.offsets[rows])
+
+    def of(self, num_poses: int) -> Presses:
+        """The presses in the first poses."""
+        return Presses(self.turns, self.sizes, self.offsets[:, :num_poses])
+
+    def put(self, rows: NDArray[np.intp], others: Presses) -> Presses:
+        """The presses, with others in place of those of some objects."""
+        copies = [getattr(self, part.name).copy() for part in fields(self)]
+        for copy, part in zip(copies, fields(self), strict=True):
+            copy[rows] = getattr(others, part.name)
+        return Presses(*copies)
 
     def or_else(self, others: Presses, where: NDArray[np.bool_]) -> Presses:
         """The presses, with those of others in their place where it is said."""
@@ -211,8 +260,9 @@ def _linearised(
     """Residuals ``(m, P·e·e)`` and the derivatives of the images by a step ``(m, 4 + 2·P, P·e·e)``."""
     num_objects, num_poses = images.shape[:2]
     heights = presses.heights(body, poses, feeler.window)
-    found, loaded, weights = feeler.images(heights)
-    by_press = feeler.changes(heights, loaded, weights, presses.offsets.reshape(-1, 2))
+    touched = feeler.touched(heights)
+    found = feeler.on_taxels(touched, touched.indentations[None])
+    by_press = feeler.changes(heights, touched, presses.offsets.reshape(-1, 2))
     by_press = by_press.reshape(num_objects, num_poses, 6, -1)
     slopes = np.zeros((num_objects, 4 + 2 * num_poses, num_poses, by_press.shape[-1]))
     slopes[:, :3] = np.einsum("mpie,pij->mjpe", by_press[:, :, :3], to_matrices(poses))
