@@ -9,10 +9,11 @@ over the offset of each touch.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -26,6 +27,7 @@ from activetouch.shapes import Shape
 from belief.errors import InvalidArgument
 from belief.statistics import wilson_interval
 from belief.validation import require_count
+from experiments.parallel import run_tasks
 from experiments.press.contact_fit import Feeler, Limits, Presses, fit
 
 Floats = NDArray[np.float64]
@@ -33,13 +35,13 @@ Pair: TypeAlias = tuple[str, str]
 
 SHOWN = 0.05
 """A difference shows if two shapes are confused with less than this probability."""
-_ORIENTATIONS = 1500  # of the bank, each with four rolls
+_ORIENTATIONS = 1000  # of the bank, each with four rolls
 _TOUCHES = 6
 _STARTS, _STEPS = 2, 5
 _ALIGNED = 3  # objects that tell how the frames of two shapes lie to each other
 _SAME = 0.25  # squared distance of images that are one
 _HOPELESS = (1.5, 1.2)  # for one touch and for all, times the distance at which the bank finds nearly all touches of the shape itself
-_VIEWS, _SEEN_PIXELS = 60, 48  # height maps of a whole shape, and their pixels along an edge
+_VIEWS, _SEEN_PIXELS = 50, 48  # height maps of a whole shape, and their pixels along an edge
 _MOST_COMPARED = 3  # pairs whose touches from 26 directions are compared
 
 
@@ -97,7 +99,7 @@ def alike(
     *,
     num_objects: int = 20,
     seed: int = 0,
-    track: Callable[[Iterable[str]], Iterable[str]] = iter,
+    jobs: int = 1,
 ) -> Alike:
     """How alike the shapes of a scene feel to its pad, and what the poses reach of them.
 
@@ -114,7 +116,7 @@ def alike(
         scene: shapes, poses, pad, sizes, offsets and noise.
         num_objects: simulated of each shape, at least 2.
         seed: of the objects.
-        track: shows the progress over the labels of the shapes.
+        jobs: number of processes; the result does not depend on it.
 
     Returns:
         All pairs, most alike first.
@@ -126,14 +128,33 @@ def alike(
     if min(len(scene.shapes), num_objects) < 2:
         raise InvalidArgument(f"needs two shapes and two objects of each, got {len(scene.shapes)} and {num_objects}")
     study = _Study(scene, num_objects, np.random.default_rng(seed))
-    for label in track(scene.shape_labels):
-        study.compare(label)
-    return study.result()
+    parts = run_tasks([partial(study.compare, label) for label in scene.shape_labels], jobs, "comparing shapes")
+    return study.result(sorted(parts, key=lambda part: scene.shape_labels.index(part.label)))
 
 
-COUNT={}
+@dataclass(frozen=True)
+class _Compared:
+    """What one shape is compared with: distances by touched shape and number of touches.
+
+    Attributes:
+        label: of the shape.
+        reach: of its touches.
+        told: distances, where the search also starts at the true orientation.
+        searched: distances to the nearest image in the bank.
+        found: presses of this shape that look most like all touches, by touched shape.
+        relative: rotation from the frame of this shape to that of the touched one.
+    """
+
+    label: str
+    reach: Reach
+    told: dict[tuple[str, int], Floats] = field(default_factory=dict)
+    searched: dict[tuple[str, int], Floats] = field(default_factory=dict)
+    found: dict[str, Presses] = field(default_factory=dict)
+    relative: dict[str, Floats] = field(default_factory=dict)
+
+
 class _Study:
-    """Distances of the touches of all objects to all shapes."""
+    """The objects and their touches, and the orientations that they are compared with."""
 
     def __init__(self, scene: Scene, num_objects: int, rng: np.random.Generator) -> None:
         vary = scene.variation
@@ -153,21 +174,16 @@ class _Study:
             offsets = np.array([[vary.sample_offset(rng) for _ in self.poses] for _ in sizes])
             self.truth[label] = Presses(turns, sizes, offsets)
             self.heights[label] = self.truth[label].heights(solid, self.poses, self.feeler.window)
-        self.told: dict[tuple[int, Pair], Floats] = {}  # distances by number of touches, touched and compared shape
-        self.searched: dict[tuple[int, Pair], Floats] = {}
-        self.found: dict[Pair, Presses] = {}  # what looks most like all touches
-        self.relative: dict[Pair, Floats] = {}  # rotation from the frame of the second shape to that of the first
-        self.reach: dict[str, Reach] = {}
 
     def images(self, heights: Floats, num_objects: int) -> Floats:
         """Images ``(m, P, e, e)`` of height maps ``(m·P, N, N)``."""
         images = self.feeler.images(heights)
         return images.reshape(num_objects, -1, *images.shape[1:])
 
-    def compare(self, label: str) -> None:
+    def compare(self, label: str) -> _Compared:
         """Compare the touches of all objects with one shape."""
         bank, heights = self._bank(self.solids[label])
-        self.reach[label] = self._reach(label, heights)
+        part = _Compared(label, self._reach(label, heights))
         coarse = {
             other: _distances(self.images(self.heights[other], len(self.truth[other].sizes)), bank)
             for other in self.solids
@@ -176,7 +192,8 @@ class _Study:
             ranked = {other: self._ranked(coarse[other][:, :num_touches]) for other in self.solids}
             hopeless = _HOPELESS[num_touches > 1] ** 2 * float(np.quantile(ranked[label][1][:, 0], 0.95))
             for other in self.solids:
-                self._search((other, label), num_touches, *ranked[other], hopeless)
+                self._search(part, other, num_touches, *ranked[other], hopeless)
+        return part
 
     def _bank(self, solid: Shape) -> tuple[Floats, Floats]:
         """Images of all orientations of a shape at four offsets, ``(4·n, 4, e·e)``, and height maps ``(n, N, N)``."""
@@ -196,93 +213,87 @@ class _Study:
         best = np.argsort(total, axis=1)[:, :_STARTS]
         return best, np.take_along_axis(total, best, axis=1)
 
-    def _search(self, pair: Pair, num_touches: int, starts: NDArray[np.intp], coarse: Floats, hopeless: float) -> None:
-        """Distances of the objects of the first shape from the presses of the second that look most like them."""
-        truth, middle = self.truth[pair[0]].of(num_touches), np.full(len(coarse), np.mean(self.limits.sizes))
-        self.searched[num_touches, pair] = coarse[:, 0]
-        if pair[0] == pair[1]:
-            self.told[num_touches, pair] = np.zeros(len(coarse))
+    def _search(
+        self,
+        part: _Compared,
+        touched: str,
+        num_touches: int,
+        starts: NDArray[np.intp],
+        coarse: Floats,
+        hopeless: float,
+    ) -> None:
+        """Distances of the objects of one shape from the presses of the other that look most like them."""
+        truth, middle = self.truth[touched].of(num_touches), np.full(len(coarse), np.mean(self.limits.sizes))
+        part.searched[touched, num_touches] = np.sqrt(coarse[:, 0])
+        if touched == part.label:
+            part.told[touched, num_touches] = np.zeros(len(coarse))
             return
-        found, cost = truth, np.where(coarse[:, 0] <= hopeless, coarse[:, 0], np.inf)
-        found, cost = self._better(pair, found, cost, truth)
+        better = partial(self._better, part.label, touched)
+        found, cost = better(truth, np.where(coarse[:, 0] <= hopeless, coarse[:, 0], np.inf), truth)
         for column in range(_STARTS):
             start = Presses(self.bank[starts[:, column]], middle, np.zeros_like(truth.offsets))
-            found, cost = self._better(pair, found, cost, start)
+            found, cost = better(found, cost, start)
         if num_touches > 1 and np.isfinite(cost).any():  # the frames of the shapes, where these look most alike
-            best = np.full(len(cost), np.inf)
-            rows = np.argsort(cost)[:_ALIGNED]
-            best[rows] = cost[rows]
-            refined, refined_cost = self._better(pair, found, best, found, 4 * _STEPS)
+            nearest = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
+            refined, refined_cost = better(found, nearest, found, 4 * _STEPS)
             row = int(np.argmin(refined_cost))
-            self.relative[pair] = np.array(hamilton_product(truth.turns[row] * (1, -1, -1, -1), refined.turns[row]))
-        if pair in self.relative:
-            aligned = np.array(hamilton_product(truth.turns.T, self.relative[pair][:, None])).T
-            found, cost = self._better(pair, found, cost, Presses(aligned, truth.sizes, truth.offsets))
+            relative = hamilton_product(truth.turns[row] * (1, -1, -1, -1), refined.turns[row])
+            part.relative[touched] = np.array(relative)
+        if touched in part.relative:
+            aligned = np.array(hamilton_product(truth.turns.T, part.relative[touched][:, None])).T
+            found, cost = better(found, cost, Presses(aligned, truth.sizes, truth.offsets))
         if num_touches > 1:
-            self.found[pair] = found
-        self.told[num_touches, pair] = np.sqrt(np.minimum(cost, coarse[:, 0]))
+            part.found[touched] = found
+        part.told[touched, num_touches] = np.sqrt(np.minimum(cost, coarse[:, 0]))
 
     def _better(
-        self, pair: Pair, presses: Presses, cost: Floats, start: Presses, steps: int = _STEPS
+        self, label: str, touched: str, presses: Presses, cost: Floats, start: Presses, steps: int = _STEPS
     ) -> tuple[Presses, Floats]:
         """Fits from another start where they are better; none where the cost is infinite, or next to nothing."""
         rows = np.flatnonzero(np.isfinite(cost) & (cost > _SAME))
         if rows.size == 0:
             return presses, cost
-        touched, compared = pair
         num = start.offsets.shape[1]
         images = self.images(self.heights[touched], len(cost))[rows, :num]
-        fitted, fitted_cost = fit(
-            self.feeler, self.solids[compared], images, start[rows], self.poses[:num], self.limits, steps
-        )
-        import os
-        COUNT[num]=COUNT.get(num,0)+len(rows)*num*(steps+1)
+        solid, poses = self.solids[label], self.poses[:num]
+        fitted, fitted_cost = fit(self.feeler, solid, images, start[rows], poses, self.limits, steps)
         every, costs = presses.put(rows, fitted), cost.copy()
         costs[rows] = fitted_cost
         return presses.or_else(every, costs < cost), np.minimum(costs, cost)
 
-    def result(self) -> Alike:
+    def result(self, parts: Iterable[_Compared]) -> Alike:
         """The pairs, most alike first."""
-        pairs = sorted((self._likeness(pair) for pair in combinations(self.solids, 2)), key=lambda p: (-p.all, -p.one))
-        compared = [
-            replace(pair, shown_from_26=self._shown_from_26(pair.shapes)) if pair.all > SHOWN else pair
-            for pair in pairs[:_MOST_COMPARED]
-        ]
-        return Alike((*compared, *pairs[_MOST_COMPARED:]), self.reach, len(self.poses))
+        by_label = {part.label: part for part in parts}
+        pairs = [self._likeness(by_label[one], by_label[other]) for one, other in combinations(by_label, 2)]
+        pairs.sort(key=lambda pair: (-pair.all, -pair.one))
+        for place, pair in enumerate(pairs[:_MOST_COMPARED]):
+            if pair.all > SHOWN:
+                one, other = (by_label[label] for label in pair.shapes)
+                shown = max(self._shown_from_26(one, other.label), self._shown_from_26(other, one.label))
+                pairs[place] = replace(pair, shown_from_26=shown)
+        return Alike(tuple(pairs), {label: part.reach for label, part in by_label.items()}, len(self.poses))
 
-    def _likeness(self, pair: Pair) -> Likeness:
-        num = len(self.poses)
-        both = (pair, pair[::-1])
-        one, every = ([_confused(self.told[touches, way]) for way in both] for touches in (1, num))
-        searching = []
-        for touches in (1, num):
-            wrong = [self.searched[touches, way] - self.searched[touches, (way[0], way[0])] for way in both]
-            searching.append(min(0.5, float(np.mean([np.mean((w < 0.0) + 0.5 * (w == 0.0)) for w in wrong]))))
-        least_one, least = (min(errors, key=np.mean) for errors in (one, every))
-        return Likeness(
-            shapes=pair,
-            one=float(least_one.mean()),
-            one_interval=_interval(least_one),
-            one_searching=max(searching[0], float(least_one.mean())),
-            all=float(least.mean()),
-            all_interval=_interval(least),
-            all_searching=max(searching[1], float(least.mean())),
-            shown=max(float((errors < SHOWN).mean()) for errors in every),
-        )
+    def _likeness(self, one: _Compared, other: _Compared) -> Likeness:
+        ways = ((one.label, other), (other.label, one))  # the touched shape, and what was compared with it
+        found: list[Any] = []
+        for num_touches in (1, len(self.poses)):
+            told = [_confused(part.told[label, num_touches]) for label, part in ways]
+            least = min(told, key=np.mean)  # a reader that takes doubtful touches for the other shape
+            own = [part.searched[part.label, num_touches] for part in (one, other)]
+            further = [part.searched[label, num_touches] - o for (label, part), o in zip(ways, own, strict=True)]
+            wrong = float(np.mean([(more < 0.0).mean() for more in further]))
+            found += [float(least.mean()), _interval(least), min(max(wrong, float(least.mean())), 0.5)]
+        shown = max(float((errors < SHOWN).mean()) for errors in told)
+        return Likeness((one.label, other.label), *found, shown)
 
-    def _shown_from_26(self, pair: Pair) -> float:
+    def _shown_from_26(self, part: _Compared, touched: str) -> float:
         """See :class:`Likeness`: fits of the touches in all 26 poses, from those of the touches in the scene's."""
-        poses = np.array(list(POSE_SETS["directions26"].values()))
-        shown = []
-        for touched, compared in (pair, pair[::-1]):
-            there, model = self.truth[touched], self.found[touched, compared]
-            num = len(there.sizes)
-            everywhere = Presses(there.turns, there.sizes, np.zeros((num, len(poses), 2)))
-            images = self.images(everywhere.heights(self.solids[touched], poses, self.feeler.window), num)
-            start = Presses(model.turns, model.sizes, everywhere.offsets)
-            cost = fit(self.feeler, self.solids[compared], images, start, poses, self.limits, _STEPS)[1]
-            shown.append(float((_confused(np.sqrt(cost)) < SHOWN).mean()))
-        return max(shown)
+        poses, truth, model = np.array(list(POSE_SETS["directions26"].values())), self.truth[touched], part.found[touched]
+        centred = np.zeros((len(truth.sizes), len(poses), 2))
+        heights = Presses(truth.turns, truth.sizes, centred).heights(self.solids[touched], poses, self.feeler.window)
+        images, start = self.images(heights, len(centred)), Presses(model.turns, model.sizes, centred)
+        cost = fit(self.feeler, self.solids[part.label], images, start, poses, self.limits, _STEPS)[1]
+        return float((_confused(np.sqrt(cost)) < SHOWN).mean())
 
     def _reach(self, label: str, heights: Floats) -> Reach:
         """What touches of a shape reach, from height maps ``(n, N, N)`` in the orientations of the bank."""
