@@ -38,7 +38,7 @@ SHOWN = 0.05
 _ORIENTATIONS = 1000  # of the bank, each with four rolls
 _TOUCHES = 6
 _STARTS, _STEPS = 2, 5
-_ALIGNED = 3  # objects that tell how the frames of two shapes lie to each other
+_ALIGNMENTS, _ALIGNED = 2, 4  # rounds, and objects that tell how the frames of two shapes lie to each other
 _SAME = 0.25  # squared distance of images that are one
 _HOPELESS = (1.5, 1.2)  # for one touch and for all, times the distance at which the bank finds nearly all touches of the shape itself
 _VIEWS, _SEEN_PIXELS = 50, 48  # height maps of a whole shape, and their pixels along an edge
@@ -233,15 +233,16 @@ class _Study:
         for column in range(_STARTS):
             start = Presses(self.bank[starts[:, column]], middle, np.zeros_like(truth.offsets))
             found, cost = better(found, cost, start)
-        if num_touches > 1 and np.isfinite(cost).any():  # the frames of the shapes, where these look most alike
-            nearest = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
-            refined, refined_cost = better(found, nearest, found, 4 * _STEPS)
-            row = int(np.argmin(refined_cost))
-            relative = hamilton_product(truth.turns[row] * (1, -1, -1, -1), refined.turns[row])
-            part.relative[touched] = np.array(relative)
-        if touched in part.relative:
-            aligned = np.array(hamilton_product(truth.turns.T, part.relative[touched][:, None])).T
-            found, cost = better(found, cost, Presses(aligned, truth.sizes, truth.offsets))
+        for _ in range(_ALIGNMENTS if num_touches > 1 and np.isfinite(cost).any() else 1):
+            if num_touches > 1:  # the frames of the shapes, where these look most alike
+                nearest = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
+                found, refined = better(found, nearest, found, 4 * _STEPS)
+                row = int(np.argmin(refined))
+                relative = hamilton_product(truth.turns[row] * (1, -1, -1, -1), found.turns[row])
+                cost, part.relative[touched] = np.minimum(cost, refined), np.array(relative)
+            if touched in part.relative:
+                aligned = np.array(hamilton_product(truth.turns.T, part.relative[touched][:, None])).T
+                found, cost = better(found, cost, Presses(aligned, truth.sizes, truth.offsets))
         if num_touches > 1:
             part.found[touched] = found
         part.told[touched, num_touches] = np.sqrt(np.minimum(cost, coarse[:, 0]))
