@@ -17,9 +17,12 @@ from activetouch.scene import Scene
 from activetouch.sensor_files import load_observation_model, sensor_shift
 from belief import Composition
 from belief.observation_model import OutcomeTable
-from experiments.command_line.arguments import Count, check_arguments
+from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs
+from experiments.press.alike import alike as compare_shapes
 from experiments.press.belief_table import belief_table
+from experiments.press.felt_tables import alike_table, depth_table, reach_table
 from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
@@ -35,24 +38,35 @@ class Explain:
     """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
 
     Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
-    memory and time beside the leaner model that takes touches as independent.
+    memory and time beside the leaner model that takes touches as independent. Says at which force the pad's layer bottoms
+    out, and which shapes feel alike to the pad.
 
     For example:
 
         activetouch explain
         activetouch explain --scene paper --robot panda_allegro
+        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     presses: Count = 60
     """Number of presses to measure in each scene."""
+    alike: bool = True
+    """Whether to compare all pairs of shapes, which takes a second for each shape and a tenth for each pair."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes that compare shapes."""
 
     def run(self) -> None:
         """Print the tables; the lower bounds only if a sensor that comes with the package fits the scene."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
+        console.print(depth_table(self.choice.scene, named.scene).rich())
+        if self.alike and len(named.scene.shapes) > 1:
+            found = compare_shapes(named.scene, jobs=self.jobs)
+            for table in (alike_table(self.choice.scene, found), reach_table(named.scene, found)):
+                console.print(table.rich())
         independent, scene = independent_sensor(self.choice.scene), named.scene
         shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
         if independent in shipped:
