@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import scipy  # whose parts load at first use
@@ -151,11 +150,11 @@ class _Study:
         self.heights: dict[str, Floats] = {}
         self.images: dict[str, Floats] = {}
         for label, solid in self.solids.items():
-            rows = [
-                [*random_orientation(rng), vary.size.sample(rng), *(vary.offset.sample(rng) for _ in 2 * self.shown)]
-                for _ in range(num_objects)
-            ]
-            self.truth[label] = np.array(rows)
+            rows = np.zeros((num_objects, 5 + 3 * len(self.poses)))
+            for row in rows:
+                row[:4], row[4] = random_orientation(rng), vary.size.sample(rng)
+                row[5::3], row[6::3] = ([vary.offset.sample(rng) for _ in self.poses] for _ in "yz")
+            self.truth[label] = rows
             self.heights[label] = self.fit.heights(solid, self.truth[label], self.poses)
             self.images[label] = self._by_object(self.heights[label])
 
@@ -192,7 +191,7 @@ class _Study:
 
     def _search(self, part: _Compared, touched: str, num_touches: int, total: Floats, hopeless: float) -> None:
         """Distances of the objects of one shape from the presses of the other that look most like them."""
-        truth, least = self.truth[touched][:, : 5 + 2 * num_touches], total.min(axis=1)
+        truth, least = self.truth[touched][:, : 5 + 3 * num_touches], total.min(axis=1)
         part.nearest[touched, num_touches] = np.sqrt(least)
         if touched == part.label:
             part.told[touched, num_touches] = np.zeros(len(truth))
@@ -221,7 +220,7 @@ class _Study:
         rows = np.flatnonzero(np.isfinite(cost) & (cost > _SAME))
         if rows.size == 0:
             return presses, cost
-        num = (presses.shape[1] - 5) // 2
+        num = (presses.shape[1] - 5) // 3
         images, solid = self.images[touched][rows, :num], self.solids[label]
         fitted, fitted_cost = self.fit.fit(solid, images, start[rows], self.poses[:num], steps)
         is_better = fitted_cost < cost[rows]
@@ -241,21 +240,24 @@ class _Study:
 
     def _likeness(self, one: _Compared, other: _Compared) -> Likeness:
         ways = ((one.label, other), (other.label, one))  # the touched shape, and what was compared with it
-        found: list[Any] = []
-        for num_touches in (1, len(self.poses)):
+
+        def errors(num_touches: int) -> tuple[float, tuple[float, float], float]:
             told = [_confused(part.told[label, num_touches]) for label, part in ways]
             least = min(told, key=np.mean)  # a reader that takes doubtful touches for the other shape
             own = [part.nearest[part.label, num_touches] for part in (one, other)]
             wrong = [part.nearest[label, num_touches] < o for (label, part), o in zip(ways, own, strict=True)]
             error = float(least.mean())
-            found += [error, _interval(least), min(max(float(np.mean(wrong)), error), 0.5)]
-        return Likeness((one.label, other.label), *found, max(float((errors < SHOWN).mean()) for errors in told))
+            return error, _interval(least), min(max(float(np.mean(wrong)), error), 0.5)
+
+        num = len(self.poses)
+        shown = max(float((_confused(part.told[label, num]) < SHOWN).mean()) for label, part in ways)
+        return Likeness((one.label, other.label), *errors(1), *errors(num), shown)
 
     def _shown_from_26(self, part: _Compared, touched: str) -> float:
         """See :class:`Likeness`: fits of the touches in all 26 poses, from those of the touches in the scene's."""
         poses = np.array(list(POSE_SETS["directions26"].values()))
         truth, start = (
-            np.hstack([presses[:, :5], np.zeros((self.num_objects, 2 * len(poses)))])
+            np.hstack([presses[:, :5], np.zeros((self.num_objects, 3 * len(poses)))])
             for presses in (self.truth[touched], part.found[touched])
         )
         images = self._by_object(self.fit.heights(self.solids[touched], truth, poses))
@@ -288,7 +290,7 @@ class _Study:
         ever = share(cubes(heights, self.fit.window, turns, middle, depth))
         shown = np.stack([turned(pose, truth[:, :4]) for pose in self.poses], axis=1).reshape(-1, 4)
         num = len(self.poses)
-        rows = np.column_stack([np.repeat(truth[:, 4], num), truth[:, 5:].reshape(-1, 2)])
+        rows = np.column_stack([np.repeat(truth[:, 4], num), truth[:, 5:].reshape(-1, 3)[:, :2]])
         touched = cubes(self.heights[label], self.fit.window, shown, rows, depth)
         return ever, float(np.mean([share(touched[n : n + num]) for n in range(0, len(touched), num)]))
 

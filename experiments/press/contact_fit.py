@@ -3,8 +3,9 @@
 A small motion of a body changes its height map by the normal component of the motion, so that one map gives the
 derivatives of the image by orientation, size and offset. Many objects are fitted at once.
 
-The presses of m objects in P poses are one array ``(m, 5 + 2·P)``: the object's orientation ``wxyz``, its size, and the
-offset of each press along y and z [m].
+The presses of m objects in P poses are one array ``(m, 5 + 3·P)``: the object's orientation ``wxyz``, its size, and for
+each press the offset along y and z and how much deeper it is than the force says [m]. The latter stands for what hides
+the depth of a real press, and for the sampling of the highest point.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ _STEEPEST = 4.0  # slope of a surface that a derivative follows
 _LONGEST_TURN = 0.3  # in one step [rad]
 _CHUNK = 2400  # objects at once, divided by the square of the number of their presses
 _NEWTON_STEPS = 30
+_DEEPER = 0.0005  # than the force says, at most [m]
 
 
 @dataclass(frozen=True)
@@ -74,26 +76,27 @@ class ContactFit:
         """Height maps of presses in the poses ``(P, 4)``, ``(m·P, N, N)`` [m]."""
         shown = np.stack([turned(pose, presses[:, :4]) for pose in poses], axis=1).reshape(-1, 4)
         sizes = np.repeat(presses[:, 4], len(poses))
-        return predicted_contacts(body, shown, presses[:, 5:].reshape(-1, 2), self.window, sizes).astype(float)
+        return predicted_contacts(body, shown, presses[:, 5:].reshape(-1, 3)[:, :2], self.window, sizes).astype(float)
 
     def images(self, heights: Floats) -> Floats:
         """Images ``(n, e, e)`` of height maps ``(n, N, N)`` [m]."""
-        return self._felt(heights, None)[0].reshape(-1, self.edge, self.edge)
+        return self._felt(heights, np.zeros((len(heights), 3)), False)[0].reshape(-1, self.edge, self.edge)
 
-    def _felt(self, heights: Floats, offsets: Floats | None) -> tuple[Floats, Floats]:
-        """Images, and their derivatives by a rotation vector, the logarithm of the size, and y and z.
+    def _felt(self, heights: Floats, offsets: Floats, with_changes: bool = True) -> tuple[Floats, Floats]:
+        """Images, and their derivatives by a rotation vector, the logarithm of the size, and offset and depth.
 
         Args:
             heights: maps ``(n, N, N)`` [m].
-            offsets: of the body's centre [m], ``(n, 2)``; no derivatives if None.
+            offsets: of the body's centre along y and z, and the further depth [m], ``(n, 3)``.
+            with_changes: whether to compute derivatives.
 
         Returns:
-            ``(n, e·e)`` and ``(n, 6, e·e)``.
+            ``(n, e·e)`` and ``(n, 7, e·e)``.
         """
         num, pixels, deepest = len(heights), self.window.num_pixels, self.pad.max_depth
         flat = heights.reshape(num, -1)
         top = flat.max(axis=1)
-        maps, places = np.divmod(np.flatnonzero(flat > (top - deepest)[:, None]), pixels**2)
+        maps, places = np.divmod(np.flatnonzero(flat > (top - deepest - _DEEPER)[:, None]), pixels**2)
         gap, depth = top[maps] - flat[maps, places], np.full(num, deepest)
         for _ in range(_NEWTON_STEPS):  # see Pad.indentation
             loaded = gap < depth[maps]
@@ -102,6 +105,7 @@ class ContactFit:
             if (lower > depth - 1e-9).all():
                 break
             depth = np.minimum(lower, depth)
+        depth += offsets[:, 2]
         loaded = gap < depth[maps]
         maps, gap, (row, column) = maps[loaded], gap[loaded], np.divmod(places[loaded], pixels)
         taxels = maps * self.edge**2 + row // self.binning * self.edge + column // self.binning
@@ -111,7 +115,7 @@ class ContactFit:
             return np.bincount(taxels, values, num * self.edge**2).reshape(num, -1) / scale
 
         image = binned(depth[maps] - gap)
-        if offsets is None:
+        if not with_changes:
             return image, np.empty(0)
         y, z = self.window.centres[column] - offsets[maps, 0], self.window.centres[row] - offsets[maps, 1]
         h, slopes = heights[maps, row, column], []
@@ -125,10 +129,9 @@ class ContactFit:
         h_y, h_z = slopes
         # The surface is at x = -h. A point p that moves by v = ω × p + σ p + t changes h by -v_x - h_y v_y - h_z v_z.
         changes = (h_y * z - h_z * y, -z - h_z * h, y + h_y * h, h - h_y * y - h_z * z, -h_y, -h_z)
-        anchor = np.where(depth[maps] < deepest, 1.0, gap == 0.0)  # what determines the depth, as the force stays
-        anchor /= np.bincount(maps, anchor, num)[maps]
-        relative = [change - np.bincount(maps, change * anchor, num)[maps] for change in changes]
-        return image, np.stack([binned(change) for change in relative], axis=1)
+        count = np.maximum(np.bincount(maps, minlength=num), 1)
+        relative = [change - (np.bincount(maps, change, num) / count)[maps] for change in changes]  # at the same force
+        return image, np.stack([binned(change) for change in (*relative, np.ones_like(h))], axis=1)
 
     def fit(self, body: Shape, images: Floats, start: Floats, poses: Floats, num_steps: int) -> tuple[Floats, Floats]:
         """Presses of a body that look like images, by least squares from a start.
@@ -136,7 +139,7 @@ class ContactFit:
         Args:
             body: whose presses are sought.
             images: of m objects in P poses, ``(m, P, e, e)``.
-            start: presses to start from, ``(m, 5 + 2·P)``.
+            start: presses to start from, ``(m, 5 + 3·P)``.
             poses: rotations ``(P, 4)``.
             num_steps: of the method.
 
@@ -164,22 +167,26 @@ class ContactFit:
         return best, np.square(residual).sum(axis=1)
 
     def _linearised(self, body: Shape, images: Floats, presses: Floats, poses: Floats) -> tuple[Floats, Floats]:
-        """Residuals ``(m, P·e·e)``, and derivatives of the images by a step ``(m, 4 + 2·P, P·e·e)``."""
+        """Residuals ``(m, P·e·e)``, and derivatives of the images by a step ``(m, 4 + 3·P, P·e·e)``."""
         num_objects, num_poses = images.shape[:2]
-        found, changes = self._felt(self.heights(body, presses, poses), presses[:, 5:].reshape(-1, 2))
-        changes = changes.reshape(num_objects, num_poses, 6, -1)
-        slopes = np.zeros((num_objects, 4 + 2 * num_poses, num_poses, changes.shape[-1]))
+        found, changes = self._felt(self.heights(body, presses, poses), presses[:, 5:].reshape(-1, 3))
+        changes = changes.reshape(num_objects, num_poses, 7, -1)
+        slopes = np.zeros((num_objects, 4 + 3 * num_poses, num_poses, changes.shape[-1]))
         slopes[:, :3] = np.einsum("mpie,pij->mjpe", changes[:, :, :3], to_matrices(poses))
         slopes[:, 3] = changes[:, :, 3]
         for pose in range(num_poses):
-            slopes[:, 4 + 2 * pose : 6 + 2 * pose, pose] = changes[:, pose, 4:]
+            slopes[:, 4 + 3 * pose : 7 + 3 * pose, pose] = changes[:, pose, 4:]
         return (images - found.reshape(images.shape)).reshape(num_objects, -1), slopes.reshape(*slopes.shape[:2], -1)
 
     def _moved(self, presses: Floats, step: Floats) -> Floats:
-        """Presses after a step ``(m, 4 + 2·P)``: a rotation vector, a relative size, and offsets."""
+        """Presses after a step ``(m, 4 + 3·P)``: a rotation vector, a relative size, offsets and depths."""
         angle = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
         small = step[:, :3] * np.minimum(1.0, _LONGEST_TURN / np.maximum(angle, 1e-12)) / 2
         turns = np.array(hamilton_product(np.hstack([np.ones_like(angle), small]).T, presses[:, :4].T)).T
         sizes = np.clip(presses[:, 4] * (1.0 + np.clip(step[:, 3], -0.5, 0.5)), *self.sizes)
-        offsets = np.clip(presses[:, 5:] + step[:, 4:], *self.offsets)
+        offsets = (presses[:, 5:] + step[:, 4:]).reshape(len(step), -1, 3)
+        low, high = (
+            np.array([end, end, deeper]) for end, deeper in zip(self.offsets, (-_DEEPER, _DEEPER), strict=True)
+        )
+        offsets = np.clip(offsets, low, high).reshape(len(step), -1)
         return np.column_stack([turns / np.linalg.norm(turns, axis=1, keepdims=True), sizes, offsets])

@@ -22,7 +22,7 @@ from experiments.command_line.console import plain_console
 from experiments.parallel import default_jobs
 from experiments.press.alike import alike as compare_shapes
 from experiments.press.belief_table import belief_table
-from experiments.press.felt_tables import alike_table, depth_table, reach_table
+from experiments.press.felt_tables import alike_table, felt_table
 from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
@@ -38,8 +38,8 @@ class Explain:
     """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
 
     Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
-    memory and time beside the leaner model that takes touches as independent. Says at which force the pad's layer bottoms
-    out, and which shapes feel alike to the pad.
+    memory and time beside the leaner model that takes touches as independent. Says which shapes feel alike to the pad,
+    where touches land, and at which force the pad's layer bottoms out.
 
     For example:
 
@@ -62,11 +62,11 @@ class Explain:
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
-        console.print(depth_table(self.choice.scene, named.scene).rich())
+        likeness = None
         if self.alike and len(named.scene.shapes) > 1:
-            found = compare_shapes(named.scene, jobs=self.jobs)
-            for table in (alike_table(self.choice.scene, found), reach_table(named.scene, found)):
-                console.print(table.rich())
+            likeness = compare_shapes(named.scene, jobs=self.jobs)
+            console.print(alike_table(self.choice.scene, likeness).rich())
+        console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
         independent, scene = independent_sensor(self.choice.scene), named.scene
         shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
         if independent in shipped:

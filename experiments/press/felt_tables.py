@@ -1,4 +1,4 @@
-"""Tables of ``activetouch explain`` about what can be felt: bottoming out, shapes that feel alike, and reach."""
+"""Tables of ``activetouch explain`` about what can be felt of shapes, and which of them feel alike."""
 
 from __future__ import annotations
 
@@ -33,31 +33,34 @@ def bearing_forces(scene: Scene, shape: str, num_presses: int, rng: np.random.Ge
     return np.array([force for force in forces if force > 0.0])
 
 
-def depth_table(name: str, scene: Scene) -> Table:
-    """The share of presses of each shape in which the layer bottoms out, and the forces that avoid it."""
+def felt_table(name: str, scene: Scene, likeness: Alike | None) -> Table:
+    """Where touches of each shape land, if known, and how often the layer bottoms out; what would change both."""
     rng, rows, ratios = np.random.default_rng(0), list[tuple[Value, ...]](), []
+    reach = likeness.reach if likeness else {}
     for label in scene.shape_labels:
         carried = bearing_forces(scene, label, _PRESSES, rng)
         given = np.array([scene.variation.force.sample(rng) for _ in carried])
-        rows.append((label, float((carried <= given).mean()) if len(given) else None))
-        ratios.append(carried / given)
+        rows.append((label, float((carried <= given).mean()) if len(given) else None, *reach.get(label, (None, None))))
+        ratios.extend(carried / given)
     low, high = scene.variation.force.support
-    factor = float(np.quantile(np.concatenate(ratios), _FEW)) if any(map(len, ratios)) else 1.0
-    say = (
-        "Forces as they are."
-        if factor >= 1.0
-        else (
-            f"At most {_FEW:.0%} do with forces of {low * factor:.2g} to {high * factor:.2g} N; in Python: "
-            "dataclasses.replace(scene, variation=dataclasses.replace(scene.variation, "
-            f"force=Uniform({low * factor:.2g}, {high * factor:.2g})))."
+    notes = ["A layer that bottoms out carries less than the force."]
+    if ratios and (factor := float(np.quantile(ratios, _FEW))) < 1.0:
+        least, most = f"{low * factor:.2g}", f"{high * factor:.2g}"
+        notes.append(
+            f"It does in {_FEW:.0%} of the presses at {least} to {most} N: give the scene, in Python, "
+            f"variation=Variation(force=Uniform({least}, {most}))."
         )
-    )
+    if partly := [label for label, (ever, _) in reach.items() if ever < _WIDE]:
+        notes.append(f"To meet all of {', '.join(partly)}, aim beside the axis (activetouch.poses.aimed).")
     return Table(
-        f"presses of the scene '{name}' in which the pad's layer bottoms out, at {low:g} to {high:g} N",
-        ["shape", ("share", ".0%")],
+        f"what touches of the scene '{name}' meet",
+        [
+            *("shape", (f"layer bottoms out at {low:g} to {high:g} N", ".0%")),
+            *(("surface that some touch meets", ".0%"), ("surface that all touches of an object meet", ".0%")),
+        ],
         rows,
-        f"{_PRESSES} quasistatic presses of each shape. A layer that bottoms out carries less than the force, and "
-        f"its image does not tell the force. {say}",
+        f"{_PRESSES} quasistatic presses of each shape; surface as a share of what is seen from outside. "
+        + " ".join(notes),
     )
 
 
@@ -82,22 +85,8 @@ def alike_table(name: str, found: Alike) -> Table:
             *(("objects that show it", ".0%"), ("from 26 directions", ".0%")),
         ],
         rows,
-        f"Estimates by simulated contacts, no bounds: for a reader that is told where to look, and for one that compares "
+        "Estimates by simulated contacts, no bounds: for a reader that is told where to look, and for one that compares "
         f"images with those of 4 000 orientations. {told if len(pairs) < len(found.pairs) else ''}"
         f"Hardly told apart: {', '.join(same) or 'none'}"
         + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if same else "."),
-    )
-
-
-def reach_table(scene: Scene, found: Alike) -> Table:
-    """What touches reach of each shape."""
-    rows = [(label, *found.reach[label]) for label in scene.shape_labels]
-    partly = [label for label, (ever, _) in found.reach.items() if ever < _WIDE]
-    return Table(
-        "where touches land, as shares of the surface that is seen from outside",
-        ["shape", ("some touch of some object", ".0%"), (f"{found.num_touches} touches of one object", ".0%")],
-        rows,
-        f"Parts of {', '.join(partly)} are never met on the approach axis; activetouch.poses.aimed presses beside it."
-        if partly
-        else "Objects lie in any orientation.",
     )
