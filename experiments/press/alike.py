@@ -34,10 +34,10 @@ _ORIENTATIONS, _ROLLS = 1000, 4  # of the bank
 _TOUCHES = 6
 _STARTS, _STEPS = 2, 5
 _ALIGNMENTS, _ALIGNED = 2, 4  # rounds, and objects that tell how the frames of two shapes lie to each other
-_SAME = 0.25  # squared distance of images that are one
-_HOPELESS = (1.5, 1.2)  # for one touch and for all: times the distance at which the bank finds 95 % of its own shape
+_SAME, _NEAR = 0.25, 400.0  # squared distances: of images that are one, and of those worth more steps
+_HOPELESS = (1.5, 1.3)  # for one touch and for all: times the distance at which the bank finds 95 % of its own shape
 _VIEWS, _SEEN_PIXELS = 50, 48  # height maps of a whole shape, and their pixels along an edge
-_MOST_COMPARED = 3  # pairs whose touches from 26 directions are compared
+_MOST_COMPARED = 2  # pairs whose touches from 26 directions are compared
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def alike(scene: Scene, *, num_objects: int = 20, seed: int = 0, jobs: int = 1) 
 
     Objects are tumbled, and pressed on the approach axis, beside it by the scene's offset, with the middle of its
     forces. At most six poses are used, drawn if there are more. Images are pressures on at most 12 × 12 taxels with the
-    scene's noise, and with 0.5 % of full scale below which no difference counts. Gain, broken taxels and what a
+    scene's noise, and with 1 % of full scale below which no difference counts. Gain, broken taxels and what a
     renderer adds or hides are left out.
 
     The errors are estimates. A reader may lie between the two: the error of a reader that is told where to look is too
@@ -167,7 +167,7 @@ class _Study:
         bank, heights = self._bank(self.solids[label])
         part = _Compared(label, self._reach(label, heights))
         coarse = {other: _distances(images, bank) for other, images in self.images.items()}
-        for num_touches in (len(self.poses), 1):
+        for num_touches in sorted({1, len(self.poses)}, reverse=True):
             totals = {
                 other: np.sum([found[:, pose][:, self.shown[pose]] for pose in range(num_touches)], axis=0)
                 for other, found in coarse.items()
@@ -196,20 +196,22 @@ class _Study:
         if touched == part.label:
             part.told[touched, num_touches] = np.zeros(len(truth))
             return
-        better = partial(self._better, part.label, touched)
+        better, is_all = partial(self._better, part.label, touched), num_touches == len(self.poses)
         found, cost = better(truth, np.where(least <= hopeless**2, least, np.inf), truth)
         for start in np.argsort(total, axis=1)[:, :_STARTS].T:
             middle = np.column_stack([self.bank[start], np.full(len(truth), self.size), 0.0 * truth[:, 5:]])
             found, cost = better(found, cost, middle)
-        for _ in range(_ALIGNMENTS if num_touches > 1 else 1):
-            if num_touches > 1:  # the frames of the shapes lie to each other as where these look most alike
+        for _ in range(_ALIGNMENTS if is_all else 1):
+            if is_all:  # the frames of the shapes lie to each other as where these look most alike
                 some = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
                 found, refined = better(found, some, found, 4 * _STEPS)
                 best, cost = int(np.argmin(refined)), np.minimum(cost, refined)
                 part.frames[touched] = np.array(hamilton_product(truth[best, :4] * (1, -1, -1, -1), found[best, :4]))
             turns = np.array(hamilton_product(truth[:, :4].T, part.frames[touched][:, None])).T
             found, cost = better(found, cost, np.column_stack([turns, truth[:, 4:]]))
-        if num_touches > 1:
+        found, polished = better(found, np.where(cost < _NEAR, cost, np.inf), found, 2 * _STEPS)
+        cost = np.minimum(cost, polished)
+        if is_all:
             part.found[touched] = found
         part.told[touched, num_touches] = np.sqrt(np.minimum(cost, least))
 
@@ -261,7 +263,7 @@ class _Study:
             for presses in (self.truth[touched], part.found[touched])
         )
         images = self._by_object(self.fit.heights(self.solids[touched], truth, poses))
-        cost = self.fit.fit(self.solids[part.label], images, start, poses, _STEPS)[1]
+        cost = self.fit.fit(self.solids[part.label], images, start, poses, 2 * _STEPS)[1]
         return float((_confused(np.sqrt(cost)) < SHOWN).mean())
 
     def _reach(self, label: str, heights: Floats) -> tuple[float, float]:

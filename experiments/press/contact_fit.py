@@ -24,8 +24,8 @@ from activetouch.shapes import Shape
 
 Floats = NDArray[np.float64]
 
-_TAXELS, _PIXELS = 12, 36  # along an edge: of an image at most, of a height map at least
-_TOLERANCE = 0.005  # of full scale: a difference that no reader uses, as it does not know its sensor better
+_TAXELS, _PIXELS = 12, 24  # along an edge: of an image at most, of a height map at least
+_TOLERANCE = 0.01  # of full scale: a difference that no reader uses, as it does not know its sensor better
 _STEEPEST = 4.0  # slope of a surface that a derivative follows
 _LONGEST_TURN = 0.3  # in one step [rad]
 _CHUNK = 2400  # objects at once, divided by the square of the number of their presses

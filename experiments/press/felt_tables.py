@@ -85,7 +85,7 @@ def alike_table(name: str, found: Alike) -> Table:
             *(("objects that show it", ".0%"), ("from 26 directions", ".0%")),
         ],
         rows,
-        "Estimates by simulated contacts, no bounds: for a reader that is told where to look, and for one that compares "
+        "Estimates by simulated contacts, no bounds: for a reader told where to look, and for one that compares "
         f"images with those of 4 000 orientations. {told if len(pairs) < len(found.pairs) else ''}"
         f"Hardly told apart: {', '.join(same) or 'none'}"
         + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if same else "."),
