@@ -35,7 +35,7 @@ _TOUCHES = 6
 _STARTS, _STEPS = 2, 5
 _ALIGNMENTS, _ALIGNED = 2, 4  # rounds, and objects that tell how the frames of two shapes lie to each other
 _SAME, _NEAR = 0.25, 400.0  # squared distances: of images that are one, and of those worth more steps
-_HOPELESS = (1.5, 1.3)  # for one touch and for all: times the distance at which the bank finds 95 % of its own shape
+_HOPELESS = 1.5  # times the distance at which the bank finds 95 % of the touches of its own shape
 _VIEWS, _SEEN_PIXELS = 50, 48  # height maps of a whole shape, and their pixels along an edge
 _MOST_COMPARED = 2  # pairs whose touches from 26 directions are compared
 
@@ -172,9 +172,10 @@ class _Study:
                 other: np.sum([found[:, pose][:, self.shown[pose]] for pose in range(num_touches)], axis=0)
                 for other, found in coarse.items()
             }
-            usual = np.sqrt(np.quantile(totals[label].min(axis=1), 0.95))
+            own = coarse[label].min(axis=2) if num_touches == 1 else totals[label].min(axis=1)
+            hopeless = _HOPELESS * float(np.sqrt(np.quantile(own, 0.95)))
             for other, total in totals.items():
-                self._search(part, other, num_touches, total, _HOPELESS[num_touches > 1] * usual)
+                self._search(part, other, num_touches, total, hopeless)
         return part
 
     def _bank(self, solid: Shape) -> tuple[Floats, Floats]:

@@ -184,9 +184,9 @@ class ContactFit:
         small = step[:, :3] * np.minimum(1.0, _LONGEST_TURN / np.maximum(angle, 1e-12)) / 2
         turns = np.array(hamilton_product(np.hstack([np.ones_like(angle), small]).T, presses[:, :4].T)).T
         sizes = np.clip(presses[:, 4] * (1.0 + np.clip(step[:, 3], -0.5, 0.5)), *self.sizes)
-        offsets = (presses[:, 5:] + step[:, 4:]).reshape(len(step), -1, 3)
+        places = (presses[:, 5:] + step[:, 4:]).reshape(len(step), -1, 3)
         low, high = (
             np.array([end, end, deeper]) for end, deeper in zip(self.offsets, (-_DEEPER, _DEEPER), strict=True)
         )
-        offsets = np.clip(offsets, low, high).reshape(len(step), -1)
+        offsets = np.clip(places, low, high).reshape(len(step), -1)
         return np.column_stack([turns / np.linalg.norm(turns, axis=1, keepdims=True), sizes, offsets])

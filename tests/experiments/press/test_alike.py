@@ -69,11 +69,11 @@ def test_cube_and_cuboid_share_corners_that_one_touch_confuses_and_six_do_not():
 
 
 def test_a_hole_in_one_face_shows_in_few_objects_and_in_more_from_26_directions():
-    result = found(_cube(0.01), _cube(0.01, hole=0.0025, depth=0.006), num_objects=16)
+    result = found(_cube(0.007), _cube(0.007, hole=0.0025, depth=0.006), num_objects=12)
     (pair,) = result.pairs
-    assert pair.all > 0.35  # most objects never show the face with the hole
-    assert 0.0 < pair.shown <= 0.2
-    assert pair.shown < pair.shown_from_26 <= 0.6
+    assert 0.2 < pair.all < 0.5  # most objects never show the face with the hole
+    assert 0.0 < pair.shown <= 0.4
+    assert pair.shown_from_26 > pair.shown + 0.2
 
 
 def test_six_of_26_poses_are_used_and_one_pose_alone_is_enough():
