@@ -32,7 +32,7 @@ SHOWN = 0.05
 """A difference shows if two shapes are confused with less than this probability."""
 _ORIENTATIONS, _ROLLS = 1000, 4  # of the bank
 _TOUCHES = 6
-_STARTS, _STEPS = 2, 5
+_STARTS, _STEPS, _FIRST = 2, 5, 6
 _ALIGNMENTS, _ALIGNED = 2, 4  # rounds, and objects that tell how the frames of two shapes lie to each other
 _SAME, _NEAR = 0.25, 400.0  # squared distances: of images that are one, and of those worth more steps
 _HOPELESS = 1.5  # times the distance at which the bank finds 95 % of the touches of its own shape
@@ -198,18 +198,31 @@ class _Study:
             part.told[touched, num_touches] = np.zeros(len(truth))
             return
         better, is_all = partial(self._better, part.label, touched), num_touches == len(self.poses)
-        found, cost = better(truth, np.where(least <= hopeless**2, least, np.inf), truth)
+        starts = [truth]
         for start in np.argsort(total, axis=1)[:, :_STARTS].T:
-            middle = np.column_stack([self.bank[start], np.full(len(truth), self.size), 0.0 * truth[:, 5:]])
-            found, cost = better(found, cost, middle)
+            starts.append(np.column_stack([self.bank[start], np.full(len(truth), self.size), 0.0 * truth[:, 5:]]))
+        first = np.where(least <= hopeless**2, least, np.inf)
+        if is_all:  # if the objects that look most alike do not, no others do
+            found, few = truth, np.where(np.argsort(np.argsort(least)) < _FIRST, first, np.inf)
+            for start in starts[:2]:
+                found, few = better(found, few, start)
+            nearest = np.where(np.argsort(np.argsort(few)) < _FIRST // 3, few, np.inf)
+            if better(found, nearest, found, 2 * _STEPS)[1].min() > _NEAR:
+                first = np.full(len(truth), np.inf)
+        found, cost = truth, first
+        for start in starts:
+            found, cost = better(found, cost, start)
         for _ in range(_ALIGNMENTS if is_all else 1):
-            if is_all:  # the frames of the shapes lie to each other as where these look most alike
+            if (
+                is_all and np.isfinite(cost).any()
+            ):  # the frames of the shapes lie to each other as where these look most alike
                 some = np.where(np.argsort(np.argsort(cost)) < _ALIGNED, cost, np.inf)
                 found, refined = better(found, some, found, 4 * _STEPS)
                 best, cost = int(np.argmin(refined)), np.minimum(cost, refined)
                 part.frames[touched] = np.array(hamilton_product(truth[best, :4] * (1, -1, -1, -1), found[best, :4]))
-            turns = np.array(hamilton_product(truth[:, :4].T, part.frames[touched][:, None])).T
-            found, cost = better(found, cost, np.column_stack([turns, truth[:, 4:]]))
+            if touched in part.frames:
+                turns = np.array(hamilton_product(truth[:, :4].T, part.frames[touched][:, None])).T
+                found, cost = better(found, cost, np.column_stack([turns, truth[:, 4:]]))
         found, polished = better(found, np.where(cost < _NEAR, cost, np.inf), found, 2 * _STEPS)
         cost = np.minimum(cost, polished)
         if is_all:
