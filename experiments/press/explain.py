@@ -31,6 +31,7 @@ from experiments.sensor_choice import independent_sensor, sensor_folder
 from planners.bounds.touch_count import touch_count_bounds
 
 _HARDEST = 6  # pairs of shapes to show
+_SECONDS = (1.0, 0.25)  # that comparing takes for each shape and for each pair, about
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Explain:
     presses: Count = 60
     """Number of presses to measure in each scene."""
     alike: bool = True
-    """Whether to compare all pairs of shapes, which takes a second for each shape and a tenth for each pair."""
+    """Compare all pairs of shapes."""
     jobs: Jobs = field(default_factory=default_jobs)
     """Number of processes that compare shapes."""
 
@@ -64,6 +65,9 @@ class Explain:
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
         likeness = None
         if self.alike and len(named.scene.shapes) > 1:
+            shapes = len(named.scene.shapes)
+            seconds = (_SECONDS[0] * shapes + _SECONDS[1] * shapes * (shapes - 1) / 2) / self.jobs
+            console.print(f"comparing {shapes} shapes takes about {seconds:.0f} s; --no-alike leaves it out")
             likeness = compare_shapes(named.scene, jobs=self.jobs)
             console.print(alike_table(self.choice.scene, likeness).rich())
         console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
