@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _LATER = {
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
+    "alike": "experiments.press.alike",
     "compare": "experiments.search.objects",
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
@@ -48,6 +49,7 @@ __all__ = [
     "TactileSensor",
     "TouchWorld",
     "Window",
+    "alike",
     "compare",
     "envs",
     "make_sensor",

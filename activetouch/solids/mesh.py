@@ -18,6 +18,7 @@ from activetouch.solids.triangles import Ints, edges, tetrahedra
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of objects for a fingertip-sized pad [m]
 _TYPICAL_RADIUS = 0.005  # smallest radius for which an error message suggests a unit [m]
+_CONVEX = 1e-6  # relative difference of area and volume from those of the convex hull
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 
 
@@ -26,7 +27,7 @@ class Mesh:
     """A connected solid bounded by triangles, convex or not.
 
     Meshes are equal if their triangles are equal to the nanometre; names do not matter. MuJoCo collides with the convex
-    hull; the touch image shows the true surface. Self-intersections are not checked.
+    hull, of a hollow mesh with that of what lies in front of the pad. Self-intersections are not checked.
 
     Attributes:
         name: for messages, such as the name of the file.
@@ -85,7 +86,12 @@ class Mesh:
     @cached_property
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
-        return Geom("mesh", vertices=self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
+        hull = scipy.spatial.ConvexHull(self.vertices)
+        one, two, three = np.moveaxis(self.vertices[self.faces], 1, 0)
+        area = 0.5 * float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum())
+        volume = float(tetrahedra(self.vertices, self.faces).sum())
+        is_convex = np.allclose((area, volume), (hull.area, hull.volume), rtol=_CONVEX, atol=0.0)
+        return Geom("mesh", vertices=self.vertices[hull.vertices], presses="solid" if is_convex else "surface")
 
     @cached_property
     def surface(self) -> Surface:
