@@ -1,56 +1,41 @@
-"""Reading of mesh files, and repair of their triangles."""
+"""Reading of mesh files: triangles in metres, with equal corners merged, of an ordinary number."""
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import scipy  # whose parts load at first use
-import trimesh
 
-from activetouch.errors import BadMesh
+from activetouch.errors import BadMesh, MeshWarning
+from activetouch.solids.mesh import MAX_RADIUS, MIN_RADIUS
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
 from activetouch.solids.mesh_ply import read_ply
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, edges, tetrahedra
+from activetouch.solids.triangles import Ints
 from belief.files import require_regular_file
 
 _FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
 _MOST_BYTES, _MOST_PAIRS = 256 * 2**20, 10_000_000
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
+_ORDINARY = (0.005, 0.15)  # radius of objects whose unit may be guessed or suggested [m]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
-def read_surface(path: Path, scale: float) -> tuple[Floats, Ints]:
-    """Vertices in metres about the centre of mass, ``(v, 3)``, and triangles that face outwards, ``(f, 3)``.
+def read_surface(path: Path, scale: float | None, max_triangles: int | None = None) -> tuple[Floats, Ints]:
+    """Vertices in metres, ``(v, 3)``, and triangles, ``(f, 3)``.
 
     Args:
         path: the file.
-        scale: metres per unit of the file.
+        scale: metres per unit of the file; that of the format or of the size by default, see :meth:`Mesh.from_file`.
+        max_triangles: above this number, triangles are reduced; None keeps all.
 
     Raises:
         FileNotFoundError: the file does not exist.
-        BadMesh: the file cannot be read.
+        BadMesh: the file cannot be read, or is of an impossible size.
     """
-    vertices, faces = _read(path, scale)
-    if len(faces) == 0:
-        return vertices, faces
-    directed, sharing = edges(faces)
-    if (sharing == 2).all() and len(np.unique(directed)) < len(directed):
-        mesh = trimesh.Trimesh(vertices, faces, process=False)
-        trimesh.repair.fix_winding(mesh)
-        faces = np.asarray(mesh.faces, dtype=np.intp)
-    vertices = vertices - vertices.mean(axis=0)  # for accuracy far from the origin
-    volumes = tetrahedra(vertices, faces)
-    volume = volumes.sum()
-    if volume < 0.0:
-        faces = faces[:, ::-1]
-    if volume != 0.0:
-        vertices = vertices - volumes @ vertices[faces].sum(axis=1) / (4 * volume)
-    return vertices, faces
-
-
-def _read(path: Path, scale: float) -> tuple[Floats, Ints]:
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
@@ -60,21 +45,62 @@ def _read(path: Path, scale: float) -> tuple[Floats, Ints]:
     try:
         if (size := path.stat().st_size) > _MOST_BYTES:
             raise ValueError(f"it has {size} bytes, {_MOST_BYTES} are the most; simplify it")
-        return _welded(*_FORMATS[kind](path.read_bytes()), scale)
+        vertices, faces = _FORMATS[kind](path.read_bytes())
+        used, faces = np.unique(faces, return_inverse=True)
+        vertices, faces = vertices[used], faces.reshape(-1, 3)
+        if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
+            return vertices, faces  # rejected later
+        vertices = vertices * _scale(path, vertices, scale)
+        vertices, faces = _welded(vertices, faces)
     except (OSError, ValueError) as error:
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()}: {error}") from error
+    return vertices, faces
 
 
-def _welded(vertices: Floats, faces: Ints, scale: float) -> tuple[Floats, Ints]:
-    """The triangles in metres, with equal corners merged, and without degenerate triangles."""
-    used, faces = np.unique(faces, return_inverse=True)
-    vertices = vertices[used] * scale
-    if len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum()):  # others are rejected later
-        kept, same = _merged(vertices)
-        vertices, faces = vertices[kept], same[faces.ravel()]
-    faces = faces.reshape(-1, 3)
-    distinct = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return vertices, faces[distinct]
+def _scale(path: Path, vertices: Floats, given: float | None) -> float:
+    """Metres per unit.
+
+    Raises:
+        BadMesh: the size is impossible, and no unit or more than one would make it ordinary.
+    """
+    extent = np.ptp(vertices, axis=0)
+    radius = float(np.linalg.norm(vertices - vertices.min(axis=0) - extent / 2, axis=1).max())
+    scale = 1.0 if given is None else given
+    if MIN_RADIUS <= radius * scale <= MAX_RADIUS:
+        return scale
+    fitting = {unit: factor for unit, factor in _UNITS.items() if _ORDINARY[0] <= radius * factor <= _ORDINARY[1]}
+    if given is None and len(fitting) == 1:
+        ((unit, factor),) = fitting.items()
+        size = " × ".join(f"{length:.3g}" for length in extent * factor * 1000)
+        warnings.warn(
+            f"{path.name}: read in {unit} ({size} mm), because an object of {extent.max():.3g} m is too large; write "
+            f"{path.name}@{factor} to say so",
+            MeshWarning,
+            stacklevel=2,
+        )
+        return factor
+    hint = ""
+    if fitting:
+        example = next(iter(fitting.values()))
+        hint = (
+            f". Give its scale: {', or '.join(f'{factor} if it is in {unit}' for unit, factor in fitting.items())}; "
+            f"that is {path.name}@{example} or --mesh-scale {example} on the command line, Mesh.from_file(path, "
+            f"scale={example}) in Python"
+        )
+    raise BadMesh(
+        f"{path.name}: its farthest point is {radius * scale:.4g} m from its middle, allowed are {MIN_RADIUS} m to "
+        f"{MAX_RADIUS} m. With a scale of {scale:g}, lengths are in metres{hint}"
+    )
+
+
+def _welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """The triangles with equal corners merged, without degenerate triangles and without repeated ones."""
+    kept, same = _merged(vertices)
+    vertices, faces = vertices[kept], same[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    start = np.argmin(faces, axis=1)[:, None]
+    _, first = np.unique(np.take_along_axis(faces, (start + [0, 1, 2]) % 3, axis=1), axis=0, return_index=True)
+    return vertices, faces[np.sort(first)]
 
 
 def _merged(points: Floats) -> tuple[Ints, Ints]:

@@ -10,12 +10,17 @@ from activetouch.solids.solid import Floats
 Ints = NDArray[np.intp]
 
 
-def edges(faces: Ints) -> tuple[Ints, Ints]:
-    """An identifier of every directed edge, ``(3 f,)``, and the number of triangles at each undirected edge."""
+def edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
+    """Identifiers of the edges: directed, ``(3 f,)``; undirected, ``(3 f,)``; and triangles at each of the latter.
+
+    The edges of a triangle are from each corner to the next, in order.
+    """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max()) + 1
-    _, sharing = np.unique(np.minimum(start, end) * size + np.maximum(start, end), return_counts=True)
-    return start * size + end, sharing
+    _, edge, sharing = np.unique(
+        np.minimum(start, end) * size + np.maximum(start, end), return_inverse=True, return_counts=True
+    )
+    return start * size + end, edge, sharing
 
 
 def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
