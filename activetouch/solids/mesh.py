@@ -12,13 +12,13 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
+from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.mesh_surface import examined
 from activetouch.solids.triangles import Ints
 
 MIN_RADIUS, MAX_RADIUS = 0.0005, 0.3
-"""Smallest and largest radius of a mesh about its origin [m]; a press aims at a place of a larger object than the pad."""
+"""Smallest and largest radius of a mesh about its origin [m]. A press aims at a place of an object larger than the pad."""
 MOST_TRIANGLES = 50_000
 """Largest number of triangles that is kept as it is when a file is read."""
 

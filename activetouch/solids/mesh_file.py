@@ -10,14 +10,18 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.mesh import MAX_RADIUS, MIN_RADIUS
+from activetouch.solids.mesh_assembly import MOST_BYTES
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
+from activetouch.solids.mesh_gltf import read_gltf
 from activetouch.solids.mesh_ply import read_ply
+from activetouch.solids.mesh_xml import read_3mf, read_dae
 from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints
 from belief.files import require_regular_file
 
 _FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
-_MOST_BYTES, _MOST_PAIRS = 256 * 2**20, 10_000_000
+_SCENES = {".glb": read_gltf, ".gltf": read_gltf, ".3mf": read_3mf, ".dae": read_dae}
+_MOST_PAIRS = 10_000_000
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 _ORDINARY = (0.005, 0.15)  # radius of objects whose unit may be guessed or suggested [m]
@@ -39,22 +43,39 @@ def read_surface(path: Path, scale: float | None, max_triangles: int | None = No
     kind = path.suffix.lower()
     if not path.exists():
         raise FileNotFoundError(f"there is no mesh file {path}; relative paths start from {Path.cwd()}")
-    if kind not in _FORMATS:
-        raise BadMesh(f"{path}: meshes are read from {', '.join(_FORMATS)} files")
+    if kind not in _FORMATS | _SCENES:
+        raise BadMesh(f"{path}: meshes are read from {', '.join(_FORMATS | _SCENES)} files")
     require_regular_file(path, BadMesh)
     try:
-        if (size := path.stat().st_size) > _MOST_BYTES:
-            raise ValueError(f"it has {size} bytes, {_MOST_BYTES} are the most; simplify it")
-        vertices, faces = _FORMATS[kind](path.read_bytes())
-        used, faces = np.unique(faces, return_inverse=True)
-        vertices, faces = vertices[used], faces.reshape(-1, 3)
-        if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
-            return vertices, faces  # rejected later
-        vertices = vertices * _scale(path, vertices, scale)
-        vertices, faces = _welded(vertices, faces)
+        if (size := path.stat().st_size) > MOST_BYTES:
+            raise ValueError(f"it has {size} bytes, {MOST_BYTES} are the most; simplify it")
+        content = path.read_bytes()
+        if kind in _FORMATS:
+            vertices, faces = _FORMATS[kind](content)
+        else:
+            vertices, faces, unit = _read_scene(kind, content, path.parent)
+            scale = unit if scale is None else scale
     except (OSError, ValueError) as error:
         raise BadMesh(f"{path.name}: cannot be read as {kind[1:].upper()}: {error}") from error
-    return vertices, faces
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], faces.reshape(-1, 3)
+    if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
+        return vertices, faces  # rejected later
+    return _welded(path.name, vertices * _scale(path, vertices, scale), faces)
+
+
+def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
+    """The triangles of a file of a whole scene, and metres per unit, if it says so.
+
+    Raises:
+        ValueError: for every damage; what is read from a description may have any type.
+    """
+    try:
+        return _SCENES[kind](content, folder)
+    except (ValueError, OSError):
+        raise
+    except Exception as error:  # zipfile, expat and the use of what should be numbers raise many kinds
+        raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> float:
@@ -93,22 +114,24 @@ def _scale(path: Path, vertices: Floats, given: float | None) -> float:
     )
 
 
-def _welded(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+def _welded(name: str, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """The triangles with equal corners merged, without degenerate triangles and without repeated ones."""
-    kept, same = _merged(vertices)
+    kept, same = _merged(name, vertices)
     vertices, faces = vertices[kept], same[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    start = np.argmin(faces, axis=1)[:, None]
-    _, first = np.unique(np.take_along_axis(faces, (start + [0, 1, 2]) % 3, axis=1), axis=0, return_index=True)
+    order = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
+    _, first = np.unique(np.take_along_axis(faces, order, axis=1), axis=0, return_index=True)
     return vertices, faces[np.sort(first)]
 
 
-def _merged(points: Floats) -> tuple[Ints, Ints]:
+def _merged(name: str, points: Floats) -> tuple[Ints, Ints]:
     """The first point of each group of neighbours, ``(g,)``, and the group of each point, ``(n,)``."""
     distinct, first, same = np.unique(points, axis=0, return_index=True, return_inverse=True)
     tree, size = scipy.spatial.cKDTree(distinct), len(distinct)
     if (num_pairs := (tree.count_neighbors(tree, _SAME_POINT) - size) // 2) > _MOST_PAIRS:
-        raise ValueError(f"{num_pairs} pairs of corners are within {_SAME_POINT} m of each other; is the scale right?")
+        raise BadMesh(
+            f"{name}: {num_pairs} pairs of corners are within {_SAME_POINT} m of each other; is the scale right?"
+        )
     pairs = tree.query_pairs(_SAME_POINT, output_type="ndarray")
     links = scipy.sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (size, size))
     num_groups, group = scipy.sparse.csgraph.connected_components(links, directed=False)

@@ -85,16 +85,15 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
     if (num_bodies := len(np.unique(_bodies(faces, len(vertices))[faces[felt, 0]]))) > 1:
         remarks.append(f"{num_bodies} separate bodies, which are felt as their union")
     if num_shared:
-        remarks.append(f"{num_shared} edges of more than two triangles, which do not matter to touch")
+        remarks.append(f"{num_shared} edges of more than two triangles, which touches do not show")
+    seen = (
+        f"{num_open} open edges; {inside:.1%} of {len(triangle)} rays from outside first meet the inside of the surface"
+    )
     if num_open or inside:
-        remarks.append(
-            f"{num_open} open edges; {inside:.2%} of {len(triangle)} rays from outside first meet the inside of the surface, "
-            "and where they do, a touch shows what lies behind a hole"
-        )
+        remarks.append(f"{seen}, and a touch there shows what lies behind the hole")
     problem = (
-        f"it is not closed: {num_open} open edges, and {inside:.0%} of {len(triangle)} rays from outside first meet the inside "
-        f"of its surface, {MOST_INSIDE:.0%} are the most; it is a sheet without thickness, or has large holes. Fill them, "
-        "or make it solid, in the program it comes from"
+        f"it is not closed: {seen}, {MOST_INSIDE:.0%} are the most. It is a sheet without thickness or has large holes: "
+        "fill its holes, or make it solid, in the program it comes from"
     )
     return Surface(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
 
