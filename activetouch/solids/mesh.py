@@ -17,8 +17,9 @@ from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
 from activetouch.solids.triangles import Ints
 
-MIN_RADIUS, MAX_RADIUS = 0.0005, 0.3
-"""Smallest and largest radius of a mesh about its origin [m]. A press aims at a place of an object larger than the pad."""
+_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
+_ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 MOST_TRIANGLES = 50_000
 """Largest number of triangles that is kept as it is when a file is read."""
 
@@ -70,11 +71,8 @@ class Mesh:
             raise BadMesh(f"{self.name}: {surface.problem}")
         object.__setattr__(self, "vertices", vertices - surface.centre if centred else vertices)
         object.__setattr__(self, "faces", surface.faces)
-        if not MIN_RADIUS <= self.bounding_radius <= MAX_RADIUS:
-            raise BadMesh(
-                f"{self.name}: its farthest point is {self.bounding_radius:.4g} m from its origin, allowed are "
-                f"{MIN_RADIUS} m to {MAX_RADIUS} m. Lengths are in metres"
-            )
+        if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
+            raise BadMesh(f"{self.name}: {self._size_problem()}")
         if surface.remarks:
             warnings.warn(f"{self.name}: {'; '.join(surface.remarks)}", MeshWarning, stacklevel=3)
 
@@ -89,8 +87,8 @@ class Mesh:
         Args:
             path: the file. Of the files that it refers to, only the buffers of a glTF file are opened.
             scale: metres per unit of the file; 0.001 for a file in millimetres. By default, that of the format (GLB,
-                glTF, 3MF and DAE say their unit) or 1; if no object can have that size in metres, the only usual unit
-                in which it has an ordinary one, with a warning.
+                glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
+                millimetres, with a warning.
             max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
                 point moves by more than 0.1 mm (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
 
@@ -137,3 +135,20 @@ class Mesh:
 
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
+
+    def _size_problem(self) -> str:
+        """Why the size is unsuitable, with suggested units."""
+        radius = self.bounding_radius
+        fitting = {unit: scale for unit, scale in _UNITS.items() if _ORDINARY[0] <= radius * scale <= _ORDINARY[1]}
+        hint = ""
+        if fitting:
+            example = next(iter(fitting.values()))
+            guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
+            hint = (
+                f". Give its scale: {guesses}; that is {self.name}@{example} or --mesh-scale {example} on the command "
+                f"line, Mesh.from_file(path, scale={example}) in Python"
+            )
+        return (
+            f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
+            f"Lengths are in metres{hint}"
+        )

@@ -9,7 +9,6 @@ import numpy as np
 import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
-from activetouch.solids.mesh import MAX_RADIUS, MIN_RADIUS
 from activetouch.solids.mesh_assembly import MOST_BYTES
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
 from activetouch.solids.mesh_gltf import read_gltf
@@ -23,8 +22,7 @@ _FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_o
 _SCENES = {".glb": read_gltf, ".gltf": read_gltf, ".3mf": read_3mf, ".dae": read_dae}
 _MOST_PAIRS = 10_000_000
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
-_ORDINARY = (0.005, 0.15)  # radius of objects whose unit may be guessed or suggested [m]
+_MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an object of less than 150 mm
 
 
 @np.errstate(over="ignore", invalid="ignore")  # such vertices are rejected later
@@ -79,39 +77,18 @@ def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, 
 
 
 def _scale(path: Path, vertices: Floats, given: float | None) -> float:
-    """Metres per unit.
-
-    Raises:
-        BadMesh: the size is impossible, and no unit or more than one would make it ordinary.
-    """
+    """Metres per unit: what is given, or 1, unless only millimetres make an object that a pad may press."""
     extent = np.ptp(vertices, axis=0)
-    radius = float(np.linalg.norm(vertices - vertices.min(axis=0) - extent / 2, axis=1).max())
-    scale = 1.0 if given is None else given
-    if MIN_RADIUS <= radius * scale <= MAX_RADIUS:
-        return scale
-    fitting = {unit: factor for unit, factor in _UNITS.items() if _ORDINARY[0] <= radius * factor <= _ORDINARY[1]}
-    if given is None and len(fitting) == 1:
-        ((unit, factor),) = fitting.items()
-        size = " × ".join(f"{length:.3g}" for length in extent * factor * 1000)
-        warnings.warn(
-            f"{path.name}: read in {unit} ({size} mm), because an object of {extent.max():.3g} m is too large; write "
-            f"{path.name}@{factor} to say so",
-            MeshWarning,
-            stacklevel=2,
-        )
-        return factor
-    hint = ""
-    if fitting:
-        example = next(iter(fitting.values()))
-        hint = (
-            f". Give its scale: {', or '.join(f'{factor} if it is in {unit}' for unit, factor in fitting.items())}; "
-            f"that is {path.name}@{example} or --mesh-scale {example} on the command line, Mesh.from_file(path, "
-            f"scale={example}) in Python"
-        )
-    raise BadMesh(
-        f"{path.name}: its farthest point is {radius * scale:.4g} m from its middle, allowed are {MIN_RADIUS} m to "
-        f"{MAX_RADIUS} m. With a scale of {scale:g}, lengths are in metres{hint}"
+    if given is not None or not _MILLIMETRES[0] < np.linalg.norm(extent) / 2 < _MILLIMETRES[1]:
+        return 1.0 if given is None else given
+    size = " × ".join(f"{length:.3g}" for length in extent)
+    warnings.warn(
+        f"{path.name}: read in millimetres ({size} mm), because an object of {extent.max():.3g} m is too large for a "
+        f"pad; write {path.name}@0.001 to say so",
+        MeshWarning,
+        stacklevel=4,
     )
+    return 0.001
 
 
 def _welded(name: str, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:

@@ -45,7 +45,7 @@ def _chunks(content: bytes) -> tuple[bytes, bytes | None]:
     version, length = struct.unpack_from("<II", content.ljust(12, b"\0"), 4)
     if version != 2 or length != len(content):
         raise ValueError(f"its header promises {length} bytes of version {version}; the file has {len(content)}, of 2")
-    place, found = 12, []
+    place, found = 12, list[bytes]()
     for wanted in (b"JSON", b"BIN\0"):
         if place == length and found:
             break

@@ -86,14 +86,12 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
         remarks.append(f"{num_bodies} separate bodies, which are felt as their union")
     if num_shared:
         remarks.append(f"{num_shared} edges of more than two triangles, which touches do not show")
-    seen = (
-        f"{num_open} open edges; {inside:.1%} of {len(triangle)} rays from outside first meet the inside of the surface"
-    )
+    seen = f"{num_open} open edges; {inside:.1%} of {len(triangle)} rays from outside first meet the inside"
     if num_open or inside:
-        remarks.append(f"{seen}, and a touch there shows what lies behind the hole")
+        remarks.append(f"{seen} of the surface, and a touch there shows what lies behind a hole")
     problem = (
-        f"it is not closed: {seen}, {MOST_INSIDE:.0%} are the most. It is a sheet without thickness or has large holes: "
-        "fill its holes, or make it solid, in the program it comes from"
+        f"it is not closed: {seen}, {MOST_INSIDE:.0%} are the most. It is a sheet without thickness, or has large "
+        "holes: fill them, or make it solid, in the program it comes from"
     )
     return Surface(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
 
