@@ -33,6 +33,7 @@ _LATER = {
     "TouchWorld": "activetouch.world",
     "compare": "experiments.search.objects",
     "make_sensor": "experiments.sensor.make_sensor",
+    "read_meshes": "activetouch.mesh_source",
 }
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "compare",
     "envs",
     "make_sensor",
+    "read_meshes",
 ]
 
 

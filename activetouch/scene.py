@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from activetouch.distributions import Constant, Distribution, Uniform
 from activetouch.errors import BadMesh, UnstablePress
+from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
 from activetouch.poses import POSE_SETS, POSES, Quaternion, require_unit
@@ -39,7 +40,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
-from activetouch.shapes import SHAPES, Mesh, Shape
+from activetouch.shapes import SHAPES, Shape
 from activetouch.solids.mirror import is_own_mirror_image
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
@@ -64,7 +65,8 @@ class Variation:
     """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
 
     Attributes:
-        size: factor on an object's nominal size.
+        size: factor on the nominal size of every object, built-in shape or mesh. Real objects usually have one size:
+            ``Constant(1.0)``.
         offset: of an object's centre from the approach axis, along y and along z [m].
         force: at which the motion stops [N].
         friction: coefficient between an object and the pad.
@@ -135,8 +137,8 @@ class Scene:
     """Everything that decides what touches look like.
 
     Attributes:
-        shapes: the shapes an object may have, by label; their order is the shape index. A path, or its text, stands
-            for the solid in that mesh file.
+        shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:class:`activetouch.mesh_source.MeshSource`).
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -179,13 +181,13 @@ class Scene:
         for label, rotation in self.rotations.items():
             require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
-        solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
+        solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():
             members = ("bounding_radius", "geom", "entry_distance")  # of the class, so that no property is computed
             if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
-                    "file (STL, OBJ, PLY, OFF) in metres; Mesh.from_file(path, scale=0.001) reads one in millimetres"
+                    "file (STL, OBJ, PLY, OFF, GLB, 3MF, DAE); 'mug.stl@0.001' is the text for one in millimetres"
                 )
         object.__setattr__(self, "shapes", solids)
         require_renderer(self.renderer)

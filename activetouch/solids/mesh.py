@@ -16,6 +16,7 @@ from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
 from activetouch.solids.triangles import Ints
+from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
@@ -96,7 +97,7 @@ class Mesh:
             FileNotFoundError: the file does not exist.
             BadMesh: the path is no regular file of up to 256 MiB, the file cannot be read, or its contents are not a
                 solid; the message names the line of a text.
-            ValueError: the scale is not positive and finite.
+            InvalidArgument: the scale is not positive and finite.
 
         Warns:
             MeshWarning: the unit was guessed, the triangles were reduced, or see :class:`Mesh`.
@@ -104,7 +105,7 @@ class Mesh:
         from activetouch.solids.mesh_file import read_surface
 
         if scale is not None and not 0.0 < scale < np.inf:
-            raise ValueError(f"scale must be positive and finite, got {scale}")
+            raise InvalidArgument(f"scale must be positive and finite, got {scale}")
         return cls(Path(path).name, *read_surface(Path(path), scale, max_triangles), centred=True)
 
     @cached_property

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from activetouch import Dynamic, Quasistatic
+from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES
 from activetouch.orientations import Upright
 from activetouch.pressing.guarded_move import GuardedMove
@@ -10,7 +11,7 @@ from activetouch.rendering import GelSightRenderer, PressureRenderer
 from belief.errors import UnknownName
 from belief.references import BadReference
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import DuplicateShape, SceneChoice, renderer_named
+from experiments.scene_choice import SceneChoice, renderer_named
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n30 0 0\n0 30 0\n0 0 30\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
