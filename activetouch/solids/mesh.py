@@ -19,6 +19,7 @@ from activetouch.solids.triangles import Ints
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
+_VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 MOST_TRIANGLES = 50_000
@@ -65,7 +66,7 @@ class Mesh:
             raise BadMesh(f"{self.name}: a triangle has a vertex that is not among the {len(vertices)} vertices")
         used, renamed = np.unique(faces, return_inverse=True)
         vertices, faces = vertices[used], renamed.reshape(-1, 3)
-        if not np.isfinite(np.square(vertices).sum()):
+        if not np.abs(vertices).max() < _VAST:
             raise BadMesh(f"{self.name}: some vertices are not finite numbers")
         surface = examined(vertices, faces)
         if surface.problem:

@@ -155,7 +155,8 @@ def _transform(node: Any) -> Floats:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     place = np.eye(4)
-    turn = scipy.spatial.transform.Rotation.from_quat(node.get("rotation", (0, 0, 0, 1))).as_matrix()
-    place[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), np.float64)
+    if "rotation" in node:
+        place[:3, :3] = scipy.spatial.transform.Rotation.from_quat(node["rotation"]).as_matrix()
+    place[:3, :3] *= np.array(node.get("scale", (1, 1, 1)), np.float64)
     place[:3, 3] = node.get("translation", (0, 0, 0))
     return place

@@ -69,6 +69,8 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
         return Surface(faces[:, ::-1] if inwards[0] else faces, middle + centre)
 
     triangle, is_back = first_met(vertices, faces)
+    if not len(triangle):
+        return Surface(faces, middle, problem="it encloses no volume")
     backs, met = (np.bincount(patch[some], minlength=num_patches) for some in (triangle[is_back], triangle))
     inwards = np.where(is_open, 2 * backs > met, inwards)
     faces = np.where(inwards[patch][:, None], faces[:, ::-1], faces)
@@ -83,7 +85,7 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
         centre = weights @ corners / (4 * weights.sum())
     remarks = []
     if (num_bodies := len(np.unique(_bodies(faces, len(vertices))[faces[felt, 0]]))) > 1:
-        remarks.append(f"{num_bodies} separate bodies, which are felt as their union")
+        remarks.append(f"{num_bodies} separate surfaces, which are felt as their union")
     if num_shared:
         remarks.append(f"{num_shared} edges of more than two triangles, which touches do not show")
     seen = f"{num_open} open edges; {inside:.1%} of {len(triangle)} rays from outside first meet the inside"
