@@ -13,6 +13,7 @@ from activetouch.solids.mesh_assembly import MOST_BYTES
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
 from activetouch.solids.mesh_gltf import read_gltf
 from activetouch.solids.mesh_ply import read_ply
+from activetouch.solids.mesh_reduction import LARGEST_ERROR, NUM_MEASURED, reduced
 from activetouch.solids.mesh_xml import read_3mf, read_dae
 from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints
@@ -21,6 +22,7 @@ from belief.files import require_regular_file
 _FORMATS = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply, ".off": read_off}
 _SCENES = {".glb": read_gltf, ".gltf": read_gltf, ".3mf": read_3mf, ".dae": read_dae}
 _MOST_PAIRS = 10_000_000
+_REDUCED = 20_000  # triangles that a reduction aims at
 _SAME_POINT = 1e-8  # distance [m]; STL repeats corners in every triangle, with seven digits
 _MILLIMETRES = (15.0, 150.0)  # radii for which no other usual unit gives an object of less than 150 mm
 
@@ -59,7 +61,15 @@ def read_surface(path: Path, scale: float | None, max_triangles: int | None = No
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not (len(used) and np.isfinite(np.square(np.ptp(vertices, axis=0)).sum())):
         return vertices, faces  # rejected later
-    return _welded(path.name, vertices * _scale(path, vertices, scale), faces)
+    vertices, faces = _welded(path.name, vertices * _scale(path, vertices, scale), faces)
+    if max_triangles is None or len(faces) <= max_triangles:
+        return vertices, faces
+    fewer_vertices, fewer, largest = reduced(vertices, faces, min(max_triangles, _REDUCED))
+    how = f"reduced to {len(fewer)}; no point of {NUM_MEASURED} moves by more than {largest * 1000:.2g} mm"
+    if len(fewer) == len(faces):
+        how = f"kept, because fewer would move points by more than {LARGEST_ERROR * 1000:g} mm: touches will be slow"
+    warnings.warn(f"{path.name}: {len(faces)} triangles {how}", MeshWarning, stacklevel=3)
+    return fewer_vertices, fewer
 
 
 def _read_scene(kind: str, content: bytes, folder: Path) -> tuple[Floats, Ints, float | None]:
@@ -97,14 +107,26 @@ def _welded(name: str, vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     vertices, faces = vertices[kept], same[faces]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     order = (np.argmin(faces, axis=1)[:, None] + np.arange(3)) % 3
-    _, first = np.unique(np.take_along_axis(faces, order, axis=1), axis=0, return_index=True)
+    first, _ = _distinct(np.take_along_axis(faces, order, axis=1))
     return vertices, faces[np.sort(first)]
+
+
+def _distinct(rows: Floats | Ints) -> tuple[Ints, Ints]:
+    """The first of each group of equal rows, in the order of their numbers, and the group of each row, ``(n,)``.
+
+    It is that of :func:`numpy.unique` with ``axis=0``, and takes a fifth of the time.
+    """
+    order = np.lexsort(rows.T[::-1])
+    is_new = np.append(True, (rows[order[1:]] != rows[order[:-1]]).any(axis=1))[: len(rows)]
+    group = np.empty(len(rows), np.intp)
+    group[order] = np.cumsum(is_new) - 1
+    return order[is_new], group
 
 
 def _merged(name: str, points: Floats) -> tuple[Ints, Ints]:
     """The first point of each group of neighbours, ``(g,)``, and the group of each point, ``(n,)``."""
-    distinct, first, same = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    tree, size = scipy.spatial.cKDTree(distinct), len(distinct)
+    first, same = _distinct(points)
+    tree, size = scipy.spatial.cKDTree(points[first]), len(first)
     if (num_pairs := (tree.count_neighbors(tree, _SAME_POINT) - size) // 2) > _MOST_PAIRS:
         raise BadMesh(
             f"{name}: {num_pairs} pairs of corners are within {_SAME_POINT} m of each other; is the scale right?"
@@ -115,4 +137,4 @@ def _merged(name: str, points: Floats) -> tuple[Ints, Ints]:
     kept = np.full(num_groups, len(points))
     np.minimum.at(kept, group, first)
     order = np.lexsort(np.round(points[kept] / _SAME_POINT).T[::-1])
-    return kept[order], np.argsort(order)[group[same.ravel()]]
+    return kept[order], np.argsort(order)[group[same]]
