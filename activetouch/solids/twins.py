@@ -1,7 +1,7 @@
 """Meshes that are the same body, mirror images, or the same body in another size.
 
-The moments of the surface up to order five decide: area, principal second moments, and lengths of vectors of odd order.
-They do not depend on where the body is, how it is turned or how it is divided into triangles.
+Volume, largest radius and moments of the surface up to order five decide: area, principal second moments, and lengths
+of vectors of odd order. They do not depend on where the body is, how it is turned or how it is divided into triangles.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import scipy  # whose parts load at first use
 from activetouch.solids.mesh import Mesh
 from activetouch.solids.mesh_surface import areas
 from activetouch.solids.solid import Floats, Shape
+from activetouch.solids.triangles import tetrahedra
 
 _ALIKE = 1e-5  # largest difference between moments of two bodies of unit size, or between their corners
 _SAME_SIZE = 1e-4
@@ -94,7 +95,8 @@ def _moments(mesh: Mesh) -> tuple[float, Floats, float]:
     weights = np.outer(areas(mesh.vertices, mesh.faces), _WEIGHTS).ravel()
     size = float(np.sqrt(weights.sum()))
     points = (_NODES @ mesh.vertices[mesh.faces]).reshape(-1, 3)
-    points = (points - weights @ points / weights.sum()) / size
+    centre = weights @ points / weights.sum()
+    points = (points - centre) / size
     weights /= weights.sum()
     square = np.einsum("ni,ni->n", points, points)
     second = (points * weights[:, None]).T @ points
@@ -105,7 +107,9 @@ def _moments(mesh: Mesh) -> tuple[float, Floats, float]:
     skewness = weights @ (points @ axes) ** 3 / spread**1.5
     hand = np.sign(skewness.prod() * np.linalg.det(axes)) * np.abs(skewness).min()  # the signs of the axes cancel
     is_clear = np.diff(spread).min() > _DISTINCT * spread[-1]
-    return size, np.concatenate([spread, lengths, [weights @ square**2]]), float(hand) if is_clear else 0.0
+    corners = (mesh.vertices - centre) / size
+    others = weights @ square**2, tetrahedra(corners, mesh.faces).sum(), np.linalg.norm(corners, axis=1).max()
+    return size, np.concatenate([spread, lengths, others]), float(hand) if is_clear else 0.0
 
 
 def text_of_twins(shapes: Mapping[str, Shape], sizes: tuple[float, float]) -> str:
