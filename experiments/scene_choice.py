@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from activetouch import Dynamic, Quasistatic, Scene
 from activetouch.distributions import Constant, Uniform
@@ -27,7 +27,7 @@ from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
 from belief.errors import InvalidArgument
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import Positive, require_types
+from experiments.command_line.arguments import ABOVE_ZERO, Positive, require_types
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
@@ -152,7 +152,7 @@ class SceneChoice:
     format or 1; sizes that are possible only in millimetres are taken as such, with a warning."""
     only: bool = False
     """Leave out the scene's own shapes: the meshes are all there is. Their sizes do not vary."""
-    size_range: tuple[Positive, Positive] | None = None
+    size_range: Annotated[tuple[float, float] | None, ABOVE_ZERO] = None
     """Smallest and largest factor on the size of every object, such as 0.9 1.1. By default that of the scene; with
     --only, 1."""
     randomised: bool = False

@@ -9,7 +9,7 @@ import unicodedata
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import IO, TextIO
+from typing import IO, Any
 
 from rich.console import Console
 
@@ -38,18 +38,11 @@ def plain_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         show_others = warnings.showwarning
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Any, category: type[Warning], *place: Any) -> None:
             if category.__module__.partition(".")[0] in ("activetouch", "belief", "planners", "experiments"):
                 print(f"warning: {message}", file=sys.stderr)
             else:
-                show_others(message, category, filename, lineno, file, line)
+                show_others(message, category, *place)
 
         warnings.showwarning = show
         yield
