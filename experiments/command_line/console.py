@@ -44,7 +44,7 @@ def plain_warnings() -> Iterator[None]:
             else:
                 show_others(message, category, *place)
 
-        warnings.showwarning = show
+        warnings.showwarning = show  # type: ignore[assignment]
         yield
 
 

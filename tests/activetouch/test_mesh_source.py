@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import activetouch
+from activetouch.distributions import Constant
 from activetouch.errors import BadMesh, DuplicateShape, MeshWarning
 from activetouch.mesh_source import MeshSource, read_meshes
-from activetouch.scene import Scene
+from activetouch.scene import Dynamic, Quasistatic, Scene, Variation
 from activetouch.shapes import Mesh
 from belief.errors import InvalidArgument
 
@@ -144,3 +145,18 @@ def test_a_hundred_of_the_thousand_meshes_of_pybullet_and_its_convex_parts_are_r
         warnings.simplefilter("ignore", MeshWarning)
         meshes = [Mesh.from_file(file, scale) for file, scale in scales.items()]
     assert all(0.001 < mesh.bounding_radius < 0.3 for mesh in meshes)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("press_model", [Quasistatic(), Dynamic()], ids=["quasistatic", "dynamic"])
+def test_an_object_much_larger_than_the_pad_is_pressed(press_model, folder, rng):
+    scene = Scene(
+        shapes={"pencil": folder / "pencil.obj", "can": f"{folder}/cube.obj@15"},
+        press_model=press_model,
+        variation=Variation(size=Constant(1.0)),
+    )
+    assert scene.solids["can"].bounding_radius == pytest.approx(0.28, abs=0.01)
+    for label in scene.shape_labels:
+        pressed = scene.press(scene.sample_object(label, rng), "front", rng)
+        assert 1.0 < pressed.contact.force < 3.5
+        assert pressed.ideal.max() > 0.05
