@@ -37,6 +37,7 @@ _LATER = {
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
     "Window": "activetouch.pressing.height_maps",
+    "read_meshes": "activetouch.mesh_source",
 }
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "envs",
     "make_sensor",
     "predicted_contacts",
+    "read_meshes",
 ]
 
 

@@ -45,6 +45,14 @@ class BadMesh(ActiveTouchError, ValueError):
     """A mesh is not a solid of a suitable size; the message says why and what to do."""
 
 
+class DuplicateShape(ActiveTouchError, ValueError):
+    """Two shapes of a scene would have the same name."""
+
+
+class MeshWarning(UserWarning):
+    """A mesh is read, and is not quite what its file says, or not one closed solid; the message says what it means."""
+
+
 class MissingWeights(ActiveTouchError, OSError):
     """Published weights were not found, or belong to another network."""
 

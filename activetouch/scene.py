@@ -14,6 +14,7 @@ The default is the leanest world in which the search makes sense: a pad and one 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
@@ -26,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activetouch.distributions import Constant, Distribution, Uniform
-from activetouch.errors import BadMesh, UnstablePress
+from activetouch.errors import BadMesh, MeshWarning, UnstablePress
+from activetouch.mesh_source import MeshSource
 from activetouch.orientations import Presentation, Tumbled
 from activetouch.placement import Placement
 from activetouch.poses import POSE_SETS, POSES, Quaternion, require_unit
@@ -39,8 +41,9 @@ from activetouch.pressing.setup import Setup
 from activetouch.rendering import Fault, Gain, Noise, PressureRenderer, TactileRenderer, read_out
 from activetouch.rendering.faults import require_faults
 from activetouch.rendering.renderer import require_image, require_renderer
-from activetouch.shapes import SHAPES, Mesh, Shape
+from activetouch.shapes import SHAPES, Shape
 from activetouch.solids.mirror import is_own_mirror_image
+from activetouch.solids.twins import text_of_twins
 from belief.errors import InvalidArgument, UnknownName
 from belief.naming import Name, few, index_of, one_line
 from belief.validation import require_count
@@ -64,7 +67,7 @@ class Variation:
     """What differs from object to object (size, friction, stiffness) and from press to press (offset, force).
 
     Attributes:
-        size: factor on an object's nominal size.
+        size: factor on the nominal size of every object, built-in or mesh; ``Constant(1.0)`` for one of known size.
         offset: of an object's centre from the approach axis, along y and along z [m].
         force: at which the motion stops [N].
         friction: coefficient between an object and the pad.
@@ -135,8 +138,8 @@ class Scene:
     """Everything that decides what touches look like.
 
     Attributes:
-        shapes: the shapes an object may have, by label; their order is the shape index. A path, or its text, stands
-            for the solid in that mesh file.
+        shapes: the shapes an object may have, by label; their order is the shape index. A path, or text such as
+            ``"mug.obj@0.001"``, stands for the solid in that mesh file (:mod:`activetouch.mesh_source`).
         poses: the exploration poses, by label; their order is the pose index. A name stands for a set of
             :data:`activetouch.poses.POSE_SETS`: ``"mix"`` or ``"directions26"``.
         pad: the tactile pad.
@@ -152,6 +155,9 @@ class Scene:
         aims: where a pose brings the object's centre, from the approach axis along y and z [m], by label of the pose;
             to the axis where nothing is said. The offset of the variation is added. :func:`activetouch.poses.aimed`
             makes poses and aims.
+
+    Warns:
+        MeshWarning: two meshes are alike, see :func:`activetouch.solids.twins.find_twins`.
     """
 
     shapes: Mapping[str, Shape | Path | str] = field(default_factory=lambda: SHAPES)
@@ -179,13 +185,13 @@ class Scene:
         for label, rotation in self.rotations.items():
             require_unit(f"the pose {label!r}", rotation)
         object.__setattr__(self, "aims", _aims(self.aims, self.rotations))
-        solids = {k: Mesh.from_file(v) if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
+        solids = {k: MeshSource.parse(v).read() if isinstance(v, Path | str) else v for k, v in self.shapes.items()}
         for label, solid in solids.items():
             members = ("bounding_radius", "geom", "entry_distance")  # of the class, so that no property is computed
             if not all(hasattr(type(solid), member) or hasattr(solid, member) for member in members):
                 raise BadMesh(
                     f"the shape {label!r} is {solid!r}; a shape is a solid such as Sphere(0.02), or the path of a mesh "
-                    "file (STL, OBJ, PLY, OFF) in metres; Mesh.from_file(path, scale=0.001) reads one in millimetres"
+                    "file (STL, OBJ, PLY, OFF, GLB, 3MF, DAE); 'mug.stl@0.001' is the text for one in millimetres"
                 )
         object.__setattr__(self, "shapes", solids)
         require_renderer(self.renderer)
@@ -202,6 +208,8 @@ class Scene:
         if getattr(self.press_model, "moves", False):  # in a MuJoCo model, which is kept by its shape
             for label, solid in self.solids.items():
                 _require_hash(label, solid)
+        if alike := text_of_twins(self.solids, self.variation.size.support):
+            warnings.warn(alike, MeshWarning, stacklevel=3)
         if isinstance(self.robot, str):
             if self.robot not in ROBOTS:
                 raise UnknownName("robot", self.robot, list(ROBOTS))

@@ -2,6 +2,8 @@
 
 All are timed in turn, round after round, so that a busy moment of the machine meets all of them; a time is the median
 over rounds, and the ratio to the reference is the median of the ratios within a round.
+
+    python -m benchmarks.frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Accuracy on unseen objects against the number of images to learn from."""
+"""Accuracy on unseen objects against the number of images to learn from.
+
+python -m benchmarks.learning_curve --scene gel --shares 0.0625 0.25 1
+"""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def _run(arguments: list[str]) -> None:
     with loading():
         from belief.errors import ActiveTouchError
         from belief.files import is_of_writing
-        from experiments.command_line.console import print_on_any_terminal
+        from experiments.command_line.console import plain_warnings, print_on_any_terminal
 
         print_on_any_terminal()
         if not arguments or arguments[0] in ("-h", "--help"):
@@ -122,7 +122,7 @@ def _run(arguments: list[str]) -> None:
         except ActiveTouchError as error:
             sys.exit(f"activetouch: {error}")
     try:
-        with running():
+        with running(), plain_warnings():
             command.run()
     except BrokenPipeError:
         raise

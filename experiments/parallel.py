@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from activetouch.errors import MeshWarning
 from belief.errors import ActiveTouchError, CannotWrite
 from belief.files import is_of_writing
 from experiments.command_line.console import plain_console
@@ -122,7 +123,7 @@ def _backend(scheduler: str | None) -> Iterator[Any]:
     import joblib
 
     if scheduler is None:
-        ending = {"initializer": end_with_parent, "initargs": (os.getpid(),)}
+        ending = {"initializer": _begin_worker, "initargs": (os.getpid(),)}
         with joblib.parallel_config("loky", inner_max_num_threads=1, **ending) as config:
             yield config
         return
@@ -142,6 +143,12 @@ def _backend(scheduler: str | None) -> Iterator[Any]:
             raise NoCluster(f"{scheduler} has no workers. Start some with: dask worker {scheduler}") from error
         with joblib.parallel_config("dask", client=client) as config:
             yield config
+
+
+def _begin_worker(parent: int) -> None:
+    """Make a worker end with its parent, and not repeat what that has said about mesh files."""
+    end_with_parent(parent)
+    warnings.simplefilter("ignore", MeshWarning)
 
 
 def _wait_for(scheduler: str) -> None:

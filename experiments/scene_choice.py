@@ -11,9 +11,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from activetouch import Dynamic, Quasistatic, Scene
+from activetouch.distributions import Constant, Uniform
+from activetouch.errors import DuplicateShape
+from activetouch.mesh_source import read_meshes
 from activetouch.named_scenes import SCENES, NamedScene
 from activetouch.orientations import Inexact, Presentation, Resampled, Tumbled, Upright
 from activetouch.pressing.deformable import Deformable
@@ -22,10 +25,9 @@ from activetouch.pressing.press import Press
 from activetouch.randomisation import randomised
 from activetouch.rendering import RENDERERS, TactileRenderer
 from activetouch.rendering.renderer import require_renderer
-from activetouch.shapes import Mesh
-from belief.errors import ActiveTouchError
+from belief.errors import InvalidArgument
 from belief.references import BadReference, build, find
-from experiments.command_line.arguments import Positive, require_types
+from experiments.command_line.arguments import ABOVE_ZERO, Positive, require_types
 from experiments.command_line.trust import Trust
 
 FIDELITIES: Mapping[str, Press] = {
@@ -127,10 +129,6 @@ def training_folder(scene: str) -> Path:
     return Path(f"runs/train-{in_file_names(scene)}")
 
 
-class DuplicateShape(ActiveTouchError, ValueError):
-    """Two shapes of a scene would have the same name."""
-
-
 @dataclass(frozen=True)
 class SceneChoice:
     """A named scene and changes to it."""
@@ -146,9 +144,17 @@ class SceneChoice:
     poses: str | None = None
     """Set of poses: mix (six) or directions26; that of the scene by default."""
     meshes: tuple[Path, ...] = ()
-    """Mesh files (STL, OBJ, PLY, OFF) of shapes to add; the file name without its ending becomes the shape's name."""
-    mesh_scale: Positive = 1.0
-    """Metres per unit of the mesh files: 0.001 for millimetres."""
+    """Mesh files (STL, OBJ, PLY, OFF, GLB, glTF, 3MF, DAE) of shapes to add, each [NAME=]PATH[@SCALE], such as mug.obj,
+    mug.obj@0.001 for millimetres, or cup=scan/model.obj. The name is that of the file, or of its folder if files have
+    the same name."""
+    mesh_scale: Positive | None = None
+    """Metres per unit of the mesh files without a scale of their own: 0.001 for millimetres. By default that of the
+    format or 1; sizes that are possible only in millimetres are taken as such, with a warning."""
+    only: bool = False
+    """Leave out the scene's own shapes: the meshes are all there is. Their sizes do not vary."""
+    size_range: Annotated[tuple[float, float] | None, ABOVE_ZERO] = None
+    """Smallest and largest factor on the size of every object, such as 0.9 1.1. By default that of the scene; with
+    --only, 1."""
     randomised: bool = False
     """Draw stiffness, size, force, friction, noise, gain and broken taxels from wider ranges than the scene's: to train
     readers that also work in changed worlds."""
@@ -164,6 +170,7 @@ class SceneChoice:
             BadReference: The name of either cannot be parsed, or is the name of something else.
             DuplicateShape: A mesh has the name of another shape.
             BadMesh: A mesh file does not contain a solid.
+            InvalidArgument: ``only`` without meshes, or a range of sizes that ends before it begins.
         """
         named = named_scene(self.scene)
         changes: dict[str, Any] = {}
@@ -177,16 +184,26 @@ class SceneChoice:
             changes |= {"poses": self.poses, "aims": {}}
         if self.robot is not None:
             changes["robot"] = self.robot
+        if self.only and not self.meshes:
+            raise InvalidArgument("--only leaves out the scene's own shapes; give others with --meshes")
+        own = {} if self.only else named.scene.shapes
         if self.meshes:
-            added = {path.stem: Mesh.from_file(path, self.mesh_scale) for path in self.meshes}
-            if len(added) < len(self.meshes) or added.keys() & named.scene.shapes.keys():
+            added = read_meshes(*self.meshes, scale=self.mesh_scale)
+            if taken := [label for label in added if label in own]:
                 raise DuplicateShape(
-                    f"the scene {self.scene!r} has the shapes {', '.join(named.scene.shapes)}; the meshes to add must "
-                    f"have other names and differ from each other, got {', '.join(p.stem for p in self.meshes)}"
+                    f"the scene {self.scene!r} has the shapes {', '.join(own)}; the meshes to add must have other "
+                    f"names, got {', '.join(taken)}: write for example my_{taken[0]}={taken[0]}.obj, or leave the "
+                    "scene's own shapes out with --only"
                 )
-            changes["shapes"] = {**named.scene.shapes, **added}
+            changes["shapes"] = {**own, **added}
+        if self.size_range is not None and self.size_range[0] > self.size_range[1]:
+            raise InvalidArgument(f"--size-range must not end before it begins, got {self.size_range}")
+        if self.size_range is not None or self.only:
+            size = Constant(1.0) if self.size_range is None else Uniform(*self.size_range)
+            changes["variation"] = replace(named.scene.variation, size=size)
         scene = replace(named.scene, **changes)
-        return replace(named, scene=randomised(scene) if self.randomised else scene)
+        num_objects = min(named.num_objects, len(scene.shapes)) if self.only else named.num_objects
+        return replace(named, scene=randomised(scene) if self.randomised else scene, num_objects=num_objects)
 
     def __getstate__(self) -> dict[str, Any]:
         """State for pickling: the names only; the receiving process resolves them."""
@@ -195,7 +212,10 @@ class SceneChoice:
     def to_dict(self) -> dict[str, Any]:
         """The choice as plain values."""
         plain = {**asdict(self), "meshes": [str(path) for path in self.meshes]}
-        return {name: value for name, value in plain.items() if name != "poses" or value is not None}
+        if not self.meshes:
+            plain["mesh_scale"] = 1.0  # as ever, so that runs without meshes stay the same
+        left_out = {"poses": None, "mesh_scale": None, "only": False, "size_range": None}
+        return {name: value for name, value in plain.items() if name not in left_out or value != left_out[name]}
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any], trust: Trust) -> SceneChoice:
@@ -206,6 +226,11 @@ class SceneChoice:
             BadArgument: a field is of a wrong type.
         """
         trust.require([fields["scene"], fields.get("renderer")])
-        choice = cls(**{**fields, "meshes": tuple(Path(path) for path in fields["meshes"])})
+        given = {**fields, "meshes": tuple(Path(path) for path in fields["meshes"])}
+        if not given["meshes"]:
+            given.pop("mesh_scale", None)
+        if given.get("size_range") is not None:
+            given["size_range"] = tuple(given["size_range"])
+        choice = cls(**given)
         require_types(choice)
         return choice

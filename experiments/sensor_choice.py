@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
+from activetouch.mesh_source import MeshSource
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -76,7 +77,7 @@ def sensor_commands(choice: SceneChoice) -> str:
         choice.renderer,
         choice.presentation,
         choice.poses,
-        *(path.stem for path in choice.meshes),
+        *(MeshSource.parse(mesh).label for mesh in choice.meshes),
     ]
     name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)

@@ -1,33 +1,45 @@
-"""Closed triangle meshes as shapes, convex or not."""
+"""Triangle meshes as shapes, convex or not."""
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+import warnings
+from dataclasses import InitVar, dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import scipy  # whose parts load at first use
 
-from activetouch.errors import BadMesh
+from activetouch.errors import BadMesh, MeshWarning
+from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.triangles import Ints, edges, tetrahedra
+from activetouch.solids.triangles import Ints, tetrahedra
+from belief.errors import InvalidArgument
 
-_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.1  # of the bounding ball of objects for a fingertip-sized pad [m]
-_TYPICAL_RADIUS = 0.005  # smallest radius for which an error message suggests a unit [m]
+_MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
+_VAST = 1e100  # squares of longer lengths may not be finite [m]
+_ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
 _CONVEX = 1e-6  # relative difference of area and volume from those of the convex hull
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
+MOST_TRIANGLES = 50_000
+"""Largest number of triangles that is kept as it is when a file is read."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
-    """A connected solid bounded by triangles, convex or not.
+    """A solid bounded by triangles, convex or not, of one body or of several.
 
+    A touch feels the first surface that is met from outside: that of the union of all bodies. Triangles are turned to
+    face outwards, cavities are never felt, and holes are allowed as long as few rays from outside reach the inside.
     Meshes are equal if their triangles are equal to the nanometre; names do not matter. MuJoCo collides with the convex
-    hull, of a hollow mesh with that of what lies in front of the pad. Self-intersections are not checked.
+    hull, of a hollow mesh with that of what lies in front of the pad.
+
+    Args:
+        centred: whether to move the centre of mass to the origin. See :func:`mesh_surface.examined` for where it is if
+            there are several bodies or holes.
 
     Attributes:
         name: for messages, such as the name of the file.
@@ -35,15 +47,19 @@ class Mesh:
         faces: corners of the triangles as indices of vertices, counter-clockwise from outside, ``(f, 3)``.
 
     Raises:
-        BadMesh: there is no triangle, a vertex is not finite, the surface is open, inside out or not connected, or the
-            size is outside 0.5 mm to 100 mm.
+        BadMesh: there is no triangle, a vertex is not finite, the surface is flat or encloses no volume, more than 10 %
+            of the rays from outside first meet the inside, or the size is outside 0.5 mm to 300 mm.
+
+    Warns:
+        MeshWarning: there are several bodies, open edges, or edges of more than two triangles.
     """
 
     name: str
     vertices: Floats
     faces: Ints
+    centred: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, centred: bool) -> None:
         vertices = np.asarray(self.vertices, dtype=float).reshape(-1, 3)
         faces = np.asarray(self.faces, dtype=np.intp).reshape(-1, 3)
         if len(faces) == 0:
@@ -51,32 +67,49 @@ class Mesh:
         if faces.min() < 0 or faces.max() >= len(vertices):
             raise BadMesh(f"{self.name}: a triangle has a vertex that is not among the {len(vertices)} vertices")
         used, renamed = np.unique(faces, return_inverse=True)
-        object.__setattr__(self, "vertices", vertices[used])
-        object.__setattr__(self, "faces", renamed.reshape(-1, 3))
-        if problem := self._surface_problem() or self._size_problem():
-            raise BadMesh(f"{self.name}: {problem}")
+        vertices, faces = vertices[used], renamed.reshape(-1, 3)
+        if not np.abs(vertices).max() < _VAST:
+            raise BadMesh(f"{self.name}: some vertices are not finite numbers")
+        surface = examined(vertices, faces)
+        if surface.problem:
+            raise BadMesh(f"{self.name}: {surface.problem}")
+        object.__setattr__(self, "vertices", vertices - surface.centre if centred else vertices)
+        object.__setattr__(self, "faces", surface.faces)
+        if not _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
+            raise BadMesh(f"{self.name}: {self._size_problem()}")
+        if surface.remarks:
+            warnings.warn(f"{self.name}: {'; '.join(surface.remarks)}", MeshWarning, stacklevel=3)
 
     @classmethod
-    def from_file(cls, path: Path | str, scale: float = 1.0) -> Mesh:
-        """The mesh in an STL, OBJ, PLY or OFF file, with its centre of mass moved to the origin.
+    def from_file(
+        cls, path: Path | str, scale: float | None = None, max_triangles: int | None = MOST_TRIANGLES
+    ) -> Mesh:
+        """The mesh in an STL, OBJ, PLY, OFF, GLB, glTF, 3MF or DAE file, with its centre of mass moved to the origin.
 
-        Corners within 10 nm of each other are merged, and triangles are oriented consistently.
+        Corners within 10 nm of each other are merged. Scenes of several parts are read as one mesh.
 
         Args:
-            path: the file. Files that it refers to are not opened.
-            scale: metres per unit of the file; 0.001 for a file in millimetres.
+            path: the file. Of the files that it refers to, only the buffers of a glTF file are opened.
+            scale: metres per unit of the file; 0.001 for a file in millimetres. By default, that of the format (GLB,
+                glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
+                millimetres, with a warning.
+            max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
+                point moves by more than 0.1 mm (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
 
         Raises:
             FileNotFoundError: the file does not exist.
             BadMesh: the path is no regular file of up to 256 MiB, the file cannot be read, or its contents are not a
                 solid; the message names the line of a text.
-            ValueError: the scale is not positive and finite.
-        """
-        from activetouch.solids.mesh_file import read_surface  # loads trimesh
+            InvalidArgument: the scale is not positive and finite.
 
-        if not 0.0 < scale < np.inf:
-            raise ValueError(f"scale must be positive and finite, got {scale}")
-        return cls(Path(path).name, *read_surface(Path(path), scale))
+        Warns:
+            MeshWarning: the unit was guessed, the triangles were reduced, or see :class:`Mesh`.
+        """
+        from activetouch.solids.mesh_file import read_surface
+
+        if scale is not None and not 0.0 < scale < np.inf:
+            raise InvalidArgument(f"scale must be positive and finite, got {scale}")
+        return cls(Path(path).name, *read_surface(Path(path), scale, max_triangles), centred=True)
 
     @cached_property
     def bounding_radius(self) -> float:
@@ -117,47 +150,19 @@ class Mesh:
     def __repr__(self) -> str:
         return f"Mesh({self.name!r}, {len(self.faces)} triangles, sha256 {self.digest[:12]})"
 
-    def _surface_problem(self) -> str | None:
-        """The reason why the triangles do not bound one solid, if any."""
-        if not np.isfinite(self.vertices).all():
-            return "some vertices are not finite numbers"
-        directed, sharing = edges(self.faces)
-        if (sharing != 2).any():
-            return (
-                f"it is not closed: {(sharing == 1).sum()} open edges, {(sharing > 2).sum()} shared by more than two "
-                "triangles. Fill its holes, or make it solid, in the program it comes from"
+    def _size_problem(self) -> str:
+        """Why the size is unsuitable, with suggested units."""
+        radius = self.bounding_radius
+        fitting = {unit: scale for unit, scale in _UNITS.items() if _ORDINARY[0] <= radius * scale <= _ORDINARY[1]}
+        hint = ""
+        if fitting:
+            example = next(iter(fitting.values()))
+            guesses = ", or ".join(f"{scale} if it is in {unit}" for unit, scale in fitting.items())
+            hint = (
+                f". Give its scale: {guesses}; that is {self.name}@{example} or --mesh-scale {example} on the command "
+                f"line, Mesh.from_file(path, scale={example}) in Python"
             )
-        if len(np.unique(directed)) < len(directed):
-            return "its triangles are not oriented consistently"
-        if (num_pieces := self._num_pieces()) > 1:
-            return f"it has {num_pieces} separate surfaces; join them into one solid and fill its cavities"
-        if tetrahedra(self.vertices, self.faces).sum() <= 0.0:
-            return "it encloses no volume, or is inside out"
-        return None
-
-    def _num_pieces(self) -> int:
-        start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
-        size = len(self.vertices)
-        edges = scipy.sparse.coo_array((np.ones(start.size), (start, end)), (size, size))
-        return int(scipy.sparse.csgraph.connected_components(edges)[0])
-
-    def _size_problem(self) -> str | None:
-        """The reason why the size is unsuitable, if any, with suggested units."""
-        if _MIN_RADIUS <= self.bounding_radius <= _MAX_RADIUS:
-            return None
-        guesses = [
-            f"{scale} if it is in {unit}"
-            for unit, scale in _UNITS.items()
-            if _TYPICAL_RADIUS <= self.bounding_radius * scale <= _MAX_RADIUS
-        ]
-        example = next(iter(guesses), "").partition(" ")[0]
-        hint = (
-            f". Give its scale: {', or '.join(guesses)}; that is --mesh-scale {example} on the command line, "
-            f"Mesh.from_file(path, scale={example}) in Python"
-            if guesses
-            else ""
-        )
         return (
-            f"its farthest point is {self.bounding_radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to "
-            f"{_MAX_RADIUS} m. Lengths are in metres{hint}"
+            f"its farthest point is {radius:.4g} m from its origin, allowed are {_MIN_RADIUS} m to {_MAX_RADIUS} m. "
+            f"Lengths are in metres{hint}"
         )

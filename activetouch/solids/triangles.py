@@ -11,12 +11,17 @@ from activetouch.solids.solid import Floats
 Ints = NDArray[np.intp]
 
 
-def edges(faces: Ints) -> tuple[Ints, Ints]:
-    """An identifier of every directed edge, ``(3 f,)``, and the number of triangles at each undirected edge."""
+def edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
+    """Identifiers of the edges: directed, ``(3 f,)``; undirected, ``(3 f,)``; and triangles at each of the latter.
+
+    The edges of a triangle are from each corner to the next, in order.
+    """
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max()) + 1
-    _, sharing = np.unique(np.minimum(start, end) * size + np.maximum(start, end), return_counts=True)
-    return start * size + end, sharing
+    _, edge, sharing = np.unique(
+        np.minimum(start, end) * size + np.maximum(start, end), return_inverse=True, return_counts=True
+    )
+    return start * size + end, edge, sharing
 
 
 def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
@@ -33,12 +38,10 @@ def faces_outwards(vertices: Floats, faces: Ints) -> bool:
     >>> [faces_outwards(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
     [True, False, False]
     """
-    directed, sharing = edges(faces)
+    directed, edge, sharing = edges(faces)
     if (sharing != 2).any() or len(np.unique(directed)) < len(directed):
         return False
-    size = int(faces.max()) + 1
-    start, end = np.divmod(directed, size)
-    pairs = np.argsort(np.minimum(start, end) * size + np.maximum(start, end)).reshape(-1, 2).T // 3
+    pairs = np.argsort(edge).reshape(-1, 2).T // 3
     touching = scipy.sparse.coo_array((np.ones(pairs.shape[1]), tuple(pairs)), (len(faces), len(faces)))
     body = scipy.sparse.csgraph.connected_components(touching, directed=False)[1]
     return bool((np.bincount(body, tetrahedra(vertices, faces)) > 0.0).all())

@@ -83,7 +83,9 @@ Seed: TypeAlias = Annotated[int, Within(0, 2**32 - 1)]
 """Random seed, 32 bits."""
 Pixels: TypeAlias = Annotated[int, Within(1, 4096)]
 """Edge length of an image [pixels]."""
-Positive: TypeAlias = Annotated[float, Within(0.0, math.inf, open_low=True, open_high=True)]
+ABOVE_ZERO = Within(0.0, math.inf, open_low=True, open_high=True)
+"""Rule of positive finite numbers."""
+Positive: TypeAlias = Annotated[float, ABOVE_ZERO]
 """Positive finite number."""
 NotNegative: TypeAlias = Annotated[float, Within(0.0, math.inf, open_high=True)]
 """Non-negative finite number."""

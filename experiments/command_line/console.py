@@ -6,7 +6,10 @@ import codecs
 import io
 import sys
 import unicodedata
-from typing import IO
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any
 
 from rich.console import Console
 
@@ -27,6 +30,22 @@ def print_on_any_terminal() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="plain")
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Print warnings of this project to stderr as one line each; Python prints those of other libraries."""
+    with warnings.catch_warnings():
+        show_others = warnings.showwarning
+
+        def show(message: Any, category: type[Warning], *place: Any) -> None:
+            if category.__module__.partition(".")[0] in ("activetouch", "belief", "planners", "experiments"):
+                print(f"warning: {message}", file=sys.stderr)
+            else:
+                show_others(message, category, *place)
+
+        warnings.showwarning = show  # type: ignore[assignment]
+        yield
 
 
 def _replace(error: UnicodeError) -> tuple[str, int]:

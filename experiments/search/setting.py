@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import tyro
 
 from activetouch import Scene, TactileSensor, TouchWorld
+from activetouch.mesh_source import MeshSource
 from activetouch.sensor_files import POLICIES, READER_FILE, load_observation_model, observation_file
 from activetouch.world import TouchTime, touch_many
 from belief import Composition, SearchProblem, Touch
@@ -87,7 +88,7 @@ class Setting:
 
     def resolved(self) -> Setting:
         """The same setting with absolute paths, for workers with another working folder."""
-        meshes = tuple(path.resolve() for path in self.choice.meshes)
+        meshes = tuple(Path(str(MeshSource.parse(mesh).resolved())) for mesh in self.choice.meshes)
         sensor = None if self.sensor is None else self.sensor_folder.resolve()
         return replace(self, choice=replace(self.choice, meshes=meshes), sensor=sensor)
 

@@ -1,16 +1,22 @@
+import json
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from activetouch import Dynamic, Quasistatic
+from activetouch.distributions import Constant, Uniform
+from activetouch.errors import DuplicateShape
 from activetouch.named_scenes import SCENES
 from activetouch.orientations import Upright
 from activetouch.pressing.guarded_move import GuardedMove
 from activetouch.rendering import GelSightRenderer, PressureRenderer
-from belief.errors import UnknownName
+from belief.errors import InvalidArgument, UnknownName
 from belief.references import BadReference
+from experiments.command_line.console import plain_warnings
 from experiments.command_line.trust import Trust
-from experiments.scene_choice import DuplicateShape, SceneChoice, renderer_named
+from experiments.scene_choice import SceneChoice, renderer_named
 
 TETRAHEDRON = "OFF\n4 4 0\n0 0 0\n30 0 0\n0 30 0\n0 0 30\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
 
@@ -64,3 +70,55 @@ def test_settings_of_a_renderer_that_is_ready_are_refused_rather_than_ignored():
     with pytest.raises(BadReference, match="pressure is a PressureRenderer and takes no settings"):
         renderer_named("pressure(binning=2)")
     assert renderer_named("activetouch.rendering:PressureRenderer(binning=2)") == PressureRenderer(2)
+
+
+def test_only_the_meshes_are_left_and_their_sizes_do_not_vary_unless_asked(mesh):
+    choice = SceneChoice(scene="many", meshes=(mesh, Path(f"big={mesh}@0.0015")), mesh_scale=0.001, only=True)
+    named = choice.named
+    assert named.scene.shape_labels == ("pebble", "big")
+    assert named.scene.variation.size == Constant(1.0)
+    assert named.scene.variation.force == SCENES["many"].scene.variation.force
+    assert named.num_objects == 2
+    varied = replace(choice, size_range=(0.9, 1.2))
+    assert varied.named.scene.variation.size == Uniform(0.9, 1.2)
+    for one in (choice, varied):
+        plain = json.loads(json.dumps(one.to_dict()))
+        assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == one
+
+
+def test_a_choice_without_meshes_is_written_as_ever():
+    plain = SceneChoice().to_dict()
+    assert plain["mesh_scale"] == 1.0
+    assert not plain.keys() & {"only", "size_range"}
+    assert SceneChoice.from_dict(plain, Trust(Path("run.json"))) == SceneChoice()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"only": True}, "--only leaves out the scene's own shapes; give others with --meshes"),
+        ({"size_range": (1.1, 0.9)}, r"--size-range must not end before it begins, got \(1\.1, 0\.9\)"),
+    ],
+)
+def test_a_choice_that_makes_no_scene_is_refused(changes, words):
+    with pytest.raises(InvalidArgument, match=words):
+        _ = SceneChoice(**changes).named
+
+
+def test_a_file_called_like_a_shape_is_told_how_to_be_called_otherwise(mesh):
+    cube = mesh.rename(mesh.with_name("cube.off"))
+    with pytest.raises(DuplicateShape, match=r"my_cube=cube\.obj, or leave the scene's own shapes out with --only"):
+        _ = SceneChoice(meshes=(cube,), mesh_scale=0.001).named
+    assert SceneChoice(meshes=(cube,), mesh_scale=0.001, only=True).named.scene.shape_labels == ("cube",)
+    assert "my_cube" in SceneChoice(meshes=(Path(f"my_cube={cube}@0.001"),)).named.scene.shape_labels
+
+
+def test_the_command_prints_a_warning_of_its_own_as_one_line(mesh, capsys):
+    with warnings.catch_warnings(record=True) as others:
+        warnings.simplefilter("always")
+        with plain_warnings():
+            _ = SceneChoice(meshes=(mesh,)).named
+            warnings.warn("of another library", UserWarning, stacklevel=1)
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.startswith("warning: pebble.off: read in millimetres (30 × 30 × 30 mm)")
+    assert [str(other.message) for other in others] == ["of another library"]

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from activetouch.errors import ImpossibleRecipe, UnknownLikelihood
+from activetouch.errors import DuplicateShape, ImpossibleRecipe, UnknownLikelihood
 from activetouch.perception.recipe import RECIPES
 from activetouch.rendering import Quantisation
 from belief.errors import CannotWrite, CorruptFile, UnknownName
@@ -19,7 +19,7 @@ from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
 from experiments.press.explain import Explain
 from experiments.press.touch import TouchCommand
-from experiments.scene_choice import DuplicateShape, SceneChoice
+from experiments.scene_choice import SceneChoice
 from experiments.search.compare import Compare
 from experiments.search.replay import Replay
 from experiments.search.run_folder import RunFolder, RunMismatch, ShardKey

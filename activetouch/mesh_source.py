@@ -1,0 +1,99 @@
+"""Mesh files as people name them: ``mug.obj``, ``mug.obj@0.001`` with metres per unit, ``cup=path/model.obj``.
+
+>>> MeshSource.parse("cup=scans/model.obj@0.0254")
+MeshSource(path=PosixPath('scans/model.obj'), scale=0.0254, name='cup')
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from activetouch.errors import DuplicateShape
+from activetouch.solids.mesh import Mesh
+from belief.errors import InvalidArgument
+from belief.files import plain_number
+
+
+@dataclass(frozen=True)
+class MeshSource:
+    """A mesh file, its scale and its name.
+
+    Attributes:
+        path: the file.
+        scale: metres per unit of the file; by default that of :meth:`Mesh.from_file`.
+        name: label of the shape; by default the name of the file without its ending.
+    """
+
+    path: Path
+    scale: float | None = None
+    name: str = ""
+
+    @classmethod
+    def parse(cls, text: Path | str) -> MeshSource:
+        """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains.
+
+        Raises:
+            InvalidArgument: what follows the last ``@`` of a file that exists is no number.
+        """
+        name, path, scale = "", str(text), None
+        before, sign, after = path.partition("=")
+        if sign and os.sep not in before and not os.path.lexists(path):
+            name, path = before, after
+        before, sign, after = path.rpartition("@")
+        if sign and not os.path.lexists(path):
+            try:
+                path, scale = before, plain_number(after)
+            except ValueError as error:
+                if os.path.lexists(before):
+                    raise InvalidArgument(
+                        f"{text}: after @ there must be metres per unit, such as 0.001 for millimetres, got {after!r}"
+                    ) from error
+                path = f"{before}@{after}"
+        return cls(Path(path), scale, name)
+
+    def __str__(self) -> str:
+        """The text that :meth:`parse` reads."""
+        return (f"{self.name}=" if self.name else "") + str(self.path) + (f"@{self.scale!r}" if self.scale else "")
+
+    @property
+    def label(self) -> str:
+        """The name, or that of the file."""
+        return self.name or self.path.stem
+
+    def resolved(self) -> MeshSource:
+        """The same source with an absolute path."""
+        return replace(self, path=self.path.resolve())
+
+    def read(self, scale: float | None = None) -> Mesh:
+        """The mesh; ``scale`` is for a source without its own. See :meth:`Mesh.from_file`."""
+        return Mesh.from_file(self.path, scale if self.scale is None else self.scale)
+
+
+def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, Mesh]:
+    """Read mesh files; their names are labels of shapes, as for ``Scene(shapes=read_meshes("a.obj", "b.stl@0.001"))``.
+
+    Files with the same name, such as ``mug/model.obj`` and ``box/model.obj``, are called like their folders.
+
+    Args:
+        sources: each ``[name=]path[@scale]``, see :class:`MeshSource`.
+        scale: metres per unit of all files that have no scale of their own.
+
+    Raises:
+        DuplicateShape: two meshes have the same name.
+        FileNotFoundError, BadMesh, InvalidArgument: see :meth:`Mesh.from_file`.
+    """
+    parsed = [MeshSource.parse(source) for source in sources]
+    num = Counter(source.label for source in parsed)
+    labels = [
+        source.path.resolve().parent.name if not source.name and num[source.label] > 1 else source.label
+        for source in parsed
+    ]
+    if twice := [label for label, number in Counter(labels).items() if number > 1]:
+        raise DuplicateShape(
+            f"meshes must have other names than {', '.join(twice)}, which two of them have; write for example "
+            f"my_{twice[0]}={parsed[labels.index(twice[0])].path}"
+        )
+    return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
