@@ -3,6 +3,9 @@
 A flat pad that moves along x meets the points in front of its face and no others, and it reaches none that lies behind
 their convex hull. The hull of these points, extended away from the pad, therefore makes first contact where the true
 surface does. The walls of a hollow beside the pad are not touched.
+
+Where the foremost point of the whole object is what the pad meets first, as of most objects smaller than the pad, the
+hull of the object makes the same contact. It is compiled already.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from activetouch.solids.solid import Geom
 
 Floats = NDArray[np.float64]
 
+_SAME_TOUCH = 1e-4  # largest difference between first touches that count as one [m]
 _NUM_DIRECTIONS = 32  # in which the hull is exact, besides the one towards the pad
 
 
@@ -32,7 +36,8 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     Returns:
         Vertices in the object's frame at nominal size.
     """
-    if placement.shape.geom.presses != "surface":
+    geom = placement.shape.geom
+    if geom.presses != "surface" or _foremost_is_met(pad, placement, geom, touching):
         return None
     met = np.isfinite(gap.ravel())
     points = pad.taxel_centres[:, met]
@@ -47,6 +52,15 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     behind = hull + np.array([[2 * pad.half_thickness], [0.0], [0.0]])
     solid = to_matrix(placement.orientation).T @ np.hstack([hull, behind])
     return Geom("mesh", vertices=solid.T / placement.scale)
+
+
+def _foremost_is_met(pad: Pad, placement: Placement, geom: Geom, touching: float) -> bool:
+    """Whether the foremost corner of the whole hull is what the pad meets first."""
+    assert geom.vertices is not None, "what is hollow has corners"
+    rotation = to_matrix(placement.orientation)
+    foremost = geom.vertices[np.argmin(geom.vertices @ rotation[0])]
+    ahead, *across = placement.scale * (rotation @ foremost) + (0.0, *placement.offset)
+    return bool(abs(ahead + touching) <= _SAME_TOUCH and np.abs(across).max() <= pad.half_width)  # False for a miss
 
 
 def _towards_the_pad() -> Floats:

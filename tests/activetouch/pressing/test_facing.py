@@ -67,8 +67,13 @@ def test_a_pad_that_fits_through_a_ring_feels_nothing():
     assert not contact.trace.force.any()
 
 
-def test_what_the_pad_meets_lies_on_the_surface_and_reaches_the_first_touch(rng):
-    placement = Placement(BOWL, 1.2, random_orientation(rng), np.array([0.002, 0.001]))
+def test_a_rim_in_front_of_the_pad_is_met_by_the_hull_of_the_whole_bowl():
+    placement = Placement(BOWL, 0.2, INTO_THE_BOWL)
+    assert facing_geom(SETUP.pad, placement, *first_touch(SETUP.pad, placement)) is None
+
+
+def test_what_the_pad_meets_lies_on_the_surface_and_reaches_the_first_touch():
+    placement = Placement(BOWL, 1.2, facing((0.2, -0.1, 1.0)), np.array([0.002, 0.001]))
     gap, touching = first_touch(SETUP.pad, placement)
     found = (to_matrix(placement.orientation) @ facing_geom(SETUP.pad, placement, gap, touching).vertices.T) * 1.2
     assert found[0].min() == pytest.approx(-touching)
