@@ -20,7 +20,6 @@ from activetouch.solids.solid import Geom
 
 Floats = NDArray[np.float64]
 
-_SAME_TOUCH = 1e-4  # largest difference between first touches that count as one [m]
 _NUM_DIRECTIONS = 32  # in which the hull is exact, besides the one towards the pad
 
 
@@ -37,7 +36,7 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
         Vertices in the object's frame at nominal size.
     """
     geom = placement.shape.geom
-    if geom.presses != "surface" or _foremost_is_met(pad, placement, geom, touching):
+    if geom.presses != "surface" or _foremost_is_met(pad, placement, geom):
         return None
     met = np.isfinite(gap.ravel())
     points = pad.taxel_centres[:, met]
@@ -54,13 +53,13 @@ def facing_geom(pad: Pad, placement: Placement, gap: Floats, touching: float) ->
     return Geom("mesh", vertices=solid.T / placement.scale)
 
 
-def _foremost_is_met(pad: Pad, placement: Placement, geom: Geom, touching: float) -> bool:
-    """Whether the foremost corner of the whole hull is what the pad meets first."""
+def _foremost_is_met(pad: Pad, placement: Placement, geom: Geom) -> bool:
+    """Whether the foremost corner of the whole hull is in front of the pad's face, so that the pad meets it first."""
     assert geom.vertices is not None, "what is hollow has corners"
     rotation = to_matrix(placement.orientation)
     foremost = geom.vertices[np.argmin(geom.vertices @ rotation[0])]
-    ahead, *across = placement.scale * (rotation @ foremost) + (0.0, *placement.offset)
-    return bool(abs(ahead + touching) <= _SAME_TOUCH and np.abs(across).max() <= pad.half_width)  # False for a miss
+    across = placement.scale * (rotation[1:] @ foremost) + placement.offset
+    return bool(np.abs(across).max() <= pad.half_width)
 
 
 def _towards_the_pad() -> Floats:

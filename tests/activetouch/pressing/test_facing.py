@@ -1,5 +1,7 @@
 """Simulated presses of hollow objects touch the surface that the image shows, and others are as they were."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -57,7 +59,8 @@ def test_hollow_shapes_are_met_at_their_surface_from_all_sides(shape, rng):
     for _ in range(5):
         placement = Placement(shape, rng.uniform(0.5, 1.5), random_orientation(rng), rng.uniform(-0.003, 0.003, 2))
         position, touching = first_force(GuardedMove(), placement)
-        assert position == pytest.approx(touching, abs=1e-4)
+        exact = first_touch(replace(SETUP.pad, num_taxels=512), placement)[1]  # a tip may be between two taxels
+        assert touching - 1e-4 <= position <= max(touching, exact) + 1e-4
 
 
 def test_a_pad_that_fits_through_a_ring_feels_nothing():
