@@ -25,15 +25,19 @@ from activetouch.scene import Dynamic, Quasistatic, Scene
 from activetouch.shapes import SHAPES
 
 if TYPE_CHECKING:
+    from activetouch.pressing.height_maps import Window, predicted_contacts
     from activetouch.sensor import TactileSensor
     from activetouch.world import TouchWorld
 
 _LATER = {
     "TactileSensor": "activetouch.sensor",
     "TouchWorld": "activetouch.world",
+    "alike": "experiments.press.alike",
     "compare": "experiments.search.objects",
     "make_sensor": "experiments.sensor.make_sensor",
+    "predicted_contacts": "activetouch.pressing.height_maps",
     "read_meshes": "activetouch.mesh_source",
+    "Window": "activetouch.pressing.height_maps",
 }
 
 __all__ = [
@@ -45,9 +49,12 @@ __all__ = [
     "Scene",
     "TactileSensor",
     "TouchWorld",
+    "Window",
+    "alike",
     "compare",
     "envs",
     "make_sensor",
+    "predicted_contacts",
     "read_meshes",
 ]
 

@@ -23,45 +23,73 @@ from belief.validation import as_real, require_count
 
 Floats: TypeAlias = NDArray[np.float64]
 
+WHO_GIVES_LOGITS = (
+    ", only features, which a joint observation model reads. Logits come from the reader: Touch(pose, logits, "
+    "features); a sensor gives them if its with_logits is true"
+)
+"""The rest of a message that says that logits are missing."""
+
 
 @dataclass(frozen=True, eq=False)
 class Touch(FrozenArrays):
     """One touch as deciders and observation models see it; its arrays are read-only.
 
+    It has logits, features, or both. A joint observation model reads the features, any other one the logits.
+
     Attributes:
         pose: index of the exploration pose.
-        logits: the classifier's logits over shapes, ``(K,)``; -inf for a shape that is ruled out. Converted to float64.
-        features: the classifier's embedding, ``(D,)``, or None.
+        logits: the reader's logits over shapes, ``(K,)``, or None; -inf for a shape that is ruled out. Converted to
+            float64.
+        features: the reader's embedding of the image, ``(D,)``, or None.
 
     Raises:
         InvalidArgument: a pose that is not an integer ≥ 0; logits that are not a row of real numbers, or hold NaN or
-            +inf.
+            +inf; neither logits nor features.
+
+    >>> Touch(2, features=np.ones(64, np.float32))
+    Touch(pose 2, no logits, 64 features)
     """
 
     pose: int
-    logits: Floats
-    features: NDArray[np.float32] | None = None
+    logits: Floats | None = None
+    features: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.pose, int | np.integer) or isinstance(self.pose, bool) or self.pose < 0:
             raise InvalidArgument(f"the pose of a touch must be an integer ≥ 0, got {self.pose!r}")
-        scores = np.asarray(as_real(self.logits, "logits of a touch"), np.float64)
-        object.__setattr__(self, "logits", scores)
+        if self.logits is None and self.features is None:
+            raise InvalidArgument("a touch needs a row of real numbers as its logits, as its features or as both")
+        if self.logits is not None:
+            scores = np.asarray(as_real(self.logits, "logits of a touch"), np.float64)
+            object.__setattr__(self, "logits", scores)
+            if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
+                raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
         if self.features is not None:
             object.__setattr__(self, "features", as_real(self.features, "features of a touch"))
-        if scores.ndim != 1 or not scores.size or not scores.max() < np.inf:  # NaN fails too
-            raise InvalidArgument(f"a touch needs a row of logits without NaN and +inf, got {scores.tolist()}")
         self.freeze()
 
-    @property
-    def num_shapes(self) -> int:
-        """K."""
-        return self.logits.size
+    def require_logits(self) -> Floats:
+        """The logits, ``(K,)``, for what cannot do without them.
+
+        Raises:
+            InvalidArgument: the touch has none.
+
+        >>> Touch(2, features=np.ones(64)).require_logits()  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        ...
+        belief.errors.InvalidArgument: the touch in pose 2 has no logits, only features, which a joint ...
+        """
+        if self.logits is None:
+            raise InvalidArgument(f"the touch in pose {self.pose} has no logits{WHO_GIVES_LOGITS}")
+        return self.logits
 
     def __repr__(self) -> str:
         features = "no features" if self.features is None else f"{self.features.size} features"
-        logits = np.array2string(self.logits[:6], precision=2, separator=", ", max_line_width=1000)
-        return one_line(Touch, f"pose {self.pose}", f"{self.logits.size} logits {logits}", features)
+        logits = "no logits"
+        if self.logits is not None:
+            shown = np.array2string(self.logits[:6], precision=2, separator=", ", max_line_width=1000)
+            logits = f"{self.logits.size} logits {shown}"
+        return one_line(Touch, f"pose {self.pose}", logits, features)
 
 
 @dataclass(frozen=True)

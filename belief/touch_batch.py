@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from belief.errors import InvalidArgument
 from belief.frozen import FrozenArrays
-from belief.problem import Floats, Touch
+from belief.problem import WHO_GIVES_LOGITS, Floats, Touch
 from belief.validation import as_real, unmasked
 
 
@@ -21,12 +21,12 @@ class TouchBatch(FrozenArrays):
 
     Attributes:
         poses: ``(S, n)``.
-        logits: ``(S, n, K)``, finite; converted to float64.
+        logits: ``(S, n, K)``, finite, or None; converted to float64.
         features: ``(S, n, F)``, finite, or None.
 
     Raises:
         ValueError: the arrays do not fit each other, are masked, or hold NaN, infinities or a pose that is negative or
-            beyond 64 bits; the message names the touch.
+            beyond 64 bits; the message names the touch. Or there are neither logits nor features.
 
     Example:
         >>> batch = TouchBatch.of([[Touch(0, np.array([2.0, 0.0])), Touch(1, np.array([1.0, 0.5]))]])
@@ -37,13 +37,13 @@ class TouchBatch(FrozenArrays):
     """
 
     poses: NDArray[np.int64]
-    logits: Floats
+    logits: Floats | None = None
     features: NDArray[np.floating] | None = None
 
     def __post_init__(self) -> None:
-        poses, logits = unmasked(self.poses, "poses"), np.asarray(as_real(self.logits, "logits"), np.float64)
-        if poses.ndim != 2 or logits.ndim != 3 or logits.shape[:2] != poses.shape or logits.shape[2] == 0:
-            raise ValueError(f"need poses (S, n) and logits (S, n, K), got {poses.shape} and {logits.shape}")
+        poses = unmasked(self.poses, "poses")
+        if poses.ndim != 2:
+            raise ValueError(f"need poses (S, n), got {poses.shape}")
         if not np.issubdtype(poses.dtype, np.integer):
             raise ValueError(f"poses must be integers, got {poses.dtype}")
         indices = poses.astype(np.int64, copy=False)
@@ -52,24 +52,33 @@ class TouchBatch(FrozenArrays):
             raise ValueError(
                 f"touch {touch} of sequence {sequence} has pose {poses[sequence, touch]}, not in [0, 2^63)"
             )
-        _require_finite("logits", logits)
-        if self.features is not None:
-            features = as_real(self.features, "features")
-            if features.ndim != 3 or features.shape[:2] != poses.shape:
-                raise ValueError(f"features must be (S, n, F) with the poses' {poses.shape}, got {features.shape}")
-            _require_finite("features", features)
-            object.__setattr__(self, "features", features)
         object.__setattr__(self, "poses", indices)
-        object.__setattr__(self, "logits", logits)
+        if self.logits is None and self.features is None:
+            raise InvalidArgument("all touches need logits (S, n, K), or all need features (S, n, F)")
+        for name in ("logits", "features"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, self._checked(name))
         self.freeze()
+
+    def _checked(self, name: str) -> NDArray[np.floating]:
+        """One row of finite numbers for each touch; logits in double precision."""
+        array = as_real(getattr(self, name), name)
+        array = np.asarray(array, np.float64) if name == "logits" else array
+        if array.ndim != 3 or array.shape[:2] != self.poses.shape or (name == "logits" and not array.shape[2]):
+            shapes = f"{self.poses.shape} and {array.shape}"
+            raise ValueError(f"need poses (S, n), and {name} must be a row for each (S, n, …), got {shapes}")
+        if not np.isfinite(array).all():
+            sequence, touch = (int(i) for i in np.argwhere(~np.isfinite(array).all(axis=2))[0])
+            raise ValueError(f"touch {touch} of sequence {sequence} needs finite {name}, got {array[sequence, touch]}")
+        return array
 
     @classmethod
     def of(cls, sequences: Sequence[Sequence[Touch]]) -> TouchBatch:
-        """The batch of sequences of equal length; without features unless all touches have them.
+        """The batch of sequences of equal length; without logits, or features, unless all touches have them.
 
         Raises:
-            ValueError: no touch, different lengths, logits of different shapes, or values that are not finite; the
-                message names the touch.
+            ValueError: no touch, different lengths, neither logits nor features that all touches have; logits of
+                different shapes, or values that are not finite: the message names the touch.
         """
         lengths = {len(sequence) for sequence in sequences}
         if len(lengths) != 1 or lengths == {0}:
@@ -80,11 +89,8 @@ class TouchBatch(FrozenArrays):
             if not isinstance(touch, Touch):
                 place = f"touch {index % shape[1]} of sequence {index // shape[1]}"
                 raise InvalidArgument(f"{place} must be a Touch, such as Touch(pose, logits), got {touch!r:.60}")
-        rows = [touch.features for touch in touches]
-        features = None if any(row is None for row in rows) else _stacked("features", rows, shape)
         poses = np.array([touch.pose for touch in touches])
-        logits = np.asarray(_stacked("logits", [touch.logits for touch in touches], shape), np.float64)
-        return cls(poses.reshape(shape), logits, features)
+        return cls(poses.reshape(shape), _stacked("logits", touches, shape), _stacked("features", touches, shape))
 
     def __len__(self) -> int:
         """S, the number of sequences."""
@@ -97,39 +103,62 @@ class TouchBatch(FrozenArrays):
 
     @property
     def num_shapes(self) -> int:
-        """K."""
-        return self.logits.shape[2]
+        """K; raises InvalidArgument for touches without logits."""
+        return self.require_logits().shape[2]
+
+    def require_logits(self) -> Floats:
+        """The logits, ``(S, n, K)``, for what cannot do without them.
+
+        Raises:
+            InvalidArgument: there are none.
+        """
+        if self.logits is None:
+            raise InvalidArgument(f"these touches have no logits{WHO_GIVES_LOGITS}")
+        return self.logits
+
+    def take(self, index: Any) -> TouchBatch:
+        """The batch of touches at an index of arrays ``(S, n)``, which gives such arrays.
+
+        >>> batch = TouchBatch(np.array([[0, 1, 2]]), features=np.zeros((1, 3, 8)))
+        >>> batch.take((0, [[2], [0]])).poses.tolist()
+        [[2], [0]]
+        """
+        return self._of_each(lambda array: array[index])
+
+    def reshaped(self, shape: tuple[int, int]) -> TouchBatch:
+        """The same touches in other sequences: so many, each so long; one of the two may be -1."""
+        return self._of_each(lambda array: array.reshape(*shape, *array.shape[2:]))
+
+    def _of_each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> TouchBatch:
+        logits, features = (None if array is None else change(array) for array in (self.logits, self.features))
+        return TouchBatch(change(self.poses), logits, features)
 
     def sequence(self, row: int) -> list[Touch]:
         """One sequence as touches."""
-        features = [None] * self.num_touches if self.features is None else list(self.features[row])
-        return [Touch(int(p), z, f) for p, z, f in zip(self.poses[row], self.logits[row], features, strict=True)]
+        nothing = [None] * self.num_touches
+        rows = (nothing if array is None else list(array[row]) for array in (self.logits, self.features))
+        return [Touch(int(pose), *arrays) for pose, *arrays in zip(self.poses[row], *rows, strict=True)]
 
     def touches(self, columns: NDArray[np.integer] | slice) -> TouchBatch:
         """The batch of selected touches of every sequence."""
-        features = None if self.features is None else self.features[:, columns]
-        return TouchBatch(self.poses[:, columns], self.logits[:, columns], features)
+        return self.take((slice(None), columns))
 
     def sequences(self, rows: NDArray[np.integer] | slice) -> TouchBatch:
         """The batch of selected sequences."""
-        features = None if self.features is None else self.features[rows]
-        return TouchBatch(self.poses[rows], self.logits[rows], features)
+        return self.take(rows)
 
     def first(self, num_touches: int) -> TouchBatch:
         """The batch of the first touches of every sequence."""
         return self.touches(slice(0, num_touches))
 
 
-def _stacked(name: str, rows: Sequence[Any], shape: tuple[int, int]) -> NDArray[np.floating]:
-    """Rows of touches as ``(S, n, …)``."""
+def _stacked(name: str, touches: Sequence[Touch], shape: tuple[int, int]) -> NDArray[Any] | None:
+    """Rows of touches as ``(S, n, …)``; None unless all touches have one."""
+    rows = [row for touch in touches if (row := getattr(touch, name)) is not None]
+    if len(rows) < len(touches):
+        return None
     for index, row in enumerate(rows):
         if row.ndim != 1 or row.shape != rows[0].shape:
             place = f"touch {index % shape[1]} of sequence {index // shape[1]}"
             raise ValueError(f"{place} needs a row of {name}, as many as in the first touch, got {row!r}")
     return as_real(rows, name).reshape(*shape, -1)
-
-
-def _require_finite(name: str, values: NDArray[np.floating]) -> None:
-    if not np.isfinite(values).all():
-        sequence, touch = (int(i) for i in np.argwhere(~np.isfinite(values).all(axis=2))[0])
-        raise ValueError(f"touch {touch} of sequence {sequence} needs finite {name}, got {values[sequence, touch]}")

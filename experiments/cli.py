@@ -53,8 +53,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "calibrate": Command("sensor.calibrate:Calibrate", "fit the observation model; evaluate on unseen objects"),
         "rank-poses": Command("sensor.rank_poses:RankPoses", "find the best fixed order of poses"),
         "adapt": Command("robustness.adapt:Adapt", "fit a sensor to another world by a few objects"),
-        "learning-curve": Command("sensor.learning_curve:LearningCurve", "accuracy against the number of images"),
-        "frontier": Command("sensor.frontier:Frontier", "accuracy against time and size, per network"),
         "several-touches": Command("sensor.several_touches:SeveralTouches", "accuracy after several touches of a body"),
     },
     "Train policies": {
@@ -71,7 +69,6 @@ COMMAND_GROUPS: dict[str, dict[str, Command]] = {
         "robustness": Command("robustness.robustness:Robustness", "test faults, changed objects and unknown shapes"),
         "tradeoff": Command("tradeoff.tradeoff:Tradeoff", "measure accuracy against time; recommend configurations"),
         "reproduce": Command("paper.reproduce:Reproduce", "reproduce the paper's tables and figures"),
-        "stress": Command("extremes.stress:Stress", "test extreme inputs of commands and functions"),
     },
 }
 """All commands, grouped and ordered as in the help."""

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-import numpy as np
-
 from belief import Belief, Confirm, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.naming import one_line
 from belief.problem import Action
@@ -101,7 +99,7 @@ class Episode:
         return problem.reward(shape, self.target, self.num_touches, present, self.outcome is Outcome.UNSURE)
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields as JSON types, with exact floats."""
+        """Fields as JSON types, with exact floats; of a touch its logits, or its features where it has no logits."""
         return {
             "seed": list(self.seed),
             "target": self.target,
@@ -123,13 +121,15 @@ class Episode:
 
 
 def _step_to_dict(step: Step) -> dict[str, Any]:
-    action = step.decision.action
+    action, touch = step.decision.action, step.touch
+    logits, features = (None, None) if touch is None else (touch.logits, touch.features)
     return {
         "object": step.object_index,
         "belief": step.belief.probs.tolist(),
         "action": action.pose if isinstance(action, Probe) else ACTION_NAMES[type(action)],
         "scores": dict(step.decision.scores),
-        "logits": None if step.touch is None else np.asarray(step.touch.logits, np.float64).tolist(),
+        "logits": None if logits is None else logits.tolist(),
+        **({"features": features.tolist()} if logits is None and features is not None else {}),
     }
 
 
@@ -141,7 +141,7 @@ def _step_from_dict(fields: Mapping[str, Any], shape_labels: tuple[str, ...]) ->
         action = _ACTIONS[name]
     else:
         action = Probe(name)
-        if fields["logits"] is not None:
-            touch = Touch(name, np.array(fields["logits"], np.float64))
+        if fields["logits"] is not None or "features" in fields:
+            touch = Touch(name, fields["logits"], fields.get("features"))
     belief = Belief.from_probs(shape_labels, fields["belief"])
     return Step(fields["object"], belief, Decision(action, fields["scores"]), touch)

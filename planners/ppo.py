@@ -257,7 +257,7 @@ def situation_of(history: Sequence[Any], log_probs: Floats, num_poses: int, touc
     >>> here.previous.tolist(), here.uses.tolist(), here.time.tolist(), here.frame_probs.round(2).tolist()
     ([1], [[0, 1]], [0.1], [[0.88, 0.12]])
     """
-    frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(len(log_probs))
+    frame = history[-1].require_logits() if history else np.zeros(len(log_probs))
     poses = np.array([touch.pose for touch in history], np.int64)
     return Situation(
         frame_probs(frame)[None],

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-from belief.observation_model import ConfusionModel
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model import ConfusionModel, FixedHypotheses, RigidBodyModel
 from belief.synthetic import random_model
 
 os.environ["HF_HUB_OFFLINE"] = "1"  # before transformers is imported
@@ -34,7 +33,9 @@ def body() -> RigidBodyModel:
     rng = np.random.default_rng(0)
     hypotheses, references = rng.normal(size=(3, 4, 80, 4)).astype(np.float32), 2.0 * rng.normal(size=(3, 9, 4))
     labels, logits = tuple(f"shape_{k}" for k in range(4)), rng.normal(size=(3, 9, 4))
-    return RigidBodyModel(labels, hypotheses, 80, 1.0, references, logits, correlation=0.4, drift=0.05)
+    return RigidBodyModel(
+        labels, 80, 1.0, references, logits, correlation=0.4, drift=0.05, hypotheses=FixedHypotheses(hypotheses)
+    )
 
 
 @pytest.fixture

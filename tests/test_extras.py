@@ -55,8 +55,6 @@ def test_searches_need_no_training_stack(python, tmp_path):
 
 NEED = {
     ("train",): "train",
-    ("frontier", "--checkpoints", "runs/classifier.safetensors"): "train",
-    ("learning-curve",): "train",
     ("reproduce", "--parts", "table1"): "train",
     ("train-ppo",): "rl",
     ("compare", "--deciders", "pouct", "--episodes", "1", "--jobs", "1"): "pomdp",

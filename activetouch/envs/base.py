@@ -107,7 +107,7 @@ class TouchEnv(gymnasium.Env[State, int]):
     def situation(self) -> Situation:
         """The inputs of a policy, as a batch of one row."""
         problem, history = self.problem, self.history
-        frame = np.asarray(history[-1].logits, np.float64) if history else np.zeros(problem.num_shapes)
+        frame = history[-1].require_logits() if history else np.zeros(problem.num_shapes)
         poses = np.array([touch.pose for touch in history], np.int64)
         return Situation(
             frame_probs(frame)[None],

@@ -78,8 +78,7 @@ class WeighedTouches:
         return np.stack(log_likelihoods), np.stack(tables)
 
     def _weigh(self, objects: Ints, rounds: Ints, poses: Ints) -> tuple[Floats, NDArray[np.float16]]:
-        unread = np.zeros((*poses.shape, len(self.model.shape_labels)))  # logits, which a joint model does not need
-        batch = TouchBatch(poses, unread, self._features[objects[:, None], rounds, poses])
+        batch = TouchBatch(poses, features=self._features[objects[:, None], rounds, poses])
         weights = self.model.log_weights(batch, np.float32)
         weights -= weights.max(axis=(1, 2), keepdims=True)
         return log_means(weights.astype(np.float64)), self._tables_of(weights)

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from activetouch.placement import Placement
 from activetouch.poses import to_matrix
+from activetouch.pressing.height_maps import ray_distances
 from activetouch.pressing.pad import Pad
 from activetouch.pressing.trace import Trace
+from activetouch.solids.mesh import Mesh
+from activetouch.solids.raster import heights
 
 Floats = NDArray[np.float64]
 
@@ -131,13 +134,14 @@ def surface_gap(pad: Pad, placement: Placement) -> Floats:
 
 def first_touch(pad: Pad, placement: Placement) -> tuple[Floats, float]:
     """:func:`surface_gap`, and the distance of the object's centre from the pad [m], ``nan`` for a miss."""
-    rotation = to_matrix(placement.orientation)
-    to_object = rotation.T / placement.scale  # the object's frame, at nominal size
-    clearance = 2 * placement.bounding_radius  # any distance at which every taxel is outside the object
-    to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
-    to_start[:, 0] = -(to_object @ (clearance, *placement.offset))
-    distance = placement.shape.entry_distance(to_start @ pad.ray_starts, rotation[0])
-    distance *= placement.scale
+    shape, rotation = placement.shape, to_matrix(placement.orientation)
+    if isinstance(shape, Mesh):
+        pixel = 2 * pad.half_width / pad.num_taxels
+        turn, place = rotation[None] * placement.scale, np.asarray(placement.offset)[None]
+        reached = heights(shape.surface, turn, place, pixel, pad.num_taxels)[0]
+        touching = float(reached.max())
+        return (touching - reached, touching) if np.isfinite(touching) else (-reached, np.nan)
+    distance, clearance = ray_distances(shape, rotation, placement.scale, placement.offset, pad.ray_starts)
     nearest = float(distance.min())
     square = distance.reshape(pad.num_taxels, pad.num_taxels)
     return (square - nearest, clearance - nearest) if np.isfinite(nearest) else (square, np.nan)

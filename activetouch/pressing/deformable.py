@@ -15,6 +15,7 @@ from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, first_touch
 from activetouch.pressing.dynamic import require_force
+from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.pad import Pad, SoftPad
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
@@ -57,7 +58,7 @@ class Deformable(SoftPad, Press):
 
     def press(self, setup: Setup, placement: Placement, target_force: float) -> Contact:
         """See :class:`Press`."""
-        from activetouch.pressing.soft_rig import shared_soft_rig  # loads MuJoCo
+        from activetouch.pressing.soft_rig import SoftRig, shared_soft_rig  # loads MuJoCo
 
         require_force(target_force)
         pad = setup.pad
@@ -67,7 +68,8 @@ class Deformable(SoftPad, Press):
             return Contact(pad, gap, 0.0, blank, blank)
         # Stresses are proportional to Young's modulus: a block s times as stiff deforms as this one under F / s.
         stop = target_force / placement.stiffness
-        rig = shared_soft_rig(pad, self, placement.shape)
+        facing = facing_geom(pad, placement, gap, touching)
+        rig = shared_soft_rig(pad, self, placement.shape) if facing is None else SoftRig(pad, self, facing)
         rig.place(touching + _CLEARANCE, placement, stop)
         force, num_settled, num_steps = 0.0, 0, 0
         wanted, limit = round(self.pause / self.timestep), round(self.patience / self.timestep)
@@ -89,7 +91,7 @@ class Deformable(SoftPad, Press):
         """See :class:`Press`."""
         from activetouch.pressing.soft_rig import build_soft_spec  # loads MuJoCo
 
-        return build_soft_spec(setup.pad, self, shape).compile()
+        return build_soft_spec(setup.pad, self, shape.geom).compile()
 
 
 def _on_taxels(pad: Pad, nodal: Floats) -> Floats:

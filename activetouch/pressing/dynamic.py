@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 from activetouch.errors import UnstablePress
 from activetouch.placement import Placement
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
+from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.press import Press
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase
-from activetouch.shapes import Shape
+from activetouch.shapes import Geom, Shape
 
 if TYPE_CHECKING:
     import mujoco
@@ -62,11 +63,14 @@ class SteppedPress(Press):
 
         return build_spec(setup, shape, self.timestep, self.traced).compile()
 
-    def _place(self, setup: Setup, placement: Placement) -> tuple[Rig, float]:
+    def _place(self, setup: Setup, placement: Placement, facing: Geom | None = None) -> tuple[Rig, float]:
         """The rig with the object at the start, and the position of the object's centre [m]."""
-        from activetouch.pressing.rig import shared_rig  # loads MuJoCo
+        from activetouch.pressing.rig import Rig, shared_rig  # loads MuJoCo
 
-        rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
+        if facing is None:
+            rig = shared_rig(setup, placement.shape, self.timestep, self.traced)
+        else:
+            rig = Rig(setup, placement.shape, self.timestep, self.traced, facing=facing)
         position = max(self.start, placement.bounding_radius + setup.pad.max_depth)
         rig.place(position, placement)
         return rig, position
@@ -87,7 +91,7 @@ class Dynamic(SteppedPress):
         pause: time during which the error must stay within the tolerance [s].
         patience: time in contact after which the press fails [s].
         start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
-        travel: distance past the pad's face at which the guide ends [m].
+        travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
         traced: whether to record force vector and contact point in every step, for ``Contact.trace``.
     """
 
@@ -107,15 +111,16 @@ class Dynamic(SteppedPress):
 
         require_force(target_force)
         gap, touching = first_touch(setup.pad, placement)
-        rig, withdrawn = self._place(setup, placement)
+        rig, withdrawn = self._place(setup, placement, facing_geom(setup.pad, placement, gap, touching))
         advance, gain = self.timestep * self.speed, self.timestep * self.admittance  # per step [m], per newton [m/N]
-        end, slack = -self.travel, self.tolerance * target_force
+        deepest = min(0.0, touching)  # of a hollow, the centre may lie behind its surface; nan for a miss
+        end, slack = deepest - self.travel, self.tolerance * target_force
         skips = target_force > slack and not self.traced  # else the force 0 of the approach is near enough
         num_steps = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
         position = withdrawn - num_steps * advance
         force, num_settled = 0.0, 0
         wanted = round(self.pause / self.timestep)
-        limit = round((self.patience + withdrawn / self.speed) / self.timestep)
+        limit = round((self.patience + (withdrawn - deepest) / self.speed) / self.timestep)
         model, data, command, reaction, step = rig.model, rig.data, rig.command, rig.reaction, rig.step
         while position > end and num_settled < wanted and num_steps < limit:
             if force > 0.0:

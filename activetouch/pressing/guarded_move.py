@@ -12,6 +12,7 @@ from activetouch.placement import Placement
 from activetouch.poses import Quaternion
 from activetouch.pressing.contact import Contact, elastic_contact, first_touch
 from activetouch.pressing.dynamic import SteppedPress, require_force
+from activetouch.pressing.facing import facing_geom
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
 
@@ -34,7 +35,7 @@ class GuardedMove(SteppedPress):
         speed: forward and backward [m/s].
         pause: time to hold the position before the force is read [s].
         start: distance of the object's centre from the pad at the start [m]; larger objects start further away.
-        travel: distance past the pad's face at which the guide ends [m].
+        travel: distance past the pad's face, or the first touch if that is behind it, at which the guide ends [m].
         rotation_time: duration of a rotation between two presses [s].
     """
 
@@ -51,12 +52,13 @@ class GuardedMove(SteppedPress):
         """See :class:`Press`; ``target_force`` is the threshold."""
         require_force(target_force)
         gap, touching = first_touch(setup.pad, placement)
-        rig, withdrawn = self._place(setup, placement)
+        rig, withdrawn = self._place(setup, placement, facing_geom(setup.pad, placement, gap, touching))
         advance = self.timestep * self.speed
         skips = target_force > 0.0 and not self.is_complete
         skipped = rig.skip_approach(withdrawn, self.speed, touching) if skips else 0
         position, force, step = withdrawn - skipped * advance, 0.0, rig.step
-        while position > -self.travel and force < target_force:
+        end = min(0.0, touching) - self.travel  # of a hollow, the centre may lie behind its surface; nan for a miss
+        while position > end and force < target_force:
             position -= advance
             force = step(position, Phase.CONTACT if force > 0.0 else Phase.APPROACH)
         for _ in range(round(self.pause / self.timestep)):

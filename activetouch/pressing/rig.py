@@ -20,7 +20,7 @@ from activetouch.pressing.clock import stop_clock
 from activetouch.pressing.robot import attach_robot
 from activetouch.pressing.setup import Setup
 from activetouch.pressing.trace import Phase, Trace
-from activetouch.shapes import Shape
+from activetouch.shapes import Geom, Shape
 
 _OLDEST = (4, 0, 1)
 if tuple(int(part) for part in mujoco.__version__.split(".")[:3]) < _OLDEST:
@@ -49,7 +49,12 @@ _FORCE_AND_POSITION, _NET_FORCE = (1 << 1) | (1 << 4), 3
 
 
 def build_spec(
-    setup: Setup, shape: Shape, timestep: float, traced: bool = False, largest_scale: float = LARGEST_SCALE
+    setup: Setup,
+    shape: Shape,
+    timestep: float,
+    traced: bool = False,
+    largest_scale: float = LARGEST_SCALE,
+    facing: Geom | None = None,
 ) -> mujoco.MjSpec:
     """The model of a setup and one object at its largest size, not compiled; see :class:`Rig` for the arguments."""
     spec = mujoco.MjSpec()
@@ -84,7 +89,16 @@ def build_spec(
     guide.add_joint(name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0])
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
     contact = {} if setup.robot is not None and setup.robot.collisions else _NO_CONTACT
-    add_solid(spec, body, "object", shape, largest_scale, mass=_MASS, rgba=_ORANGE, **contact)
+    add_solid(
+        spec,
+        body,
+        "object",
+        shape.geom if facing is None else facing,
+        largest_scale,
+        mass=_MASS,
+        rgba=_ORANGE,
+        **contact,
+    )
     softness = [pad.contact_time, pad.damping_ratio]
     spec.add_pair(name="touch", geomname1="pad", geomname2="object", solref=softness, solimp=_PAD_SOLIMP)
     actuator = spec.add_actuator(name="guide", target="guide", trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -92,7 +106,7 @@ def build_spec(
     for place, parked in enumerate(setup.loaded):
         if parked != shape:
             position = [_PARKING[0], _PARKING[1] + place * _PARKING[2], setup.height]
-            add_solid(spec, world, f"parked{place}", parked, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
+            add_solid(spec, world, f"parked{place}", parked.geom, 1.0, pos=position, rgba=_BLUE, **_NO_CONTACT)
     if traced:
         kind, geom = mujoco.mjtSensor.mjSENS_CONTACT, mujoco.mjtObj.mjOBJ_GEOM
         sensor = spec.add_sensor(name="touch", type=kind, objtype=geom, objname="pad")
@@ -103,10 +117,9 @@ def build_spec(
 
 
 def add_solid(
-    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, shape: Shape, scale: float, **properties: object
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, geom: Geom, scale: float, **properties: object
 ) -> None:
     """Add the geom of a shape at a scale to a body, with further properties of a MuJoCo geom."""
-    geom = shape.geom
     kind = getattr(mujoco.mjtGeom, f"mjGEOM_{geom.type.upper()}")
     if geom.vertices is not None:
         spec.add_mesh(name=name, uservert=(geom.vertices * scale).ravel())
@@ -125,6 +138,7 @@ class Rig:
         traced: whether to record force vector and contact point in every step.
         largest_scale: largest size of the object. For pictures it must be the placed size, because rays are tested
             against the bounding volumes of the largest size.
+        facing: what stands for a hollow object in one press (:mod:`activetouch.pressing.facing`).
     """
 
     def __init__(
@@ -134,8 +148,9 @@ class Rig:
         timestep: float,
         traced: bool = False,
         largest_scale: float = LARGEST_SCALE,
+        facing: Geom | None = None,
     ) -> None:
-        self.model = build_spec(setup, shape, timestep, traced, largest_scale).compile()
+        self.model = build_spec(setup, shape, timestep, traced, largest_scale, facing).compile()
         self._largest_scale = largest_scale
         self.data = mujoco.MjData(self.model)
         self._fresh = np.empty(mujoco.mj_stateSize(self.model, _STATE))  # of a model that was never stepped

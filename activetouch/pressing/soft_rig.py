@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from activetouch.placement import Placement
 from activetouch.pressing.pad import Pad, SoftPad
 from activetouch.pressing.rig import LARGEST_SCALE, add_solid
-from activetouch.shapes import Shape
+from activetouch.shapes import Geom, Shape
 
 Floats = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ _PAD = """
 """
 
 
-def build_soft_spec(pad: Pad, soft: SoftPad, shape: Shape) -> mujoco.MjSpec:
+def build_soft_spec(pad: Pad, soft: SoftPad, geom: Geom) -> mujoco.MjSpec:
     """The model of a soft pad of the size of ``pad`` and one object at its largest size, not compiled."""
     thickness = 2 * pad.half_thickness
     spec = mujoco.MjSpec.from_string(
@@ -70,15 +70,15 @@ def build_soft_spec(pad: Pad, soft: SoftPad, shape: Shape) -> mujoco.MjSpec:
         name="guide", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], damping=[1 / soft.admittance, 0.0, 0.0]
     )
     body = guide.add_body(name="object")  # its own body, so that its orientation does not turn the guide
-    add_solid(spec, body, "object", shape, LARGEST_SCALE, mass=_OBJECT_MASS)
+    add_solid(spec, body, "object", geom, LARGEST_SCALE, mass=_OBJECT_MASS)
     return spec
 
 
 class SoftRig:
     """A compiled model of a soft pad and one object, which can be placed and pressed many times."""
 
-    def __init__(self, pad: Pad, soft: SoftPad, shape: Shape) -> None:
-        self.model = build_soft_spec(pad, soft, shape).compile()
+    def __init__(self, pad: Pad, soft: SoftPad, geom: Geom) -> None:
+        self.model = build_soft_spec(pad, soft, geom).compile()
         self.data = mujoco.MjData(self.model)
         self._body, self._geom = self.model.body("object").id, self.model.geom("object").id
         joint = self.model.joint("guide")
@@ -134,4 +134,4 @@ class SoftRig:
 @lru_cache(maxsize=32)
 def shared_soft_rig(pad: Pad, soft: SoftPad, shape: Shape) -> SoftRig:
     """The cached rig of this process."""
-    return SoftRig(pad, soft, shape)
+    return SoftRig(pad, soft, shape.geom)

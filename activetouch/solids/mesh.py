@@ -13,14 +13,16 @@ import scipy  # whose parts load at first use
 
 from activetouch.errors import BadMesh, MeshWarning
 from activetouch.solids.mesh_surface import examined
+from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.triangles import Ints
+from activetouch.solids.triangles import Ints, tetrahedra
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
+_CONVEX = 1e-6  # relative difference of area and volume from those of the convex hull
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 MOST_TRIANGLES = 50_000
 """Largest number of triangles that is kept as it is when a file is read."""
@@ -33,7 +35,7 @@ class Mesh:
     A touch feels the first surface that is met from outside: that of the union of all bodies. Triangles are turned to
     face outwards, cavities are never felt, and holes are allowed as long as few rays from outside reach the inside.
     Meshes are equal if their triangles are equal to the nanometre; names do not matter. MuJoCo collides with the convex
-    hull; the touch image shows the true surface.
+    hull, of a hollow mesh with that of what lies in front of the pad.
 
     Args:
         centred: whether to move the centre of mass to the origin. See :func:`mesh_surface.examined` for where it is if
@@ -117,7 +119,17 @@ class Mesh:
     @cached_property
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
-        return Geom("mesh", vertices=self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices])
+        hull = scipy.spatial.ConvexHull(self.vertices)
+        one, two, three = np.moveaxis(self.vertices[self.faces], 1, 0)
+        area = 0.5 * float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum())
+        volume = float(tetrahedra(self.vertices, self.faces).sum())
+        is_convex = np.allclose((area, volume), (hull.area, hull.volume), rtol=_CONVEX, atol=0.0)
+        return Geom("mesh", vertices=self.vertices[hull.vertices], presses="solid" if is_convex else "surface")
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The triangles, prepared for height maps."""
+        return Surface.of(self.vertices, self.faces)
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""

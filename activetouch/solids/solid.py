@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,16 @@ PARALLEL = 1e-12
 class Geom:
     """Collision geometry for MuJoCo: the ``size`` of a primitive [m] or the ``vertices`` ``(n, 3)`` of a mesh [m].
 
-    MuJoCo collides with the convex hull of a mesh; the touch image shows the true surface.
+    MuJoCo collides with the convex hull of a mesh; the touch image shows the true surface. ``presses`` says what a
+    simulated press meets: ``"solid"``, this geom is the solid; ``"surface"``, the solid is hollow, and what lies in
+    front of the pad stands for it (:mod:`activetouch.pressing.facing`); ``"hull"``, the solid is hollow, and the hull
+    stands for it.
     """
 
     type: str
     size: tuple[float, ...] = ()
     vertices: Floats | None = None
+    presses: Literal["solid", "surface", "hull"] = "solid"
 
 
 class Shape(Protocol):

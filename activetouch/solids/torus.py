@@ -18,7 +18,8 @@ _CONVERGED = 1e-11  # in units of the ring's radius; the step of Newton's method
 class Torus:
     """Ring around its z axis: ``ring_radius`` of its centre line, ``tube_radius`` of its cross-section [m].
 
-    MuJoCo collides with its convex hull, so a press on the hole meets a flat face.
+    MuJoCo collides with its convex hull, so that the results of the scenes with a torus stay: a simulated press on the
+    hole meets a flat face.
     """
 
     ring_radius: float
@@ -41,7 +42,7 @@ class Torus:
         angles = np.linspace(-np.pi / 2, np.pi / 2, self.num_facets // 4 + 1)
         across, up = self.ring_radius + self.tube_radius * np.cos(angles), self.tube_radius * np.sin(angles)
         rings = [ring(a, z, self.num_facets) for a, z in zip(across.tolist(), up.tolist(), strict=True)]
-        return Geom("mesh", vertices=np.vstack(rings))
+        return Geom("mesh", vertices=np.vstack(rings), presses="hull")
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`.

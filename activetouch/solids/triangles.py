@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.solids.solid import Floats
@@ -27,3 +28,22 @@ def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
     """Signed volumes of the tetrahedra between the origin and each triangle, ``(f,)`` [m³]."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
     return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
+
+
+def faces_outwards(vertices: Floats, faces: Ints) -> bool:
+    """Whether the triangles bound closed bodies, one or several, and those of every body face away from its inside.
+
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> [faces_outwards(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
+    [True, False, False]
+    """
+    directed, _, sharing = edges(faces)
+    if (sharing != 2).any() or len(np.unique(directed)) < len(directed):
+        return False
+    size = int(faces.max()) + 1
+    start, end = np.divmod(directed, size)
+    pairs = np.argsort(np.minimum(start, end) * size + np.maximum(start, end)).reshape(-1, 2).T // 3
+    touching = scipy.sparse.coo_array((np.ones(pairs.shape[1]), tuple(pairs)), (len(faces), len(faces)))
+    body = scipy.sparse.csgraph.connected_components(touching, directed=False)[1]
+    return bool((np.bincount(body, tetrahedra(vertices, faces)) > 0.0).all())

@@ -14,7 +14,7 @@ from activetouch.solids.solid import Floats, Geom, Shape, corners
 class Union:
     """Boxes, cylinders and polyhedra that overlap and share their origin, such as a plate and a boss on it.
 
-    MuJoCo collides with the convex hull; the touch image shows the true surface.
+    MuJoCo collides with the convex hull of what lies in front of the pad.
 
     Attributes:
         parts: the solids, at least one.
@@ -44,7 +44,7 @@ class Union:
     @cached_property
     def geom(self) -> Geom:
         """The corners of all parts. See :class:`Shape`."""
-        return Geom("mesh", vertices=np.vstack([corners(part.geom) for part in self.parts]))
+        return Geom("mesh", vertices=np.vstack([corners(part.geom) for part in self.parts]), presses="surface")
 
     def entry_distance(self, origins: Floats, direction: Floats) -> Floats:
         """See :class:`Shape`."""

@@ -173,7 +173,7 @@ class ActionKernelModel(ArrayModel):
         is_new = uses <= (self.repeats or batch.num_touches)
         counts = (membership & is_new[..., None]).sum(axis=1)
         weights = np.take_along_axis(touch_weights(counts, self.kernel), batch.poses, axis=1) * is_new
-        return (weights[:, None] @ _limited(batch.logits))[:, 0]
+        return (weights[:, None] @ _limited(batch.require_logits()))[:, 0]
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`; independent draws of references, weighted by their likelihood of the shape."""
@@ -235,7 +235,7 @@ class KernelEvidence:
         if self.model.repeats is None or counts[touch.pose] < self.model.repeats:
             counts, sums = counts.copy(), sums.copy()
             counts[touch.pose] += 1.0
-            sums[touch.pose] += _limited(batch.logits[0, 0])
+            sums[touch.pose] += _limited(batch.require_logits()[0, 0])
         return KernelEvidence(self.model, counts, sums, self.num_touches + 1)
 
     @property

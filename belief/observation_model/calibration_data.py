@@ -89,7 +89,7 @@ class LabelledTouches(FrozenArrays):
     @property
     def logits(self) -> Floats:
         """``(n, K)``."""
-        return self.batch.logits[0]
+        return self.batch.require_logits()[0]
 
     @property
     def poses(self) -> NDArray[np.int64]:
@@ -111,14 +111,18 @@ class LabelledTouches(FrozenArrays):
         """Touches of each shape, ``(K,)``."""
         return np.bincount(self.shapes, minlength=self.num_shapes)
 
-    def rows_of_poses(self, number: int) -> NDArray[np.int64]:
-        """Rows of ``number`` touches in each pose, evenly spaced in the data, ``(P, number)``.
+    def rows_of_poses(self, number: int, groups: Sequence[int] = ()) -> NDArray[np.int64]:
+        """Rows of touches in each pose, evenly spaced in the data, ``(P, number)``.
 
         They are of all poses where a pose has none.
+
+        Args:
+            number: of touches in each pose.
+            groups: of the poses, numbered from 0, where each group of poses counts as one pose.
         """
-        rows = []
-        for pose in range(self.num_poses):
-            here = np.flatnonzero(self.poses == pose)
+        rows, of_touch = [], np.array(groups)[self.poses] if groups else self.poses
+        for pose in range(1 + max(groups) if groups else self.num_poses):
+            here = np.flatnonzero(of_touch == pose)
             here = here if here.size else np.arange(len(self.poses))
             rows.append(here[np.linspace(0, len(here) - 1, number).round().astype(int)])
         return np.stack(rows)

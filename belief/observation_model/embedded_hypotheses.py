@@ -1,10 +1,9 @@
-"""Embedded hypotheses of a body: the table that touches are compared with, in every pose.
+"""Embedded hypotheses of a body: what embeds them, and the table that touches are compared with, in every pose.
 
 One pose, one shape, two hypotheses; then a touch that fits the first:
 
 >>> table = np.array([[[[3.0, 0.0], [0.0, 3.0]]]], np.float32)
->>> require_table(table, (1, 1, 2, 2))
->>> hypotheses = EmbeddedHypotheses(numbers_first(table), (1, 1, 2, 2), (), temperature=1.0)
+>>> hypotheses = EmbeddedHypotheses(FixedHypotheses(table), (1, 1, 2, 2), (), temperature=1.0)
 >>> hypotheses.scores(0, np.array([[1.0, 0.5]])).tolist()
 [[[3.0, 1.5]]]
 """
@@ -13,11 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from belief.frozen import frozen
+from belief.frozen import FrozenArrays, frozen
 from belief.observation_model.model import Embeds
 from belief.observation_model.views import Views
 from belief.problem import Floats
@@ -25,7 +25,56 @@ from belief.validation import as_real
 
 Floats32 = NDArray[np.float32]
 
-_LARGEST = 1e30  # number in an embedding
+_LARGEST, _LARGEST_OF_HYPOTHESES = 1e30, 1e6  # numbers in embeddings of touches and of hypotheses
+
+
+@runtime_checkable
+class EmbedsByPose(Embeds, Protocol):
+    """Embeds hypotheses one pose at a time, and knows which poses share references.
+
+    It is for many poses, whose table is large. See :class:`~belief.observation_model.views.Views`.
+    """
+
+    @property
+    def groups(self) -> tuple[int, ...]:
+        """Of the poses that share references, one number for each pose; empty if every pose has its own."""
+
+    def in_pose(self, num_hypotheses: int, pose: int) -> NDArray[np.floating]:
+        """Embedded hypotheses in one pose, ``(K, N, D)``, kept for the next call."""
+
+    def views(self, num_hypotheses: int) -> Views:
+        """Which hypotheses look alike in different poses."""
+
+
+@dataclass(frozen=True, eq=False)
+class FixedHypotheses(FrozenArrays):
+    """Hypotheses that are embedded already.
+
+    Attributes:
+        table: the embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
+
+    Raises:
+        ValueError: it has other dimensions, masked entries, NaN or infinity, or is not of real numbers.
+
+    >>> FixedHypotheses(np.zeros((6, 4, 512, 64), np.float32))(512).shape
+    (6, 4, 512, 64)
+    """
+
+    table: Floats32
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.table) != 4:
+            raise ValueError(f"embedded hypotheses must be (P, K, N, D), got {np.shape(self.table)}")
+        require_table(self.table, np.shape(self.table))
+        self.freeze()
+
+    def __call__(self, num_hypotheses: int) -> Floats32:
+        """The table, whatever is asked for; who asks checks its shape."""
+        return self.table
+
+    def freeze(self) -> None:
+        """Lay the table out for comparison with touches, also after pickling, and make it read-only."""
+        object.__setattr__(self, "table", _numbers_first(np.asarray(self.table)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +82,13 @@ class EmbeddedHypotheses:
     """N hypotheses of each of K shapes in P poses, embedded at first use, and the log ratios of touches under them.
 
     Attributes:
-        source: the embedded hypotheses ``(P, K, N, D)``, or what embeds them; None if they are not known yet.
+        embed: embeds them.
         shape: P, K, N and D.
-        groups: of the poses that share references (:class:`~belief.observation_model.views.Views`); empty for none.
+        groups: of the poses that share references; empty for none. With groups, ``embed`` embeds by pose.
         temperature: by which log ratios are divided.
     """
 
-    source: Floats32 | Embeds | None
+    embed: Embeds
     shape: tuple[int, int, int, int]
     groups: tuple[int, ...]
     temperature: float
@@ -51,9 +100,6 @@ class EmbeddedHypotheses:
             pose: index.
             embeddings: of the touches, ``(n, D)``.
             shapes: of the hypotheses; all by default.
-
-        Raises:
-            ValueError: there are no hypotheses yet.
         """
         table = self.in_pose(pose)[shapes]
         return (self.scaled(embeddings) @ table.reshape(-1, table.shape[-1]).T).reshape(-1, *table.shape[:2])
@@ -66,9 +112,9 @@ class EmbeddedHypotheses:
 
     def in_pose(self, pose: int) -> Floats32:
         """The embedded hypotheses of one pose, ``(K, N, D)``; where poses share references, embedded at first use."""
-        if not self.groups or isinstance(self.source, np.ndarray) or self.source is None:
+        if self._by_pose is None:
             return self.table[pose]
-        found = np.asarray(self.source.in_pose(self.shape[2], pose), np.float32)  # type: ignore[attr-defined]
+        found = np.asarray(self._by_pose.in_pose(self.shape[2], pose), np.float32)
         if pose == 0:
             require_table(found, self.shape[1:])
         return found
@@ -78,32 +124,32 @@ class EmbeddedHypotheses:
         """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
 
         Raises:
-            ValueError: there are no hypotheses yet, or they do not fit.
+            ValueError: they do not fit.
         """
-        if self.source is None:
-            raise ValueError("the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)")
-        if isinstance(self.source, np.ndarray):
-            return self.source
-        table = self.source(self.shape[2])
+        table = self.embed(self.shape[2])
         require_table(table, self.shape)
-        return numbers_first(np.asarray(table))
+        return _numbers_first(np.asarray(table))
 
     @cached_property
     def views(self) -> Views | None:
         """Which hypotheses look alike in different poses; None if every pose has references of its own."""
-        if not self.groups:
+        if self._by_pose is None:
             return None
-        found: Views = self.source.views(self.shape[2])  # type: ignore[union-attr]
+        found = self._by_pose.views(self.shape[2])
         if found.groups.tolist() != list(self.groups):
             raise ValueError(f"the hypotheses are for poses of the groups {found.groups.tolist()}, not {self.groups}")
         return found
+
+    @cached_property
+    def _by_pose(self) -> EmbedsByPose | None:
+        return self.embed if self.groups and isinstance(self.embed, EmbedsByPose) else None
 
 
 def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     """Check embedded hypotheses.
 
     Raises:
-        ValueError: they have another shape, masked entries, NaN or infinity, or are not real numbers.
+        ValueError: they have another shape, masked entries, NaN, infinity or too large numbers, or are not real.
 
     >>> require_table(np.full((1, 2, 1, 1), np.nan, np.float32), (1, 2, 1, 1))
     Traceback (most recent call last):
@@ -116,9 +162,11 @@ def require_table(table: Floats32, shape: tuple[int, ...]) -> None:
     if not np.isfinite(values).all():
         place = np.argwhere(~np.isfinite(values))[0].tolist()
         raise ValueError(f"hypotheses must be finite, got {values[tuple(place)]} at {place}")
+    if values.size and float(max(values.max(), -values.min())) > _LARGEST_OF_HYPOTHESES:
+        raise ValueError(f"hypotheses must be numbers of at most {_LARGEST_OF_HYPOTHESES:g} in size, got larger ones")
 
 
-def numbers_first(table: Floats32) -> Floats32:
+def _numbers_first(table: Floats32) -> Floats32:
     """The table ``(P, K, N, D)``, read-only, with the numbers of one dimension next to each other in memory.
 
     This halves the time in which one embedding is compared with all hypotheses of a pose.

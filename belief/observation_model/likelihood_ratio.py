@@ -160,7 +160,7 @@ class RatioModel(ArrayModel):
         return _within_floats((effective_touches(counts, self.correlation)[:, None] * means).sum(axis=0))
 
     def _log_ratio(self, batch: TouchBatch) -> Floats:
-        return self.calibration.log_proba_of(batch.logits) - self._log_prior
+        return self.calibration.log_proba_of(batch.require_logits()) - self._log_prior
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:
         """See :class:`ArrayModel`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,8 +105,8 @@ class ArrayModel(FrozenArrays, ABC):
 
     @classmethod
     @abstractmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> Self:
-        """The model of fields from :meth:`to_fields`."""
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> ArrayModel:
+        """The model of fields from :meth:`to_fields`; :meth:`with_hypotheses` completes it."""
 
     def to_json(self, origin: Mapping[str, Any] | None = None) -> str:
         """The model as JSON text, exact to the last bit, with a SHA-256; :func:`read_observation_model` reads it.
@@ -155,7 +155,7 @@ class ArrayModel(FrozenArrays, ABC):
         self.require_fit(batch)
         if batch.poses.size == 0:
             return np.zeros((len(batch), len(self.shape_labels)))
-        size = max(1, _BLOCK // batch.logits[0].size)
+        size = max(1, _BLOCK // (batch.num_touches * len(self.shape_labels)))
         if len(batch) <= size:
             return self._log_likelihoods(batch)
         blocks = (batch.sequences(slice(first, first + size)) for first in range(0, len(batch), size))
@@ -249,7 +249,7 @@ class ArrayModel(FrozenArrays, ABC):
         Raises:
             ValueError: the message names the first touch that does not fit.
         """
-        if batch.num_shapes != len(self.shape_labels):
+        if batch.logits is not None and batch.num_shapes != len(self.shape_labels):
             raise ValueError(
                 f"the model knows {len(self.shape_labels)} shapes ({', '.join(self.shape_labels)}), touch 0 and all "
                 f"others have {batch.num_shapes} logits"

@@ -5,8 +5,9 @@ p(reference | hypothesis) is proportional to its ratio under that hypothesis, ov
 
 One pose, one shape, two hypotheses, two references of which each fits one of them:
 
+>>> from belief.observation_model.embedded_hypotheses import FixedHypotheses
 >>> table = np.array([[[[3.0, 0.0], [0.0, 3.0]]]], np.float32)
->>> hypotheses = EmbeddedHypotheses(table, (1, 1, 2, 2), (), temperature=1.0)
+>>> hypotheses = EmbeddedHypotheses(FixedHypotheses(table), (1, 1, 2, 2), (), temperature=1.0)
 >>> outcomes = ReferenceOutcomes(hypotheses, references=np.eye(2)[None], logits=np.zeros((1, 2, 1)))
 >>> outcomes.of(np.array([[0, 1]]), num_outcomes=2).astype(float).round(2).tolist()
 [[[[0.95, 0.05], [0.05, 0.95]]]]
@@ -50,9 +51,6 @@ class ReferenceOutcomes:
         Args:
             chosen: index of H hypotheses of each shape, ``(K, H)``.
             num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-
-        Raises:
-            ValueError: there are no hypotheses yet.
         """
         if (views := self.hypotheses.views) is not None:
             return views.of_all_poses(self.shared(num_outcomes), chosen)
@@ -76,9 +74,6 @@ class ReferenceOutcomes:
 
         Args:
             num_outcomes: M, evenly spaced among the references, or all if there are fewer.
-
-        Raises:
-            ValueError: there are no hypotheses yet.
         """
         if num_outcomes not in self._shared:
             kept = _evenly(self.references.shape[1], num_outcomes)

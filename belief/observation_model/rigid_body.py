@@ -10,10 +10,11 @@ touched in very many poses, the reader's error about the object adds up, too; n 
 
 Two shapes, one pose, two hypotheses of each shape; then a touch that fits the first hypothesis of the mug:
 
->>> hypotheses = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
+>>> embed = FixedHypotheses(np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32))
 >>> references = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
->>> model = RigidBodyModel(("mug", "cup"), hypotheses, 2, 1.0, references, reference_logits=np.zeros((1, 2, 2)))
->>> evidence = model.start().update(Touch(0, np.zeros(2), np.array([1.0, 0.2])))
+>>> fitted = FittedRigidBody(("mug", "cup"), 2, 1.0, references, reference_logits=np.zeros((1, 2, 2)))
+>>> model: RigidBodyModel = fitted.with_hypotheses(embed)
+>>> evidence = model.start().update(Touch(0, features=np.array([1.0, 0.2])))
 >>> (evidence.log_likelihood - evidence.log_likelihood.max()).round(1).tolist()
 [0.0, -3.6]
 >>> evidence.diagnostics.most_likely.tolist()
@@ -23,7 +24,7 @@ Two shapes, one pose, two hypotheses of each shape; then a touch that fits the f
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -35,14 +36,19 @@ from belief.array_fields import from_field, to_field
 from belief.conflict import ConflictTest
 from belief.frozen import frozen
 from belief.observation_model.calibration_data import LabelledTouches
-from belief.observation_model.embedded_hypotheses import EmbeddedHypotheses, Floats32, numbers_first, require_table
-from belief.observation_model.log_weights import largest_posterior, log_means, misfit
+from belief.observation_model.embedded_hypotheses import (
+    EmbeddedHypotheses,
+    EmbedsByPose,
+    FixedHypotheses,
+    require_table,
+)
+from belief.observation_model.log_weights import log_means
 from belief.observation_model.model import ArrayModel, Embeds
 from belief.observation_model.outcome_table import OutcomeTable
 from belief.observation_model.quantisation import smoothed, tabulate
 from belief.observation_model.reference_outcomes import ReferenceOutcomes
 from belief.observation_model.repeat_discount import repeat_shares
-from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
+from belief.observation_model.rigid_body_evidence import Floats32, RigidBodyEvidence
 from belief.observation_model.rigid_body_fit import fitted, refitted
 from belief.observation_model.views import Views
 from belief.problem import Floats, Touch
@@ -53,16 +59,17 @@ _AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at
 _REFERENCES = 256  # touches kept of each pose
 _SHARED_REFERENCES = 512  # touches kept of each group of poses
 _RECOMPUTED = ("_embedded", "_outcomes")  # after pickling
+_NO_HYPOTHESES = "the model was read from a file and has no hypotheses yet; call with_hypotheses(embed)"
 
 
 @dataclass(frozen=True, eq=False)
-class RigidBodyModel(ArrayModel):
-    """Joint posterior over shape, orientation and size, from a learned likelihood ratio.
+class FittedRigidBody(ArrayModel):
+    """What is fitted of the joint model, and filed: all but the hypotheses, which :meth:`with_hypotheses` adds.
+
+    Planners tabulate it. Likelihoods and samples need the hypotheses: they raise ValueError.
 
     Attributes:
         shape_labels: names of the K shapes.
-        hypotheses: embedded hypotheses g of every pose, ``(P, K, N, D)`` float32, or what embeds them at first use;
-            None in a model that was just read from a file, which :meth:`with_hypotheses` completes.
         num_hypotheses: N, of each shape.
         temperature: by which log ratios are divided, fitted to sequences of touches.
         references: embeddings of touches that stand for all, of each pose or group of poses as many, ``(G, M, D)``;
@@ -81,7 +88,6 @@ class RigidBodyModel(ArrayModel):
 
     name: ClassVar[str] = "rigid body"
     shape_labels: tuple[str, ...]
-    hypotheses: Floats32 | Embeds | None
     num_hypotheses: int
     temperature: float
     references: Floats
@@ -99,9 +105,6 @@ class RigidBodyModel(ArrayModel):
         require_count("num_hypotheses", self.num_hypotheses)
         if self.groups and sorted(set(self.groups)) != list(range(num_groups)):
             raise ValueError(f"there are references of {num_groups} groups of poses, the poses are of {self.groups}")
-        if isinstance(self.hypotheses, np.ndarray):
-            require_table(self.hypotheses, self._table_shape)
-            object.__setattr__(self, "hypotheses", numbers_first(np.asarray(self.hypotheses)))
         if self.reference_logits.shape != (num_groups, number, len(self.shape_labels)):
             raise ValueError(f"reference_logits must fit the references, got {self.reference_logits.shape}")
         if not 0.0 < self.temperature < np.inf:
@@ -109,6 +112,84 @@ class RigidBodyModel(ArrayModel):
         require_number("correlation", self.correlation, 0.0, 1.0)
         require_number("drift", self.drift, 0.0, 1.0)
         self.freeze()
+
+    def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
+        """The model with these hypotheses, which are embedded at first use.
+
+        With another number of hypotheses it has no conflict test.
+
+        Args:
+            embed: embeds hypotheses.
+            num_hypotheses: N, of each shape; as many as the model was fitted with by default.
+        """
+        fitted = {field.name: getattr(self, field.name) for field in fields(FittedRigidBody)}
+        if num_hypotheses not in (None, self.num_hypotheses):
+            fitted |= {"num_hypotheses": num_hypotheses, "conflict": None}
+        return RigidBodyModel(**fitted, hypotheses=embed)
+
+    @property
+    def num_poses(self) -> int:
+        """See :class:`ArrayModel`."""
+        return len(self.groups or self.references)
+
+    def _log_likelihoods(self, batch: TouchBatch) -> Floats:
+        raise ValueError(_NO_HYPOTHESES)
+
+    def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
+        raise ValueError(_NO_HYPOTHESES)
+
+    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
+        """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
+        log_posteriors = self.reference_logits - logsumexp(self.reference_logits, axis=2, keepdims=True)
+        shares = np.exp(log_posteriors)
+        shares /= shares.sum(axis=1, keepdims=True)
+        found = smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1])
+        return OutcomeTable(found[list(self.groups)] if self.groups else found)
+
+    def to_fields(self) -> dict[str, Any]:
+        """See :class:`ArrayModel`; arrays in half precision, the hypotheses not at all: the reader embeds them."""
+        arrays = {"references": self.references, "reference_logits": self.reference_logits}
+        return {
+            "num_hypotheses": self.num_hypotheses,
+            "temperature": self.temperature,
+            "correlation": self.correlation,
+            **{name: to_field(array, "float16") for name, array in arrays.items()},
+            "conflict": None if self.conflict is None else self.conflict.to_fields(),
+            **({"groups": list(self.groups)} if self.groups else {}),
+            **({"drift": self.drift} if self.drift else {}),
+        }
+
+    @classmethod
+    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> FittedRigidBody:
+        """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
+        references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
+        test = fields.get("conflict")
+        conflict = None if test is None else ConflictTest.from_fields(test)
+        number, temperature = int(fields["num_hypotheses"]), float(fields["temperature"])
+        groups = tuple(int(group) for group in fields.get("groups", ()))
+        errors = float(fields["correlation"]), conflict, groups, float(fields.get("drift", 0.0))
+        return FittedRigidBody(shape_labels, number, temperature, references, logits, *errors)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidBodyModel(FittedRigidBody):
+    """Joint posterior over shape, orientation and size, from a learned likelihood ratio.
+
+    Attributes:
+        hypotheses: embeds the hypotheses g of every pose, at first use; by pose where poses share references.
+
+    The other attributes, and what is refused, are those of :class:`FittedRigidBody`; also refused are
+    :class:`FixedHypotheses` that do not fit.
+    """
+
+    hypotheses: Embeds = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.groups and not isinstance(self.hypotheses, EmbedsByPose):
+            raise ValueError(f"the groups {self.groups} need hypotheses embedded by pose, got {self.hypotheses!r:.80}")
+        if isinstance(self.hypotheses, FixedHypotheses):
+            require_table(self.hypotheses.table, self._table_shape)
 
     @classmethod
     def fit(
@@ -140,11 +221,11 @@ class RigidBodyModel(ArrayModel):
         if data.batch.features is None:
             raise ValueError("the touches bring no embeddings: Touch(pose, logits, features=reading.embeddings[i])")
         found = np.asarray(data.batch.features[0], np.float64)
-        groups = tuple(int(group) for group in getattr(embed, "groups", ()))
-        rows = data.rows_of_poses(_REFERENCES) if not groups else _rows_of_groups(data, np.array(groups))
+        groups = embed.groups if isinstance(embed, EmbedsByPose) else ()
+        rows = data.rows_of_poses(_SHARED_REFERENCES if groups else _REFERENCES, groups)
         kept = (_in_half(found[rows]), _in_half(data.logits[rows]))
-        hypotheses = embed if groups else embed(num_hypotheses)
-        model = cls(data.shape_labels, hypotheses, num_hypotheses, 1.0, *kept, groups=groups)
+        hypotheses = embed if groups else FixedHypotheses(embed(num_hypotheses))
+        model = cls(data.shape_labels, num_hypotheses, 1.0, *kept, groups=groups, hypotheses=hypotheses)
         model, conflict = fitted(model, data)
         return replace(model, conflict=conflict)
 
@@ -176,24 +257,6 @@ class RigidBodyModel(ArrayModel):
         model, conflict = refitted(self, touches, truth)
         return replace(model, conflict=conflict)
 
-    def with_hypotheses(self, embed: Embeds, num_hypotheses: int | None = None) -> RigidBodyModel:
-        """The model with its table of hypotheses, which is embedded at first use.
-
-        With another number of hypotheses it has no conflict test.
-
-        Args:
-            embed: embeds hypotheses.
-            num_hypotheses: N, of each shape; as many as the model was fitted with by default.
-        """
-        number = self.num_hypotheses if num_hypotheses is None else num_hypotheses
-        conflict = self.conflict if number == self.num_hypotheses else None
-        return replace(self, hypotheses=embed, num_hypotheses=number, conflict=conflict)
-
-    @property
-    def num_poses(self) -> int:
-        """See :class:`ArrayModel`."""
-        return len(self.groups or self.references)
-
     def embeddings(self, batch: TouchBatch) -> Floats:
         """Embeddings of a batch of touches, ``(S, n, D)``.
 
@@ -212,10 +275,11 @@ class RigidBodyModel(ArrayModel):
         Raises:
             ValueError: the touch does not fit the model, or brings none.
         """
-        found, logits = touch.features, vars(touch).get("logits", 0.0)  # of some sensors they are not computed yet
-        fits = touch.num_shapes == len(self.shape_labels) and touch.pose < self.num_poses and np.isfinite(logits).all()
-        if fits and found is not None and found.shape == self.references.shape[-1:] and np.isfinite(found).all():
-            return np.asarray(found[None])
+        found, logits = touch.features, touch.logits
+        if found is not None and found.shape == self.references.shape[-1:] and touch.pose < self.num_poses:
+            plain = logits is None or (logits.shape == (len(self.shape_labels),) and np.isfinite(logits).all())
+            if plain and np.isfinite(found).all():
+                return np.asarray(found[None])
         return self.embeddings(self.alone(touch))[0]  # says what is wrong
 
     @property
@@ -228,7 +292,7 @@ class RigidBodyModel(ArrayModel):
         """The embedded hypotheses of every pose, ``(P, K, N, D)``, read-only.
 
         Raises:
-            ValueError: the model has no hypotheses yet, or they do not fit the references.
+            ValueError: they do not fit the references.
         """
         return self._embedded.table
 
@@ -262,11 +326,7 @@ class RigidBodyModel(ArrayModel):
         A model whose poses share references sends what embeds them: its table is large.
         """
         state = {name: value for name, value in vars(self).items() if name not in _RECOMPUTED}
-        return state if self.hypotheses is None or self.groups else {**state, "hypotheses": self.table}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        table = state["hypotheses"]
-        super().__setstate__({**state, "hypotheses": numbers_first(table)} if isinstance(table, np.ndarray) else state)
+        return state if self.groups else {**state, "hypotheses": FixedHypotheses(self.table)}
 
     def start(self) -> RigidBodyEvidence:
         """See :class:`ArrayModel`."""
@@ -297,23 +357,6 @@ class RigidBodyModel(ArrayModel):
                 here = np.flatnonzero(batch.poses[:, step] == pose)
                 weights[here] += shares[here, step, None, None] * self.scores(pose, embeddings[here, step], shapes)
         return weights
-
-    def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:
-        """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it.
-
-        Returns:
-            Misfits, log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i) over the hypotheses i, and the
-            largest posterior of a shape, ``(S, n)`` each.
-        """
-        found, certainties, length = np.empty(batch.poses.shape), np.empty(batch.poses.shape), max(1, batch.num_touches)
-        size = max(1, _AT_ONCE // (len(self.shape_labels) * self.num_hypotheses * length))
-        for first in range(0, len(batch), size):
-            block = slice(first, first + size)
-            for step, (before, scores, _) in enumerate(self.steps(batch.sequences(block))):
-                log_likelihoods = log_means(before)
-                found[block, step] = misfit(scores, log_likelihoods, log_means(before + scores))
-                certainties[block, step] = largest_posterior(log_likelihoods)
-        return found, certainties
 
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Floats, Floats32, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it.
@@ -348,49 +391,6 @@ class RigidBodyModel(ArrayModel):
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         """See :class:`ArrayModel`: one hypothesis for each object, then references by their ratio under it."""
         return self._outcomes.sample(shape, poses, rng)
-
-    def _tabulate(self, num_outcomes: int, rng: np.random.Generator) -> OutcomeTable:
-        """See :class:`ArrayModel`: single touches, clustered by what they tell about the shape."""
-        log_posteriors = self.reference_logits - logsumexp(self.reference_logits, axis=2, keepdims=True)
-        shares = np.exp(log_posteriors)
-        shares /= shares.sum(axis=1, keepdims=True)
-        found = smoothed(tabulate(log_posteriors, shares, num_outcomes, rng), self.references.shape[1])
-        return OutcomeTable(found[list(self.groups)] if self.groups else found)
-
-    def to_fields(self) -> dict[str, Any]:
-        """See :class:`ArrayModel`; arrays in half precision, the hypotheses not at all: the reader embeds them."""
-        arrays = {"references": self.references, "reference_logits": self.reference_logits}
-        return {
-            "num_hypotheses": self.num_hypotheses,
-            "temperature": self.temperature,
-            "correlation": self.correlation,
-            **{name: to_field(array, "float16") for name, array in arrays.items()},
-            "conflict": None if self.conflict is None else self.conflict.to_fields(),
-            **({"groups": list(self.groups)} if self.groups else {}),
-            **({"drift": self.drift} if self.drift else {}),
-        }
-
-    @classmethod
-    def from_fields(cls, shape_labels: tuple[str, ...], fields: Mapping[str, Any]) -> RigidBodyModel:
-        """See :class:`ArrayModel`; :meth:`with_hypotheses` completes it."""
-        references, logits = (from_field(fields[name], "float16") for name in ("references", "reference_logits"))
-        test = fields.get("conflict")
-        conflict = None if test is None else ConflictTest.from_fields(test)
-        number = int(fields["num_hypotheses"])
-        temperature, correlation = float(fields["temperature"]), float(fields["correlation"])
-        groups = tuple(int(group) for group in fields.get("groups", ()))
-        drift = float(fields.get("drift", 0.0))
-        return cls(shape_labels, None, number, temperature, references, logits, correlation, conflict, groups, drift)
-
-
-def _rows_of_groups(data: LabelledTouches, groups: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows of touches in the poses of each group, evenly spaced in the data, ``(G, M)``; of all where it has none."""
-    rows = []
-    for group in range(int(groups.max()) + 1):
-        here = np.flatnonzero(groups[data.poses] == group)
-        here = here if here.size else np.arange(len(data.poses))
-        rows.append(here[np.linspace(0, len(here) - 1, _SHARED_REFERENCES).round().astype(int)])
-    return np.stack(rows)
 
 
 def _in_half(array: Floats) -> Floats:

@@ -2,12 +2,13 @@
 
 Two touches that fit the second hypothesis of the mug, and none of the cup:
 
->>> from belief.observation_model.rigid_body import RigidBodyModel
->>> hypotheses = np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32)
->>> model = RigidBodyModel(("mug", "cup"), hypotheses, 2, 1.0, np.ones((1, 1, 2)), reference_logits=np.zeros((1, 1, 2)))
+>>> from belief.observation_model import FixedHypotheses, RigidBodyModel
+>>> embed = FixedHypotheses(np.array([[[[3.0, 0.0], [0.0, 3.0]], [[-3.0, 0.0], [0.0, -3.0]]]], np.float32))
+>>> one = np.ones((1, 1, 2))
+>>> model = RigidBodyModel(("mug", "cup"), 2, 1.0, references=one, reference_logits=one, hypotheses=embed)
 >>> evidence: RigidBodyEvidence = model.start()
 >>> for _ in range(2):
-...     evidence = evidence.update(Touch(0, np.zeros(2), np.array([0.2, 1.0])))
+...     evidence = evidence.update(Touch(0, features=np.array([0.2, 1.0])))
 >>> evidence.log_likelihood.round(1).tolist(), evidence.diagnostics.effective_hypotheses.round(2).tolist()
 ([-0.7, -7.9], [1.02, 1.02])
 """

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from belief.conflict import MOST_TOUCHES, ConflictTest
 from belief.observation_model.calibration_data import LabelledTouches
+from belief.observation_model.log_weights import largest_posterior, log_means, misfit
 from belief.observation_model.repeat_discount import (
     ASSUMED_CORRELATION,
     Repeats,
@@ -23,6 +24,7 @@ from belief.observation_model.repeat_discount import (
 from belief.problem import Floats
 from belief.touch_batch import TouchBatch
 
+_AT_ONCE = 1 << 22  # numbers, of log weights of sequences that are worked on at a time
 _ANYWHERE, _NEARBY = 1.0, 0.2  # spread of the prior of the log temperature: in any world, and after another world
 _COLDEST, _WIDTH, _NEAR = -1.0, 3.0, 1e-2  # of the log temperature: first window of the search, its width, its error
 _FITTED_ON, _AT_LEAST = 1200, 400  # sequences for the temperature: at most, and at least where memory is short
@@ -57,9 +59,6 @@ class JointModel(Protocol):
     def steps(self, batch: TouchBatch) -> Iterator[tuple[Any, Any, Floats]]:
         """The log weights before each step of S sequences, the scores of its touches, and the log weights after it."""
 
-    def misfits(self, batch: TouchBatch) -> tuple[Floats, Floats]:
-        """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it."""
-
 
 _Joint = TypeVar("_Joint", bound=JointModel)
 
@@ -72,9 +71,9 @@ def fitted(model: _Joint, data: LabelledTouches) -> tuple[_Joint, ConflictTest |
         data: touches with embeddings as features.
 
     >>> from belief import Touch
-    >>> from belief.observation_model.rigid_body import RigidBodyModel
-    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
-    >>> unfitted = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
+    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
+    >>> unfitted = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
     >>> felt = np.eye(2)[[0, 1, 0, 0] * 10]                                     # one touch in four misleads
     >>> touches = [Touch(0, np.zeros(2), embedding) for embedding in felt]
     >>> model, test = fitted(unfitted, LabelledTouches.of(touches, [0, 1, 0, 1] * 10, range(40)))
@@ -98,11 +97,11 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
         touches: of S objects, one sequence each.
         shapes: true shape of each object, ``(S,)``.
 
-    >>> from belief.observation_model.rigid_body import RigidBodyModel
-    >>> hypotheses = np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)
-    >>> model = RigidBodyModel(("mug", "cup"), hypotheses, 1, 1.0, np.zeros((1, 1, 2)), np.zeros((1, 1, 2)))
+    >>> from belief.observation_model import FixedHypotheses, RigidBodyModel
+    >>> embed, one = FixedHypotheses(np.array([[[[3.0, 0.0]], [[0.0, 3.0]]]], np.float32)), np.zeros((1, 1, 2))
+    >>> model = RigidBodyModel(("mug", "cup"), 1, 1.0, references=one, reference_logits=one, hypotheses=embed)
     >>> felt = np.eye(2)[[0, 1, 0, 0] * 10, None]
-    >>> touches = TouchBatch(np.zeros((40, 1), int), np.zeros((40, 1, 2)), felt)
+    >>> touches = TouchBatch(np.zeros((40, 1), int), features=felt)
     >>> round(refitted(model, touches, [0, 1, 0, 1] * 10)[0].temperature, 1)
     1.5
     """
@@ -110,9 +109,7 @@ def refitted(model: _Joint, touches: TouchBatch, shapes: ArrayLike) -> tuple[_Jo
     order = np.tile(np.arange(touches.num_touches), (len(touches), 1))
     order = np.random.default_rng(1).permuted(order, axis=1)[:, :MOST_TOUCHES]
     rows = np.arange(len(touches))[:, None]
-    assert touches.features is not None, "checked by the caller"
-    some = TouchBatch(touches.poses[rows, order], touches.logits[rows, order], touches.features[rows, order])
-    return model, _conflict_test(model, some, shapes)
+    return model, _conflict_test(model, touches.take((rows, order)), shapes)
 
 
 def _fitted_temperature(model: JointModel, data: LabelledTouches) -> float:
@@ -186,7 +183,7 @@ def _in_different_poses(
         by_object = order[np.argsort(data.objects[order], kind="stable")]
         found.append(_sequences(data, by_object, min(most, data.num_objects), length))
     rows = np.concatenate([some for some, _ in found])[:most]
-    return _touches(data, rows), np.concatenate([some for _, some in found])[:most]
+    return data.batch.take((0, rows)), np.concatenate([some for _, some in found])[:most]
 
 
 def _best_temperature(model: JointModel, touches: TouchBatch, truth: NDArray[np.int64], spread: float) -> float:
@@ -240,7 +237,8 @@ def _fitted_correlation(model: JointModel, data: LabelledTouches) -> float:
     most = max(2, min(_REPEATED, _that_fit(model, length)))
     some = np.sort(np.random.default_rng(3).permutation(len(found.rows))[:most])
     found = Repeats(found.rows[some], found.shapes[some])
-    touches = _touches(data, np.where(found.rows >= 0, found.rows, found.rows[:, :1]))  # padding does not count
+    rows = np.where(found.rows >= 0, found.rows, found.rows[:, :1])  # padding does not count
+    touches = data.batch.take((0, rows))
     sums = np.stack([after.astype(np.float32) for _, _, after in model.steps(touches)][1:], axis=1)  # (G, n - 1, K, N)
     numbers = np.arange(2, length + 1)
 
@@ -256,14 +254,32 @@ def _fitted_conflict_test(model: JointModel, data: LabelledTouches) -> ConflictT
     order = np.random.default_rng(1).permutation(len(data.objects))
     by_object = order[np.argsort(data.objects[order], kind="stable")]
     rows, shapes = _sequences(data, by_object, _TESTED_ON, MOST_TOUCHES)
-    return _conflict_test(model, _touches(data, rows), shapes)
+    return _conflict_test(model, data.batch.take((0, rows)), shapes)
 
 
 def _conflict_test(model: JointModel, touches: TouchBatch, shapes: ArrayLike) -> ConflictTest | None:
     """The conflict test from one sequence of touches of each object."""
     assert touches.features is not None, "checked by the caller"
-    misfits, certainties = model.misfits(touches)
-    return ConflictTest.fit(touches.features.astype(np.float64), misfits, shapes, certainties)
+    found, certainties = _misfits(model, touches)
+    return ConflictTest.fit(touches.features.astype(np.float64), found, shapes, certainties)
+
+
+def _misfits(model: JointModel, batch: TouchBatch) -> tuple[Floats, Floats]:
+    """How badly each touch fits the earlier ones of its sequence, and how certain the shape was before it.
+
+    Returns:
+        Misfits, log Σ_i p(i | o) p(o | i) - log Σ_i p(i | earlier touches) p(o | i) over the hypotheses i, and the
+        largest posterior of a shape, ``(S, n)`` each.
+    """
+    found, certainties, length = np.empty(batch.poses.shape), np.empty(batch.poses.shape), max(1, batch.num_touches)
+    size = max(1, _AT_ONCE // (len(model.shape_labels) * model.num_hypotheses * length))
+    for first in range(0, len(batch), size):
+        block = slice(first, first + size)
+        for step, (before, scores, _) in enumerate(model.steps(batch.sequences(block))):
+            log_likelihoods = log_means(before)
+            found[block, step] = misfit(scores, log_likelihoods, log_means(before + scores))
+            certainties[block, step] = largest_posterior(log_likelihoods)
+    return found, certainties
 
 
 def _that_fit(model: JointModel, kept: int) -> int:
@@ -292,9 +308,3 @@ def _sequences(
     if len(ids) > most_objects:  # random ones, because shapes alternate in collections
         ids = np.sort(np.random.default_rng(2).permutation(ids)[:most_objects])
     return by_object[ends[ids][:, None] + np.arange(length)], shapes[ids]
-
-
-def _touches(data: LabelledTouches, rows: NDArray[np.int64]) -> TouchBatch:
-    """The touches in these rows, ``(S, n)``, as sequences."""
-    assert data.batch.features is not None, "checked by the caller"
-    return TouchBatch(data.poses[rows], data.logits[rows], np.asarray(data.batch.features[0])[rows])

@@ -68,8 +68,7 @@ def grouped(batch: TouchBatch, groups: ArrayLike) -> Iterator[tuple[TouchBatch, 
     order, first = np.argsort(index, kind="stable"), np.concatenate([[0], sizes.cumsum()[:-1]])
     for size in np.unique(sizes).tolist():
         rows = order[first[sizes == size][:, None] + np.arange(size)]
-        features = None if batch.features is None else batch.features[0, rows]
-        yield TouchBatch(batch.poses[0, rows], batch.logits[0, rows], features), rows
+        yield batch.take((0, rows)), rows
 
 
 def sequence_nll(

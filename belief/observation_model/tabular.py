@@ -44,7 +44,7 @@ class TabularModel:
         """See :class:`ObservationModel`."""
         total = np.zeros(len(self.shape_labels))
         for touch in touches:
-            total += touch.logits
+            total += touch.require_logits()
         return total
 
     def start(self) -> SummarisedEvidence:
@@ -53,7 +53,8 @@ class TabularModel:
 
     def statistics_with(self, statistics: Floats | None, touch: Touch) -> Floats:
         """The sum of logits."""
-        return np.asarray(touch.logits if statistics is None else statistics + touch.logits)
+        logits = touch.require_logits()
+        return logits if statistics is None else statistics + logits
 
     def log_likelihood_of(self, statistics: Floats) -> Floats:
         """The sum itself."""

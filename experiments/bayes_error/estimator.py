@@ -20,7 +20,7 @@ from belief.statistics import paired_bootstrap, wilson_interval
 from experiments.bayes_error.held_out import Stream, held_out_readings
 from experiments.parallel import run_tasks
 from experiments.reporting.tables import Table
-from experiments.sensor.scores import read_images, regrouped
+from experiments.sensor.scores import read_images
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class LimitStudy:
         """Calibrated log probabilities of the classifier, ``(N, K)``."""
         poses = np.arange(self.touches) // len(self.scene.shapes) % len(self.scene.poses)  # as in held_out_touch
         touches = read_images(self.sensor.reader, readings, poses, "reading with the classifier")
-        return log_posteriors(self.sensor.model, regrouped(touches, (-1, 1)))
+        return log_posteriors(self.sensor.model, touches.reshaped((-1, 1)))
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from belief.observation_model.repeat_discount import effective_touches
 from belief.observation_model.selection import ModelChoice, choose_observation_model
 from experiments.calibration.sequences import Sequences, stops
 from experiments.calibration.touches import classwise_error, top_error
-from experiments.sensor.scores import accuracy_of_objects, regrouped
+from experiments.sensor.scores import accuracy_of_objects
 
 Floats = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def fit_model(name: str, fit: Fit, touches: Sequences, shape_labels: tuple[str, 
         num_poses: number of poses.
     """
     return choose_observation_model(
-        regrouped(touches.batch, (1, -1)).sequence(0),
+        touches.batch.reshaped((1, -1)).sequence(0),
         touches.shapes,
         touches.object_ids,
         shape_labels=shape_labels,

@@ -44,7 +44,7 @@ class Rounds(TouchRounds):
         by_object = (len(np.unique(truth.object_ids)), -1, num_poses)
         each = len(truth.object_ids) // by_object[0]
         return cls(
-            touches.logits.reshape(*by_object, touches.num_shapes),
+            touches.require_logits().reshape(*by_object, touches.num_shapes),
             truth.shapes[::each],
             None if touches.features is None else touches.features.reshape(*by_object, touches.features.shape[2]),
             truth.rests[::each],

@@ -78,13 +78,14 @@ def fit_raw(touches: Sequences) -> tuple[Predict, None]:
 def fit_pooled(name: str, touches: Sequences) -> tuple[Predict, float]:
     """A calibration by name, fitted to all poses together, and its cross-validated NLL over objects."""
     candidates = {name: CALIBRATIONS[name]()}
-    choice = choose_calibration(touches.batch.logits[:, 0], touches.shapes, touches.object_ids, candidates, _FOLDS)
+    logits = touches.batch.require_logits()[:, 0]
+    choice = choose_calibration(logits, touches.shapes, touches.object_ids, candidates, _FOLDS)
     return lambda some: choice.calibration.predict_proba(some.batch.logits[:, 0]), choice.losses[name]
 
 
 def fit_by_pose(touches: Sequences) -> tuple[Predict, float]:
     """One calibration per pose, and its cross-validated NLL over objects."""
-    logits, poses, shapes = touches.batch.logits[:, 0], touches.batch.poses[:, 0], touches.shapes
+    logits, poses, shapes = touches.batch.require_logits()[:, 0], touches.batch.poses[:, 0], touches.shapes
     num_poses, losses = int(poses.max()) + 1, np.empty(len(shapes))
     folds = object_folds(shapes, touches.object_ids, _FOLDS)
     for fold in range(_FOLDS):
@@ -93,7 +94,9 @@ def fit_by_pose(touches: Sequences) -> tuple[Predict, float]:
         log_probs = fitted.predict_log_proba(logits[held], poses[held])
         losses[held] = -log_probs[np.arange(len(log_probs)), shapes[held]]
     every = PerPose().fit(logits, shapes, poses, num_poses)
-    return lambda some: every.predict_proba(some.batch.logits[:, 0], some.batch.poses[:, 0]), float(losses.mean())
+    return lambda some: every.predict_proba(some.batch.require_logits()[:, 0], some.batch.poses[:, 0]), float(
+        losses.mean()
+    )
 
 
 RAW = "raw softmax"

@@ -17,9 +17,12 @@ from activetouch.scene import Scene
 from activetouch.sensor_files import load_observation_model, sensor_shift
 from belief import Composition
 from belief.observation_model import OutcomeTable
-from experiments.command_line.arguments import Count, check_arguments
+from experiments.command_line.arguments import Count, Jobs, check_arguments
 from experiments.command_line.console import plain_console
+from experiments.parallel import default_jobs
+from experiments.press.alike import alike as compare_shapes
 from experiments.press.belief_table import belief_table
+from experiments.press.felt_tables import alike_table, felt_table
 from experiments.press.inventory import InventoryItem, inventory, leaner, richer
 from experiments.press.step_counter import Cost, press_cost
 from experiments.reporting.tables import Table
@@ -28,6 +31,7 @@ from experiments.sensor_choice import independent_sensor, sensor_folder
 from planners.bounds.touch_count import touch_count_bounds
 
 _HARDEST = 6  # pairs of shapes to show
+_SECONDS = (1.0, 0.25)  # that comparing takes for each shape and for each pair, about
 
 
 @dataclass(frozen=True)
@@ -35,24 +39,38 @@ class Explain:
     """List what a scene models, and measure its cost and that of the next simpler and next richer scene.
 
     Also shows what the belief about an object holds hidden (orientation and size, if touches share them), and its
-    memory and time beside the leaner model that takes touches as independent.
+    memory and time beside the leaner model that takes touches as independent. Says which shapes feel alike to the pad,
+    where touches land, and at which force the pad's layer bottoms out.
 
     For example:
 
         activetouch explain
         activetouch explain --scene paper --robot panda_allegro
+        activetouch explain --meshes mug.obj bowl.stl --mesh-scale 0.001
     """
 
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     presses: Count = 60
     """Number of presses to measure in each scene."""
+    alike: bool = True
+    """Compare all pairs of shapes."""
+    jobs: Jobs = field(default_factory=default_jobs)
+    """Number of processes that compare shapes."""
 
     def run(self) -> None:
         """Print the tables; the lower bounds only if a sensor that comes with the package fits the scene."""
         check_arguments(self)
         named, console = self.choice.named, plain_console()
         console.print(_what_table(self.choice.scene, [*inventory(named.scene), *hidden_variables(named)]).rich())
+        likeness = None
+        if self.alike and len(named.scene.shapes) > 1:
+            shapes = len(named.scene.shapes)
+            seconds = (_SECONDS[0] * shapes + _SECONDS[1] * shapes * (shapes - 1) / 2) / self.jobs
+            console.print(f"comparing {shapes} shapes takes about {seconds:.0f} s; --no-alike leaves it out")
+            likeness = compare_shapes(named.scene, jobs=self.jobs)
+            console.print(alike_table(self.choice.scene, likeness).rich())
+        console.print(felt_table(self.choice.scene, named.scene, likeness).rich())
         independent, scene = independent_sensor(self.choice.scene), named.scene
         shipped = [f for f in (independent, sensor_folder(None, self.choice.scene)) if f.exists() and _fits(f, scene)]
         if independent in shipped:

@@ -36,10 +36,27 @@ def inventory(scene: Scene) -> list[InventoryItem]:
         InventoryItem(pad.num_taxels**2, "points of the pad", f"one ray each, {spacing:.2f} mm apart"),
         InventoryItem(len(scene.faults), "faults", "of the sensor: " + ", ".join(faults)),
     ]
+    entries.append(InventoryItem(len(scene.shapes), "surfaces", _surfaces(scene)))
     model = scene.press_model.compiled(scene.setup, next(iter(scene.solids.values())))
     if model is not None:
         entries += _soft_bodies(model) if model.nflex else _rigid_bodies(model)
     return [entry for entry in entries if entry.number]
+
+
+def _surfaces(scene: Scene) -> str:
+    """Which surface is shown, and which is pressed."""
+    shown = "the image shows the true surface"
+    if not scene.press_model.moves:
+        return f"{shown}, and it is what is pressed"
+    hollow = {kind: [k for k, v in scene.solids.items() if v.geom.presses == kind] for kind in ("surface", "hull")}
+    what = "the convex hull of what lies in front of the pad" + (
+        "" if scene.press_model.deforms else ", which has the same first touch"
+    )
+    parts = [f"of {', '.join(hollow['surface'])}, {what}"] if hollow["surface"] else []
+    parts += [f"of {', '.join(hollow['hull'])}, the convex hull, so force and image may disagree"] * bool(
+        hollow["hull"]
+    )
+    return f"{shown}, and it is what is pressed" + "".join(f"; {part}" for part in parts)
 
 
 def _rigid_bodies(model: mujoco.MjModel) -> list[InventoryItem]:

@@ -25,7 +25,6 @@ from belief.seeding import keyed_rng
 from belief.touch_batch import TouchBatch
 from experiments.parallel import run_tasks
 from experiments.robustness.conditions import CONDITIONS, DoesNotApply
-from experiments.sensor.scores import regrouped
 
 AS_TRAINED = "as trained"
 _PER_TASK = 10  # objects; in six poses they fill a batch of the network
@@ -73,7 +72,7 @@ class ClassifierOutputs:
         """Every touch as a sequence of its own, object after object."""
         num_objects, num_poses, _ = self.logits.shape
         all_poses = self.sequences(np.tile(np.arange(num_poses), (num_objects, 1)))
-        return regrouped(all_poses, (-1, 1))
+        return all_poses.reshaped((-1, 1))
 
 
 def applicable_conditions(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def replay(setting: Setting, episode: Episode) -> list[Frame]:
             image, _ = world.press(pose, rng)
             uses[step.object_index, pose] += 1
             if isinstance(evidence, RigidBodyEvidence):
-                [touch] = sensor.read(image[None], [pose])  # a recorded touch has no embedding
+                [touch] = replace(sensor, with_logits=False).read(image[None], [pose])  # recorded were logits alone
                 evidence = evidence.update(touch)
             posterior = episode.steps[number + 1].belief.probs  # a touch is always followed by a decision
         elif isinstance(step.decision.action, Reject) and number + 1 < len(episode.steps):

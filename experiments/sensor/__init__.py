@@ -1,1 +1,1 @@
-"""``collect``, ``train``, ``calibrate``, ``learning-curve``, ``frontier``: making a tactile sensor."""
+"""``collect``, ``train``, ``calibrate``: making a tactile sensor."""

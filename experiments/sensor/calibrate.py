@@ -35,7 +35,7 @@ from experiments.command_line.trust import Trust
 from experiments.reporting.tables import Table
 from experiments.scene_choice import SceneChoice, in_file_names, named_scene, repeats_folder, training_folder
 from experiments.sensor.baseline import depth_and_force_accuracy
-from experiments.sensor.scores import accuracy_of_objects, read_touches, regrouped
+from experiments.sensor.scores import accuracy_of_objects, read_touches
 from experiments.sensor_choice import NoSensor, command, open_collection, require_collection
 
 
@@ -218,12 +218,12 @@ def evaluate(model: ArrayModel, touches: TouchBatch, truth: TouchSet, rng: np.ra
         truth: what they are of.
         rng: of the intervals.
     """
-    logits = touches.logits[0]
+    logits = touches.require_logits()[0]
     num_objects, num_poses = len(np.unique(truth.object_ids)), model.num_poses
     raw = TemperatureScaling().predict_proba(logits)
-    calibrated = np.exp(log_posteriors(model, regrouped(touches, (-1, 1))))
+    calibrated = np.exp(log_posteriors(model, touches.reshaped((-1, 1))))
     right, low, high = accuracy_of_objects(logits.argmax(axis=1) == truth.shapes, truth.object_ids, rng)
-    fused = np.exp(log_posteriors(model, regrouped(touches, (num_objects, -1)).first(num_poses)))
+    fused = np.exp(log_posteriors(model, touches.reshaped((num_objects, -1)).first(num_poses)))
     object_shapes = truth.shapes.reshape(num_objects, -1)[:, 0]
     fused_right = int((fused.argmax(axis=1) == object_shapes).sum())
     confusion = confusion_matrix(raw, truth.shapes)

@@ -48,12 +48,6 @@ def read_images(reader: TactileReader, images: NDArray[np.uint8], poses: NDArray
     return TouchBatch(poses[None], np.concatenate(logits)[None], kept)
 
 
-def regrouped(touches: TouchBatch, shape: tuple[int, int]) -> TouchBatch:
-    """The same touches in other sequences: so many, each so long; one of the two may be -1."""
-    features = None if touches.features is None else touches.features.reshape(*shape, touches.features.shape[-1])
-    return TouchBatch(touches.poses.reshape(shape), touches.logits.reshape(*shape, touches.num_shapes), features)
-
-
 def readings(reader: ImageReader, images: NDArray[np.uint8], what: str) -> Iterator[Reading]:
     """Everything read of many images, some hundred at a time, with a progress bar."""
     with progress_bar() as progress:

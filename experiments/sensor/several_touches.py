@@ -40,7 +40,7 @@ from experiments.scene_choice import named_scene, repeats_folder
 from experiments.sensor.after_touches import AfterTouches, after_touches
 from experiments.sensor.belief_cost import belief_cost
 from experiments.sensor.precision import PRECISIONS, in_precision
-from experiments.sensor.scores import read_touches, regrouped
+from experiments.sensor.scores import read_touches
 from experiments.sensor_choice import open_collection, require_collection, sensor_folder
 
 _ROUNDS = 30
@@ -195,12 +195,10 @@ def first_round(touches: TouchSet, num_poses: int) -> TouchSet:
 def in_random_orders(touches: TouchBatch, truth: TouchSet, number: int, seed: int) -> TouchBatch:
     """The first touch of every object in each pose, in random orders, ``(number · M, P)``; the M objects in turn."""
     num_objects = len(np.unique(truth.object_ids))
-    rounds = regrouped(touches, (num_objects, -1))
     rows = np.tile(np.arange(num_objects), number)[:, None]
     poses = np.tile(np.arange(truth.poses.max() + 1), (len(rows), 1))
     orders = np.random.default_rng(seed).permuted(poses, axis=1)
-    features = None if rounds.features is None else rounds.features[rows, orders]
-    return TouchBatch(rounds.poses[rows, orders], rounds.logits[rows, orders], features)
+    return touches.reshaped((num_objects, -1)).take((rows, orders))
 
 
 def table_of(entry: Entry) -> Table:

@@ -17,18 +17,20 @@ from belief.novelty import Novelty
 from belief.observation_model import (
     ConfusionModel,
     FeatureEmbedding,
+    FittedRigidBody,
+    FixedHypotheses,
     GaussianModel,
     LogitEmbedding,
     OutcomeTable,
     PLDAModel,
     RatioModel,
+    RigidBodyModel,
     SignatureModel,
 )
 from belief.observation_model.action_kernel import ActionKernelModel
 from belief.observation_model.baselines.variance_components import Components
 from belief.observation_model.calibration_data import LabelledTouches
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.tabular import TabularModel
 from belief.observation_model.views import SharedMixture, Views
 from belief.out_of_distribution import MahalanobisScore
@@ -87,8 +89,13 @@ HOLDERS = {
         lambda a, b: ActionKernelModel(LABELS, a, b),
         [np.full((2, 2), 0.5), np.ones((2, 3, 2))],
     ),
+    "FixedHypotheses": (FixedHypotheses, [np.ones((1, 2, 3, 4), np.float32)]),
+    "FittedRigidBody": (
+        lambda a, b: FittedRigidBody(LABELS, 3, 1.0, a, b),
+        [np.ones((1, 5, 4)), np.ones((1, 5, 2))],
+    ),
     "RigidBodyModel": (
-        lambda a, b, c: RigidBodyModel(LABELS, a, 3, 1.0, b, c),
+        lambda a, b, c: RigidBodyModel(LABELS, 3, 1.0, b, c, hypotheses=FixedHypotheses(a)),
         [np.ones((1, 2, 3, 4), np.float32), np.ones((1, 5, 4)), np.ones((1, 5, 2))],
     ),
     "MahalanobisScore": (lambda a, b: MahalanobisScore(a, b, 0.5), [ROWS, np.eye(2)]),

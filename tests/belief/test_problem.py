@@ -1,3 +1,6 @@
+import copy
+import dataclasses
+import pickle
 from fractions import Fraction
 
 import numpy as np
@@ -145,3 +148,20 @@ def test_a_search_without_a_target_among_sixty_objects_ends_within_the_default_l
     decider = make_decider("information_gain", model.outcome_table())
     episode = search(SyntheticWorld(model, [1, 2, 3] * 20), decider, sixty, 0, model, (0,))
     assert (episode.outcome, episode.num_touches > 48) == (Outcome.EXHAUSTED, True)
+
+
+def test_a_touch_is_a_plain_value_that_can_be_changed_copied_and_sent():
+    touch = Touch(2, np.array([0.5, -1.0]), np.ones(3, np.float32))
+    moved = dataclasses.replace(touch, pose=1)
+    assert (moved.pose, moved.logits is touch.logits, moved.features is touch.features) == (1, True, True)
+    for found in (copy.deepcopy(touch), pickle.loads(pickle.dumps(touch))):
+        assert (found.pose, found.logits.tolist(), found.features.tolist()) == (2, [0.5, -1.0], [1.0] * 3)
+        assert [array.flags.writeable for array in (found.logits, found.features)] == [False, False]
+
+
+def test_a_touch_without_logits_says_so_to_whom_it_may_concern():
+    touch = Touch(2, features=np.ones(3))
+    with pytest.raises(ActiveTouchError, match=r"pose 2 has no logits.*Touch\(pose, logits, features\)"):
+        touch.require_logits()
+    assert pickle.loads(pickle.dumps(touch)).logits is None
+    assert Touch(2, [0.5, 1.0]).require_logits().tolist() == [0.5, 1.0]

@@ -69,6 +69,11 @@ def world(probs):
     return observation_model.ConfusionModel(LABELS, table.probs, calibration.TemperatureScaling(1.0, "ok"))
 
 
+def one_body(values):
+    fitted = observation_model.FittedRigidBody(LABELS, 4, 1.0, values[None], values[None, :, :3])
+    return fitted.with_hypotheses(observation_model.FixedHypotheses(np.stack([values] * 3)[None]))
+
+
 def touches(values):
     return [Touch(i % 2, row) for i, row in enumerate(values)]
 
@@ -211,6 +216,13 @@ CALLS = {
             a[None, :3, :2],
             Components(*[np.stack([part] * 3) for part in (a[:2, :2], a[2:, :2], np.eye(2))]),
         ).log_likelihood([Touch(0, np.zeros(3))] * 3),
+    ),
+    "FixedHypotheses": lambda a: observation_model.FixedHypotheses(a[None, None])(4),
+    "FittedRigidBody": lambda a: one_body(a).outcome_table(2).probs,
+    "RigidBodyModel": lambda a: (
+        one_body(a).log_likelihood([Touch(0, features=row) for row in a]),
+        one_body(a).start().update(Touch(0, features=a[0])).diagnostics,
+        one_body(a).sample_batch(1, np.zeros((2, 2), int), rng()).features,
     ),
     "RatioModel": lambda a: (
         likelihood(observation_model.RatioModel)(a),

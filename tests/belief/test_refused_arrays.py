@@ -12,14 +12,15 @@ from belief.errors import InvalidArgument
 from belief.observation_model import (
     ConfusionModel,
     FeatureEmbedding,
+    FixedHypotheses,
     GaussianModel,
     OutcomeTable,
     PLDAModel,
     RatioModel,
+    RigidBodyModel,
     SignatureModel,
 )
 from belief.observation_model.registry import JOINT_MODELS, KERNEL_MODELS, OBSERVATION_MODELS
-from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.tabular import TabularModel
 from belief.out_of_distribution import MahalanobisScore, auroc, energy_score
 from belief.touch_batch import TouchBatch
@@ -142,7 +143,10 @@ def fitted_models():
     table = OutcomeTable(np.full((2, 2, 2), 0.5))
     return {
         **found,
-        "rigid body": RigidBodyModel(("a", "b"), hypotheses, 3, 1.0, references, references[..., :2]),
+        "fixed hypotheses": FixedHypotheses(hypotheses),
+        "rigid body": RigidBodyModel(
+            ("a", "b"), 3, 1.0, references, references[..., :2], hypotheses=FixedHypotheses(hypotheses)
+        ),
         "TabularModel": TabularModel(("a", "b"), table),
         "OutcomeTable": table,
         "LogitEmbedding": found["plda"].embedding,
@@ -181,10 +185,11 @@ def test_no_model_has_labels_that_are_no_different_names(name):
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("field", ["hypotheses", "references", "reference_logits"])
 def test_a_model_of_one_body_has_finite_tables(field, number):
-    wrong = np.array(getattr(MADE["rigid body"], field))
+    model = MADE["rigid body"]
+    wrong = np.array(model.table if field == "hypotheses" else getattr(model, field))
     wrong.flat[-1] = number
     with pytest.raises(ValueError, match=rf"{field}.*finite"):
-        replace(MADE["rigid body"], **{field: wrong})
+        FixedHypotheses(wrong) if field == "hypotheses" else replace(model, **{field: wrong})
     if field == "hypotheses":
         with pytest.raises(ValueError, match=r"hypotheses must be finite, got .* at \[1, 1, 2, 3\]"):
             assert replace(MADE["rigid body"], hypotheses=lambda number: wrong).table.size

@@ -157,3 +157,29 @@ def test_lists_become_arrays_of_their_numbers():
     batch = TouchBatch([[0, 1]], [[[1, 2], [3, 4]]], [[[5], [6]]])
     assert (batch.poses.dtype, batch.logits.dtype, batch.features.dtype) == (np.int64, np.float64, np.float64)
     assert TouchBatch([[0]], [[[1, 2]]], np.zeros((1, 1, 3), np.float32)).features.dtype == np.float32
+
+
+def test_touches_without_logits_make_a_batch_without(rng):
+    sequences = [[Touch(i % 3, features=rng.normal(size=5)) for i in range(4)] for _ in range(3)]
+    batch = TouchBatch.of(sequences)
+    assert batch.logits is None
+    for found, touch in zip(batch.sequences(np.array([2, 0])).first(2).sequence(0), sequences[2], strict=False):
+        assert (found.pose, found.logits, found.features.tolist()) == (touch.pose, None, touch.features.tolist())
+    for ask in (batch.require_logits, lambda: batch.num_shapes):
+        with pytest.raises(ValueError, match="these touches have no logits"):
+            ask()
+
+
+def test_touches_of_which_some_have_logits_only_and_some_features_only_are_no_batch(rng):
+    with pytest.raises(ValueError, match="all touches need logits"):
+        TouchBatch.of([[Touch(0, np.zeros(3)), Touch(1, features=np.zeros(5))]])
+
+
+def test_taken_and_reshaped_touches_are_those_touches(rng):
+    sequences = [some_touches(rng) for _ in range(3)]
+    batch = TouchBatch.of(sequences)
+    taken = batch.take((np.array([[2], [0]]), np.array([[3, 1], [0, 0]])))
+    expected = [[sequences[2][3], sequences[2][1]], [sequences[0][0]] * 2]
+    assert all(map(same, taken.sequence(0) + taken.sequence(1), expected[0] + expected[1]))
+    assert all(map(same, batch.reshaped((1, -1)).sequence(0), [touch for sequence in sequences for touch in sequence]))
+    assert batch.reshaped((6, 2)).features.shape == (6, 2, 5)

@@ -23,7 +23,7 @@ from belief.arrangement import arrangement_marginals, log_arrangement_marginals
 from belief.bayes import entropy, expected_information_gain, target_information_gain, update, update_probs
 from belief.errors import UnknownName
 from belief.synthetic import random_model, sample_arrangement
-from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
+from tests.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
 
 _HALF = np.log([0.5, 0.5])
 _NAN, _INF = math.nan, math.inf

@@ -37,7 +37,10 @@ from belief.metrics import (
 )
 from belief.observation_model import (
     ConfusionModel,
+    FittedRigidBody,
+    FixedHypotheses,
     OutcomeTable,
+    RigidBodyModel,
     information_of_touch,
     read_observation_model,
     read_origin,
@@ -56,7 +59,7 @@ from belief.statistics import (
 )
 from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
-from experiments.extremes.cases import (
+from tests.extremes.cases import (
     Case,
     Expectation,
     Verdict,
@@ -205,6 +208,58 @@ def _sound(name: str, scale: float, logits: list[list[float]]) -> bool:
     return bool(np.isfinite(forth).all() and np.allclose(forth - forth.max(), back - back.max(), atol=1e-9))
 
 
+def _rigid_body(size: float = 1.0, temperature: float = 1.0) -> RigidBodyModel:
+    """Two shapes, one pose, two hypotheses of each shape, which are opposite to those of the other."""
+    table = np.array([[[[1.0, 0.0], [0.0, 1.0]], [[-1.0, 0.0], [0.0, -1.0]]]])
+    references = np.array([[[1.0, 0.2], [-1.0, 0.1]]])
+    fitted = FittedRigidBody(("a", "b"), 2, temperature, references, reference_logits=np.zeros((1, 2, 2)))
+    with np.errstate(invalid="ignore"):
+        return fitted.with_hypotheses(FixedHypotheses((table * size).astype(np.float32)))
+
+
+def _of_rigid_bodies() -> list[Case]:
+    def logs(feature: float, **changes: float) -> NDArray[np.float64]:
+        touch = Touch(0, features=np.array([feature, feature / 2]))
+        return _rigid_body(**changes).start().update(touch).log_likelihood
+
+    first = such_that(
+        "certainly the first shape", lambda logs: bool(np.isfinite(logs).all() and logs[0] > logs[1] + 50)
+    )
+    return [
+        answers("RigidBodyModel", "features of 1e300", lambda: logs(1e300, size=1e6), first),
+        answers("RigidBodyModel", "a temperature of 1e-308", lambda: logs(1.0, temperature=1e-308), first),
+        answers("RigidBodyModel", "features of 1e-300", lambda: logs(1e-300), equal_to([0.0, 0.0])),
+        *refusals(
+            "RigidBodyModel",
+            ValueError,
+            {
+                "features of NaN": (lambda: logs(math.nan), "finite features"),
+                "a touch without features": (
+                    lambda: _rigid_body().start().update(Touch(0, np.zeros(2))),
+                    "must bring its embedding of 2 numbers",
+                ),
+            },
+        ),
+        *refusals(
+            "FixedHypotheses",
+            ValueError,
+            {
+                "infinity": (lambda: _rigid_body(math.inf), "must be finite"),
+                "numbers of 1e7": (lambda: _rigid_body(1e7), "at most 1e.06"),
+                "a table of three dimensions": (lambda: FixedHypotheses(np.zeros((2, 2, 2))), "must be .P, K, N, D."),
+            },
+        ),
+        *refusals(
+            "FittedRigidBody",
+            ValueError,
+            {
+                f"a temperature of {wrong}": (lambda wrong=wrong: _rigid_body(temperature=wrong), "temperature must be")
+                for wrong in (0.0, -1.0, math.inf, math.nan)
+            },
+        ),
+    ]
+
+
 def _observation_models() -> list[Case]:
     extreme = [[1e308, 0.0, -1e308], [0.0, 0.0, 0.0], [1e4, -1e4, 0.0]]
     cases: list[Case] = []
@@ -276,6 +331,7 @@ def _observation_models() -> list[Case]:
             lambda: information_of_touch(random_model(_rng(), sharpness=500.0), num_samples=200),
             equal_to([math.log(4)] * 3, 1e-6),
         ),
+        *_of_rigid_bodies(),
         refuses(
             "OutcomeTable",
             "rows that sum to 1.1",

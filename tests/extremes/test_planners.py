@@ -18,13 +18,13 @@ from belief.observation_model import ConfusionModel
 from belief.references import BadReference
 from belief.seeding import keyed_rng
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
-from experiments.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
 from planners import DECIDERS, Decider, Decision, Episode, InformationState, Outcome, make_decider, search
 from planners.ppo import MissingPolicy
 from planners.probing import FixedOrder, TargetInformationGain
 from planners.registry import NEED_FILES, TRAINED
 from planners.stopping import PosteriorThresholds
 from planners.threshold_rule import ThresholdRule
+from tests.extremes.cases import Case, Verdict, answers, equal_to, judge, refusals, refuses, such_that
 
 _LABELS = ("cube", "cone", "sphere")
 _POSES = ("front", "side")

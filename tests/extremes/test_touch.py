@@ -29,7 +29,7 @@ from activetouch.rendering import (
     read_out,
 )
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Shape
-from experiments.extremes.cases import (
+from tests.extremes.cases import (
     Case,
     Expectation,
     Verdict,
@@ -40,7 +40,7 @@ from experiments.extremes.cases import (
     refuses,
     such_that,
 )
-from experiments.extremes.touch import MISS, SOUND, UPRIGHT, is_sound, press_once
+from tests.extremes.touch import MISS, SOUND, UPRIGHT, is_sound, press_once
 
 _MOVING: dict[str, Press] = {"dynamic": Dynamic(), "guarded_move": GuardedMove()}
 _NAN = math.nan

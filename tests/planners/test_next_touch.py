@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from belief import Confirm, Probe, Reject, SceneBelief, SearchProblem, Touch
 from belief.errors import InvalidArgument
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model import FixedHypotheses, RigidBodyModel
 from planners import InformationState, make_decider
 from planners.next_touch import next_touch
 from planners.repeats import LeastUsedFirst
@@ -22,7 +22,14 @@ PROBLEM = SearchProblem(tuple("abc"), ("p", "q", "r"), 2, "independent", touch_c
 def model_of(rng, sharpness=2.0, num_hypotheses=N):
     hypotheses = rng.normal(size=(P, K, num_hypotheses, D)).astype(np.float32)
     references = sharpness * rng.normal(size=(P, M, D))
-    return RigidBodyModel(tuple("abc"), hypotheses, num_hypotheses, 1.0, references, rng.normal(size=(P, M, K)))
+    return RigidBodyModel(
+        tuple("abc"),
+        num_hypotheses,
+        1.0,
+        references,
+        rng.normal(size=(P, M, K)),
+        hypotheses=FixedHypotheses(hypotheses),
+    )
 
 
 def state(model, rng, number=2, problem=PROBLEM):
@@ -81,7 +88,14 @@ def test_two_touches_ahead_are_worth_at_least_one_and_gains_are_never_negative(s
 def test_a_pose_is_not_repeated_where_the_body_would_feel_the_same(rng):
     marks = rng.integers(M, size=(P, K, 30))
     hypotheses = 60.0 * np.eye(M, dtype=np.float32)[marks]
-    model = RigidBodyModel(tuple("abc"), hypotheses, 30, 1.0, np.tile(np.eye(M), (P, 1, 1)), np.zeros((P, M, K)))
+    model = RigidBodyModel(
+        tuple("abc"),
+        30,
+        1.0,
+        np.tile(np.eye(M), (P, 1, 1)),
+        np.zeros((P, M, K)),
+        hypotheses=FixedHypotheses(hypotheses),
+    )
     for pose in range(P):
         scene = SceneBelief(PROBLEM, model)
         scene.update(0, [Touch(pose, np.zeros(K), np.eye(M)[marks[pose, 0, 0]])])
@@ -106,7 +120,9 @@ def test_a_plan_of_first_touches_stops_where_the_second_touch_would_tell_all(rng
     lies, shapes = np.arange(2)[None, :], np.arange(2)[:, None]
     marks = np.stack(np.broadcast_arrays(lies, lies ^ shapes))  # (P, K, N)
     hypotheses = 60.0 * np.eye(2, dtype=np.float32)[marks]
-    model = RigidBodyModel(("a", "b"), hypotheses, 2, 1.0, np.tile(np.eye(2), (2, 1, 1)), np.zeros((2, 2, 2)))
+    model = RigidBodyModel(
+        ("a", "b"), 2, 1.0, np.tile(np.eye(2), (2, 1, 1)), np.zeros((2, 2, 2)), hypotheses=FixedHypotheses(hypotheses)
+    )
     problem = SearchProblem(("a", "b"), ("first", "second"), 2, "independent", touch_cost=0.02)
     scene = SceneBelief(problem, model)
     scene.update(0, [Touch(0, np.zeros(2), np.eye(2)[1])])

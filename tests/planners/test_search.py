@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from belief import Belief, Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Unsure
+from belief import Belief, Composition, Confirm, ImpossibleObservation, Probe, Reject, SearchProblem, Touch, Unsure
 from belief.calibration import TemperatureScaling
 from belief.errors import InvalidArgument, UnknownName
 from belief.observation_model import ConfusionModel
@@ -239,3 +239,11 @@ def test_lists_of_other_lengths_than_the_worlds_are_refused_by_name(model, what)
 def test_an_unknown_decider_suggests_the_nearest(model):
     with pytest.raises(UnknownName, match="Did you mean 'information_gain'"):
         make_decider("infogain", model.outcome_table())
+
+
+def test_an_episode_without_logits_survives_json_with_its_features():
+    touch = Touch(1, features=np.array([0.5, 0.1], np.float32))
+    steps = (Step(0, Belief.uniform(["a", "b"]), Decision(Probe(1), {}), touch),)
+    fields = json.loads(json.dumps(Episode((1,), 0, (0, 1), steps, Outcome.TRUNCATED).to_dict()))
+    found = Episode.from_dict(fields, ("a", "b")).steps[0].touch
+    assert (found.pose, found.logits, found.features.tolist()) == (1, None, touch.features.tolist())

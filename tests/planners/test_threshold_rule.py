@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from belief import Belief, Confirm, Reject, SearchProblem, Touch
+from belief.errors import InvalidArgument
 from planners import InformationState
 from planners.threshold_rule import ThresholdRule
 
@@ -55,3 +56,9 @@ def test_thresholds_at_the_ends_and_equal_ones_are_thresholds(high, low):
 
 def test_the_papers_rule_ignores_the_fused_belief():
     assert ThresholdRule().stop(info(0.5, posterior=0.999999)) is None
+
+
+def test_touches_without_logits_are_refused():
+    history = (Touch(1, features=np.zeros(3)),)
+    with pytest.raises(InvalidArgument, match="pose 1 has no logits"):
+        ThresholdRule().stop(InformationState(PROBLEM, 0, Belief.uniform(tuple("abcd")), history))

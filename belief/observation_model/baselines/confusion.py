@@ -103,7 +103,7 @@ class ConfusionModel(ArrayModel):
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
         """See :class:`ArrayModel`; the sum over touches."""
-        outcomes = self.outcomes_of(batch.logits)
+        outcomes = self.outcomes_of(batch.require_logits())
         return np.asarray(self._log_probs[batch.poses, :, outcomes].sum(axis=1))
 
     def weights_of_sums(self, num_touches: NDArray[np.int64]) -> Floats:

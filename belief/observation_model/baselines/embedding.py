@@ -81,7 +81,7 @@ class LogitEmbedding(FrozenArrays):
         >>> embedding.num_components, embedding.highest.round(1).tolist()
         (2, [2.7, 2.1, 1.7])
         """
-        away = _centred(batch.logits).reshape(-1, batch.num_shapes)
+        away = _centred(batch.require_logits()).reshape(-1, batch.num_shapes)
         unit = _typical_size(away)
         return cls(*_extremes(away, unit), unit)
 
@@ -92,7 +92,7 @@ class LogitEmbedding(FrozenArrays):
 
     def __call__(self, batch: TouchBatch) -> Floats:
         """See :class:`Embedding`."""
-        return self.cut(batch.logits) @ _basis(len(self.lowest)).T / self.unit
+        return self.cut(batch.require_logits()) @ _basis(len(self.lowest)).T / self.unit
 
     def cut(self, logits: Floats) -> Floats:
         """Centred and clipped logits, ``(..., K)``."""
@@ -173,7 +173,7 @@ class FeatureEmbedding(FrozenArrays):
         _, basis = np.linalg.eigh(cut.T @ cut)
         components = np.ascontiguousarray(basis[:, ::-1][:, :num_components].T)  # as when read from a file
         vectors = cut @ components.T
-        logits = LogitEmbedding.fit(batch).cut(batch.logits.reshape(len(vectors), -1))
+        logits = LogitEmbedding.fit(batch).cut(batch.require_logits().reshape(len(vectors), -1))
         design = np.column_stack([vectors, np.ones(len(vectors))])
         readout = np.linalg.lstsq(design, logits, rcond=None)[0]
         centre = np.median(features, axis=0) + scaled_centre * unit

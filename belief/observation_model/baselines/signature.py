@@ -128,7 +128,7 @@ class SignatureModel(ArrayModel):
         return self.repeat_probability**2
 
     def _log_likelihoods(self, batch: TouchBatch) -> Floats:
-        outcomes, every = self.confusion.outcomes_of(batch.logits), np.arange(self.confusion.probs.shape[2])
+        outcomes, every = self.confusion.outcomes_of(batch.require_logits()), np.arange(self.confusion.probs.shape[2])
         total = np.zeros((len(batch), len(self.shape_labels)))
         for pose in np.unique(batch.poses).tolist():
             counts = ((outcomes[..., None] == every) & (batch.poses == pose)[..., None]).sum(axis=1)  # (S, M)
@@ -138,7 +138,7 @@ class SignatureModel(ArrayModel):
     def statistics_with(self, statistics: _Occurred | None, touch: Touch) -> _Occurred:
         """Counts of the outcomes in each pose, and their log-likelihoods."""
         batch = self.alone(touch)
-        pose, (outcome,) = int(batch.poses[0, 0]), self.confusion.outcomes_of(batch.logits[0]).tolist()
+        pose, (outcome,) = int(batch.poses[0, 0]), self.confusion.outcomes_of(batch.require_logits()[0]).tolist()
         num_poses, num_shapes, num_outcomes = self.confusion.probs.shape
         if statistics is None:
             counts, log_likelihoods = np.zeros((num_poses, num_outcomes), np.int64), np.zeros((num_poses, num_shapes))
@@ -189,8 +189,9 @@ class SignatureModel(ArrayModel):
 
     def _sample(self, shape: int, poses: NDArray[np.int64], rng: np.random.Generator) -> TouchBatch:
         every = np.broadcast_to(np.arange(self.num_poses), (len(poses), self.num_poses))
-        signatures = self.confusion.sample_batch(shape, every, rng).logits[np.arange(len(poses))[:, None], poses]
-        anew = self.confusion.sample_batch(shape, poses, rng).logits
+        once = self.confusion.sample_batch(shape, every, rng).require_logits()
+        signatures = once[np.arange(len(poses))[:, None], poses]
+        anew = self.confusion.sample_batch(shape, poses, rng).require_logits()
         shows = rng.random(poses.shape) < self.repeat_probability
         return TouchBatch(poses, np.where(shows[..., None], signatures, anew))
 

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -237,3 +238,19 @@ def test_another_network_of_hypotheses_is_refused_and_has_to_be_trained_again(na
     write_tensors(tmp_path / "other.safetensors", tensors, fields, READER)
     with pytest.raises(CorruptFile, match=rf"is {name!r}, .*train it again"):
         TactileReader.load(tmp_path / "other.safetensors")
+
+
+def test_logits_may_be_left_out_and_the_belief_of_one_body_is_the_same():
+    sensor = TactileSensor.shipped("coarse")
+    image, _ = TouchWorld.sample(sensor, ["cone"], np.random.default_rng(0)).press("front", np.random.default_rng(1))
+    [whole], [bare] = (replace(sensor, with_logits=given).read(image[None], ["front"]) for given in (True, False))
+    np.testing.assert_allclose(whole.logits, sensor.reader.read(image[None]).logits[0], rtol=1e-5, atol=1e-5)
+    assert (bare.logits, bare.features.tolist()) == (None, whole.features.tolist())
+    found, expected = (sensor.model.start().update(touch).log_weights for touch in (bare, whole))
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_reader_of_shapes_gives_logits_in_any_case():
+    sensor = replace(TactileSensor.shipped("coarse-independent"), with_logits=False)
+    [touch] = sensor.read(np.zeros((1, *sensor.scene.image_shape), np.uint8), ["front"])
+    assert touch.logits is not None

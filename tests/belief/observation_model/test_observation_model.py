@@ -11,6 +11,7 @@ from belief import Touch
 from belief.files import sealed_json, unsealed_json
 from belief.observation_model import information_of_touch, read_observation_model, read_origin
 from belief.observation_model.selection import OBSERVATION_MODELS, log_posteriors
+from belief.synthetic import random_model
 from belief.touch_batch import TouchBatch
 
 BOTH_POSES = np.array([0, 1])
@@ -282,3 +283,13 @@ def test_lists_names_and_small_floats_will_do_as_arrays_would(name, world, rng):
     halves = [Touch(touch.pose, touch.logits.astype(np.float16)) for touch in touches]
     rounded = OBSERVATION_MODELS[name](halves, shapes[ids].astype(np.uint8), ids)
     np.testing.assert_allclose(log_posteriors(rounded, batch), log_posteriors(model, batch), rtol=0.1, atol=0.1)
+
+
+@pytest.mark.parametrize("name", OBSERVATION_MODELS)
+def test_a_touch_without_logits_is_refused_by_a_model_that_reads_them(name, rng):
+    source, ids = random_model(rng, num_shapes=2, num_poses=2), np.arange(160) // 4
+    touches = [touch for i in range(40) for touch in source.sample(i % 2, [0, 1, 0, 1], rng)]
+    model, bare = OBSERVATION_MODELS[name](touches, ids % 2, ids), Touch(1, features=np.zeros(3))
+    for ask in (model.start().update, lambda touch: model.log_likelihood([touch])):
+        with pytest.raises(ValueError, match="have no logits"):
+            _ = getattr(ask(bare), "log_likelihood", None)

@@ -6,8 +6,8 @@ from scipy.special import log_softmax, softmax
 
 from belief import SceneBelief, SearchProblem, Touch
 from belief.bayes import expected_information_gain
+from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.outcome_mixture import OutcomeMixture
-from belief.observation_model.rigid_body import RigidBodyModel
 from belief.synthetic import random_model
 
 P, K, N, M, D = 3, 2, 12, 9, 4
@@ -16,7 +16,9 @@ P, K, N, M, D = 3, 2, 12, 9, 4
 def model_of(rng, num_hypotheses=N, sharpness=2.0):
     hypotheses = rng.normal(size=(P, K, num_hypotheses, D)).astype(np.float32)
     references = sharpness * rng.normal(size=(P, M, D))
-    return RigidBodyModel(tuple("ab"), hypotheses, num_hypotheses, 1.0, references, np.zeros((P, M, K)))
+    return RigidBodyModel(
+        tuple("ab"), num_hypotheses, 1.0, references, np.zeros((P, M, K)), hypotheses=FixedHypotheses(hypotheses)
+    )
 
 
 def after(model, touches):
@@ -32,7 +34,7 @@ def some_touches(model, rng, number):
 
 def by_hand(model, evidence):
     """p(reference | pose, shape, hypothesis), ``(P, K, N, M)``, and weights ``(K, N)``, with double precision."""
-    scores = np.einsum("pkid,pmd->pkim", model.hypotheses.astype(float), model.references) / model.temperature
+    scores = np.einsum("pkid,pmd->pkim", model.table.astype(float), model.references) / model.temperature
     ratios = scores - np.log(np.exp(scores).sum(axis=(1, 2), keepdims=True))
     return softmax(ratios, axis=3), softmax(evidence.log_weights, axis=1)
 
@@ -112,7 +114,9 @@ def noiseless(num_angles=24):
     marks = rng.integers(M, size=(P, K, num_angles))
     hypotheses = 60.0 * np.eye(M, dtype=np.float32)[marks]
     references = np.tile(np.eye(M), (P, 1, 1))
-    model = RigidBodyModel(tuple("ab"), hypotheses, num_angles, 1.0, references, np.zeros((P, M, K)))
+    model = RigidBodyModel(
+        tuple("ab"), num_angles, 1.0, references, np.zeros((P, M, K)), hypotheses=FixedHypotheses(hypotheses)
+    )
     return model, marks
 
 

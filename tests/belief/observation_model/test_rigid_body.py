@@ -4,6 +4,7 @@ import copy
 import json
 import pickle
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 import pytest
@@ -11,9 +12,8 @@ from scipy.special import log_softmax, logsumexp
 from scipy.stats import kstest
 
 from belief import Touch
-from belief.observation_model import read_observation_model
+from belief.observation_model import FittedRigidBody, FixedHypotheses, RigidBodyModel, read_observation_model
 from belief.observation_model.check import check_observation_model
-from belief.observation_model.rigid_body import RigidBodyModel
 from belief.touch_batch import TouchBatch
 
 P, K, N, D = 3, 2, 40, 4
@@ -39,9 +39,13 @@ class World:
     def model(self, rng, temperature=1.0):
         found = [[self.touch(i % K, i % N, pose, rng).features for i in range(60)] for pose in range(P)]
         labels, blank = tuple("ab"), np.zeros((P, 60, K))
-        unnamed = RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), blank)
+        unnamed = RigidBodyModel(
+            labels, N, temperature, np.array(found), blank, hypotheses=FixedHypotheses(self.embed(N))
+        )
         marginal = [logsumexp(unnamed.scores(p, some), axis=2) for p, some in enumerate(unnamed.references)]
-        return RigidBodyModel(labels, self.embed(N), N, temperature, np.array(found), np.array(marginal))
+        return RigidBodyModel(
+            labels, N, temperature, np.array(found), np.array(marginal), hypotheses=FixedHypotheses(self.embed(N))
+        )
 
 
 @pytest.fixture
@@ -194,7 +198,9 @@ def test_no_touches_say_nothing(world, rng):
 
 def test_one_hypothesis_of_each_shape_makes_touches_independent(rng):
     world = World(rng, num_hypotheses=1)
-    model = RigidBodyModel(("a", "b"), world.embed(1), 1, 1.0, np.zeros((P, 5, D)), np.zeros((P, 5, K)))
+    model = RigidBodyModel(
+        ("a", "b"), 1, 1.0, np.zeros((P, 5, D)), np.zeros((P, 5, K)), hypotheses=FixedHypotheses(world.embed(1))
+    )
     touches = touches_of(world, 0, 0, [0, 1, 1], rng)
     apart = sum(model.log_likelihood([touch]) for touch in touches)
     np.testing.assert_allclose(posterior(model.log_likelihood(touches)), posterior(apart), atol=1e-6)
@@ -292,7 +298,7 @@ def test_half_precision_embeddings_agree_with_single(world, rng):
 def test_a_table_in_half_precision_agrees_with_one_in_single(world, rng):
     model = world.model(rng)
     touches = touches_of(world, 0, 1, [0, 1, 2, 1], rng)
-    half = replace(model, hypotheses=world.embed(N).astype(np.float16))
+    half = replace(model, hypotheses=FixedHypotheses(world.embed(N).astype(np.float16)))
     found, expected = (posterior(some.log_likelihood(touches)) for some in (half, model))
     np.testing.assert_allclose(found, expected, atol=5e-3)
 
@@ -321,10 +327,13 @@ def test_a_file_brings_it_back_and_the_reader_completes_it(world, rng):
     shapes, _, _, ids = np.array(rows).T
     model = RigidBodyModel.fit(touches, shapes, ids, embed=world.embed, num_hypotheses=N)
     found = read_observation_model(model.to_json())
+    assert type(found) is FittedRigidBody
     touches = touches_of(world, 0, 1, [0, 1], rng)
-    with pytest.raises(ValueError, match="with_hypotheses"):
-        found.log_likelihood(touches)
+    for ask in (found.log_likelihood, lambda _: found.sample(0, [0], rng)):
+        with pytest.raises(ValueError, match="with_hypotheses"):
+            ask(touches)
     found = found.with_hypotheses(world.embed)
+    assert type(found) is RigidBodyModel
     np.testing.assert_allclose(found.log_likelihood(touches), model.log_likelihood(touches))
     np.testing.assert_allclose(found.outcome_table(4).probs, model.outcome_table(4).probs)
     fields = json.loads(model.to_json())
@@ -389,15 +398,21 @@ def test_outcomes_that_no_reference_has_are_as_likely_as_a_tenth_of_a_touch_make
 def test_arrays_that_do_not_fit_are_refused(world):
     references, logits = np.zeros((P, 5, D)), np.zeros((P, 5, K))
     for arguments, words in (
-        ((world.embed(N)[:, :1], N, 1.0, references, logits), "hypotheses must be"),
-        ((world.embed(N), N + 1, 1.0, references, logits), "hypotheses must be"),
-        ((world.embed(N), N, 0.0, references, logits), "temperature"),
-        ((world.embed(N), N, np.inf, references, logits), "temperature"),
-        ((None, 0, 1.0, references, logits), "num_hypotheses must be an integer, at least 1"),
-        ((world.embed(N), N, 1.0, references, logits[:, :4]), "reference_logits"),
+        ((N, 0.0, references, logits), "temperature"),
+        ((N, np.inf, references, logits), "temperature"),
+        ((0, 1.0, references, logits), "num_hypotheses must be an integer, at least 1"),
+        ((N, 1.0, references, logits[:, :4]), "reference_logits"),
     ):
         with pytest.raises(ValueError, match=words):
-            RigidBodyModel(("a", "b"), *arguments)
+            FittedRigidBody(("a", "b"), *arguments)
+    fitted = FittedRigidBody(("a", "b"), N, 1.0, references, logits)
+    for table, number in ((world.embed(N)[:, :1], N), (world.embed(N), N + 1)):
+        with pytest.raises(ValueError, match="hypotheses must be"):
+            fitted.with_hypotheses(FixedHypotheses(table), number)
+    with pytest.raises(ValueError, match=r"must be \(P, K, N, D\), got \(4, 4\)"):
+        FixedHypotheses(np.zeros((4, 4)))
+    with pytest.raises(ValueError, match=r"groups \(0, 1, 2\) need hypotheses embedded by pose"):
+        replace(fitted, groups=(0, 1, 2)).with_hypotheses(world.embed)
 
 
 def test_hypotheses_are_embedded_at_first_use_and_never_again(world, rng):
@@ -424,7 +439,7 @@ def test_outcomes_are_kept_in_as_many_poses_as_fit_and_computed_in_the_others(wo
     model, chosen = world.model(rng), rng.integers(N, size=(K, 7))
     expected, bound = model.outcome_probs(chosen, 20), num_kept * K * N * 20
     monkeypatch.setattr("belief.observation_model.reference_outcomes._MOST_OUTCOMES", bound)
-    fresh = model.with_hypotheses(model.table)
+    fresh = model.with_hypotheses(FixedHypotheses(model.table))
     np.testing.assert_allclose(fresh.outcome_probs(chosen, 20), expected, rtol=1e-5)
     assert sum(kept.size for kept in fresh._outcomes._of_poses.values()) == bound
     assert expected.shape == (P, K, 7, 20)
@@ -442,3 +457,15 @@ def test_hypotheses_that_do_not_fit_are_refused_at_first_use(world, rng):
     model = world.model(rng).with_hypotheses(lambda number: world.embed(number)[:, :1])
     with pytest.raises(ValueError, match="hypotheses must be"):
         model.start().update(world.touch(0, 0, 0, rng))
+
+
+def test_logits_are_of_no_account_to_it(world, rng):
+    model = world.model(rng)
+    touches = touches_of(world, 0, 3, [0, 1, 2, 0], rng)
+    bare = [Touch(touch.pose, features=touch.features) for touch in touches]
+    np.testing.assert_array_equal(model.log_likelihood(bare), model.log_likelihood(touches))
+    ours, theirs = (reduce(lambda e, touch: e.update(touch), some, model.start()) for some in (bare, touches))
+    np.testing.assert_array_equal(ours.log_weights, theirs.log_weights)
+    batch = TouchBatch.of([bare, bare])
+    again = model.refitted(batch, [0, 0]).temperature
+    assert again == model.refitted(TouchBatch.of([touches, touches]), [0, 0]).temperature

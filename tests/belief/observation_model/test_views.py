@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from belief import Touch
-from belief.observation_model import read_observation_model
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model import FixedHypotheses, RigidBodyModel, read_observation_model
 from belief.observation_model.views import SharedMixture, Views
 
 P, K, N, D = 14, 3, 12, 5
@@ -38,8 +37,15 @@ def turned(rng):
 
 def models(turned, rng):
     references, logits = 2.0 * rng.normal(size=(1, 40, D)), rng.normal(size=(1, 40, K))
-    shared = RigidBodyModel(tuple("abc"), turned, N, 1.3, references, logits, groups=turned.groups)
-    alone = RigidBodyModel(tuple("abc"), turned(N), N, 1.3, np.repeat(references, P, 0), np.repeat(logits, P, 0))
+    shared = RigidBodyModel(tuple("abc"), N, 1.3, references, logits, groups=turned.groups, hypotheses=turned)
+    alone = RigidBodyModel(
+        tuple("abc"),
+        N,
+        1.3,
+        np.repeat(references, P, 0),
+        np.repeat(logits, P, 0),
+        hypotheses=FixedHypotheses(turned(N)),
+    )
     return shared, alone
 
 
@@ -83,8 +89,8 @@ def test_a_model_with_shared_references_survives_its_file_and_samples_as_the_oth
 def test_a_table_that_does_not_fit_the_references_is_refused(turned, rng):
     references, logits = rng.normal(size=(1, 4, D)), np.zeros((1, 4, K))
     with pytest.raises(ValueError, match="groups"):
-        RigidBodyModel(tuple("abc"), turned, N, 1.0, references, logits, groups=(0, 1))
-    other = RigidBodyModel(tuple("abc"), turned, N, 1.0, references, logits, groups=(0,) * (P - 1))
+        RigidBodyModel(tuple("abc"), N, 1.0, references, logits, groups=(0, 1), hypotheses=turned)
+    other = RigidBodyModel(tuple("abc"), N, 1.0, references, logits, groups=(0,) * (P - 1), hypotheses=turned)
     with pytest.raises(ValueError, match="groups"):
         _ = other.views
     for groups, same in (([1], [[0]]), ([0], [[1]]), ([0], [[-1]]), ([0, 0], [[0]]), ([0], [])):

@@ -5,7 +5,7 @@ import pytest
 
 from activetouch.hypotheses import quaternions
 from activetouch.poses import random_orientation, to_matrices
-from belief.observation_model.rigid_body import RigidBodyModel
+from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.touch_batch import TouchBatch
 from experiments.calibration.orientation import LEAST_P, QUANTITIES, Ranks, _ranks, rank_tests
 from experiments.calibration.sequences import Rounds
@@ -38,7 +38,9 @@ def touched(rng, symmetric, noise=NOISE, objects=OBJECTS):
     features = features.swapaxes(0, 1)[:, None]
     table = embedding(to_matrices(quaternions(N)), symmetric)[:, None].astype(np.float32)
     depth = table.shape[-1]
-    model = RigidBodyModel(("body",), table, N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)))
+    model = RigidBodyModel(
+        ("body",), N, 1.0, np.zeros((P, 1, depth)), np.zeros((P, 1, 1)), hypotheses=FixedHypotheses(table)
+    )
     rounds = Rounds(
         np.zeros((objects, 1, P, 1)), np.zeros(objects, int), features, rests, rng.uniform(0.9, 1.1, objects)
     )

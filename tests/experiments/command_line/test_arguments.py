@@ -19,12 +19,10 @@ from experiments.recorded.recorded import Recorded
 from experiments.search.export import Export
 from experiments.search.merge import Merge
 from experiments.search.replay import Replay
-from experiments.sensor.frontier import Frontier
 from experiments.tradeoff.tradeoff import Tradeoff
 
 _NEEDED = {
     Export: {"target": "cone", "out": Path("none")},
-    Frontier: {"checkpoints": ("none.safetensors",)},
     Merge: {"folders": ("none",)},
     Recorded: {"data": Path("none"), "format": "csv"},
 }
@@ -142,7 +140,7 @@ def test_the_command_line_ends_in_one_message(arguments, words, monkeypatch, cap
 
 @pytest.mark.parametrize(
     ("command", "flag"),
-    [(Frontier(()), "--checkpoints"), (Tradeoff(scenes=()), "--scenes"), (Reproduce(deciders=()), "--deciders")],
+    [(Tradeoff(scenes=()), "--scenes"), (Reproduce(deciders=()), "--deciders")],
 )
 def test_an_empty_list_of_things_to_do_is_refused(command, flag):
     with pytest.raises(BadArgument, match=f"{flag} must name at least one"):

@@ -12,7 +12,7 @@ import pytest
 from belief.claims import claim_folder, ends_claims
 from belief.errors import CannotWrite
 from experiments.cli import commands
-from experiments.extremes.arguments import _NEEDED
+from tests.experiments.command_line.test_arguments import _NEEDED
 
 fcntl = pytest.importorskip("fcntl")
 SHARED = {"compare", "collect", "merge"}  # several processes fill one folder; the first decides what it holds
@@ -38,7 +38,7 @@ def locked(folder):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_command_refuses_a_folder_that_another_process_writes(name, tmp_path):
-    command = commands()[name](**{**_NEEDED.get(name, {}), "out": tmp_path / "out"})
+    command = commands()[name](**{**_NEEDED.get(commands()[name], {}), "out": tmp_path / "out"})
     with locked(tmp_path / "out"), pytest.raises(CannotWrite, match="is in use: another process writes"):
         command.run()
     assert not list((tmp_path / "out").iterdir())

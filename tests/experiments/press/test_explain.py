@@ -12,6 +12,7 @@ from activetouch.orientations import Inexact, Resampled, Tumbled, Upright
 from activetouch.sensor_files import MODELS
 from belief.observation_model import OutcomeTable
 from experiments.press import explain
+from experiments.press.alike import Alike
 from experiments.press.belief_table import belief_table, latent
 from experiments.press.explain import Explain, limits_table
 from experiments.press.step_counter import Cost
@@ -72,13 +73,25 @@ def test_explain_measures_only_sensors_that_fit_the_scene(change, fits, tmp_path
     corners = "0 0 0\n.03 0 0\n0 .03 0\n0 0 .03"
     Path("pebble.off").write_text(f"OFF\n4 4 0\n{corners}\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n")
     monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, 0.0, 0.0, ()))
-    Explain(SceneChoice("coarse", **change), presses=1).run()
+    Explain(SceneChoice("coarse", **change), presses=1, alike=False).run()
     text = " ".join(capsys.readouterr().out.split())
     assert ("lower bounds on the touches" in text) == fits
     assert ("No sensor with a joint model" in text) != fits
     assert "what a press costs" in text
+    assert "layer bottoms out" in text
+    assert "feel alike" not in text
+
+
+def test_explain_compares_the_shapes_and_says_where_their_touches_land(monkeypatch, capsys):
+    monkeypatch.setattr(explain, "press_cost", lambda scene, presses: Cost(0.0, 0.0, 0.0, 0.0, 0.0, ()))
+    known = Alike((), dict.fromkeys(SCENES["coarse"].scene.shapes, (0.7, 0.3)), 6)
+    monkeypatch.setattr(explain, "compare_shapes", lambda scene, jobs: known)
+    Explain(SceneChoice("coarse"), presses=1).run()
+    text = " ".join(capsys.readouterr().out.split())
+    assert "feel alike" in text
+    assert "70%" in text
 
 
 def test_a_sensor_without_an_independent_model_is_measured_alone():
-    table = belief_table("keyed", SCENES["keyed"].scene, [MODELS / "keyed"])
+    table = belief_table("coarse", SCENES["coarse"].scene, [MODELS / "coarse-robust"])
     assert [row[0] for row in table.rows] == ["joint: one rigid body"]

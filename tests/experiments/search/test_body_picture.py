@@ -6,8 +6,8 @@ import pytest
 from activetouch.hypotheses import quaternions
 from activetouch.poses import turn
 from activetouch.shapes import SHAPES
+from belief.observation_model import FixedHypotheses, RigidBodyModel
 from belief.observation_model.log_weights import log_means
-from belief.observation_model.rigid_body import RigidBodyModel
 from belief.observation_model.rigid_body_evidence import RigidBodyEvidence
 from experiments.search.body_picture import Bodies
 
@@ -17,7 +17,14 @@ BODIES = Bodies(SHAPES, quaternions(N), np.ones(N))
 
 def evidence(log_weights):
     shape = (1, len(SHAPES), N, 1)
-    model = RigidBodyModel(tuple(SHAPES), np.zeros(shape, np.float32), N, 1.0, np.zeros((1, 1, 1)), np.zeros((1, 1, 4)))
+    model = RigidBodyModel(
+        tuple(SHAPES),
+        N,
+        1.0,
+        np.zeros((1, 1, 1)),
+        np.zeros((1, 1, 4)),
+        hypotheses=FixedHypotheses(np.zeros(shape, np.float32)),
+    )
     return RigidBodyEvidence(model, log_weights, log_means(log_weights))
 
 

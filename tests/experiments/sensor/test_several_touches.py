@@ -59,7 +59,8 @@ def test_a_touch_costs_its_share_of_the_processor_time_and_the_arrays_of_its_mod
     assert (
         len({id(evidence) for evidence in updated}) == len(updated) == 51
     )  # each adds to the one before; one to begin
-    arrays = {id(value): value.nbytes for value in vars(body).values() if isinstance(value, np.ndarray)}
+    held = [*vars(body).values(), body.table]
+    arrays = {id(value): value.nbytes for value in held if isinstance(value, np.ndarray)}
     assert cost.memory == sum(arrays.values()) / 1e6
 
 

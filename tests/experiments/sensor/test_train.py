@@ -18,12 +18,12 @@ from activetouch.perception.recipe import RECIPES
 from activetouch.scene_description import scene_differences, scene_fields
 from activetouch.sensor_files import READER_FILE
 from belief.statistics import clopper_pearson_interval, cluster_bootstrap
+from benchmarks.frontier import Frontier
+from benchmarks.learning_curve import LearningCurve
 from experiments.command_line.arguments import BadArgument
 from experiments.command_line.collection_arguments import PlanArguments
 from experiments.scene_choice import SceneChoice
 from experiments.sensor.collect import Collect
-from experiments.sensor.frontier import Frontier
-from experiments.sensor.learning_curve import LearningCurve
 from experiments.sensor.scores import accuracy_of_objects, scores
 from experiments.sensor.train import Changes, Train, card_for, new_classifier
 

@@ -23,7 +23,7 @@ from activetouch.shapes import Mesh
 from belief.calibration import TemperatureScaling
 from belief.errors import CorruptFile, UnknownName
 from belief.files import atomic_path, sealed_json, unsealed_json, write_text
-from experiments.extremes.cases import Case, answers, equal_to, in_folder, refusals, refuses
+from tests.extremes.cases import Case, answers, equal_to, in_folder, refusals, refuses
 
 Damage = Callable[[Path], object]
 _SHIPPED = MODELS / "coarse"

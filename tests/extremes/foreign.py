@@ -22,7 +22,6 @@ from belief.errors import ActiveTouchError
 from belief.synthetic import SyntheticWorld, random_model, sample_arrangement
 from experiments.bayes_error.limit import Limit
 from experiments.calibration.calibration_report import CalibrationReport
-from experiments.extremes.cases import Case, in_folder, refusals, refuses
 from experiments.ppo.touch_bank import MakeTouchBank
 from experiments.press.leak import Leak
 from experiments.robustness.robustness import Robustness
@@ -33,6 +32,7 @@ from experiments.sensor.calibrate import Calibrate
 from experiments.sensor.collect import collect
 from planners import Decision, search
 from planners.answers import BadDecision
+from tests.extremes.cases import Case, in_folder, refusals, refuses
 
 _LABELS, _POSES = ("cube", "cone", "sphere"), ("front", "side")
 _OTHER = "made for another scene|made for other|knows the shapes|reads images"

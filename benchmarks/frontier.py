@@ -1,4 +1,4 @@
-"""``activetouch frontier``: the accuracy and cost of trained networks, by backbone, runtime and batch size.
+"""The accuracy and cost of trained networks, by backbone, runtime and batch size.
 
 All are timed in turn, round after round, so that a busy moment of the machine meets all of them; a time is the median
 over rounds, and the ratio to the reference is the median of the ratios within a round.
@@ -17,6 +17,7 @@ from shutil import which
 from typing import TYPE_CHECKING, Annotated, cast
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from activetouch.data.dataset import read_split
@@ -68,7 +69,7 @@ class Frontier:
 
     For example:
 
-        activetouch frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
+        python -m benchmarks.frontier --checkpoints runs/tiny/classifier.safetensors runs/atto/classifier.safetensors
     """
 
     checkpoints: Annotated[tuple[Path, ...], NotEmpty()]
@@ -268,3 +269,7 @@ def draw_frontier(entries: Sequence[Entry], scene: str, path: Path) -> None:
         axes.margins(x=0.15, y=0.12)
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
+if __name__ == "__main__":
+    tyro.cli(Frontier, config=(tyro.conf.OmitSubcommandPrefixes,)).run()

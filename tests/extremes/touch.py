@@ -18,7 +18,7 @@ from activetouch.pressing.setup import Setup
 from activetouch.scene import Variation, WorldObject
 from activetouch.shapes import SHAPES, Box, Shape, Sphere
 from belief.errors import UnknownName
-from experiments.extremes.cases import Case, Expectation, answers, refuses, such_that
+from tests.extremes.cases import Case, Expectation, answers, refuses, such_that
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 _MOVING: dict[str, Press] = {"dynamic": Dynamic(), "guarded_move": GuardedMove()}

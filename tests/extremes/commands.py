@@ -17,7 +17,6 @@ from belief.files import sealed_json
 from experiments.bayes_error.image_bank import SensorNoise
 from experiments.calibration.calibration_report import CalibrationReport
 from experiments.command_line.arguments import BadArgument
-from experiments.extremes.cases import Case, answers, equal_to, in_folder, refuses
 from experiments.press.explain import Explain
 from experiments.press.touch import TouchCommand
 from experiments.scene_choice import SceneChoice
@@ -28,6 +27,7 @@ from experiments.search.setting import Setting
 from experiments.sensor.collect import Collect
 from experiments.sensor.train import Changes, Train
 from experiments.sensor_choice import NoSensor
+from tests.extremes.cases import Case, answers, equal_to, in_folder, refuses
 
 _COARSE = Setting(SceneChoice("coarse"))
 _NAN_RATE = Changes(learning_rate=math.nan)

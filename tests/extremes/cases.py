@@ -1,4 +1,4 @@
-"""Cases of ``stress``, and the judgement of their outcomes.
+"""Extreme inputs, and the judgement of their outcomes.
 
 A case passes an extreme input to a public function. It must give the right answer, which is known in advance, or an
 error of a stated type whose message names the cause. Anything else is a failure: a wrong answer, NaN, a warning,

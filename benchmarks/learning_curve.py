@@ -1,4 +1,4 @@
-"""``activetouch learning-curve``: accuracy on unseen objects against the number of images to learn from."""
+"""Accuracy on unseen objects against the number of images to learn from."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import tyro
 
 from activetouch.data.dataset import SPLITS, TouchSet, read_split
 from activetouch.data.manifest import Manifest
@@ -57,7 +58,7 @@ class LearningCurve:
 
     For example:
 
-        activetouch learning-curve --scene gel --shares 0.0625 0.25 1
+        python -m benchmarks.learning_curve --scene gel --shares 0.0625 0.25 1
     """
 
     scene: str = "gel"
@@ -155,3 +156,7 @@ def draw_learning_curve(points: Sequence[Point], title: str, path: Path) -> None
         axes.set(xlabel="images per shape", title=title)
         axes.set_xticks(images, [f"{number}" for number in images])
         axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+if __name__ == "__main__":
+    tyro.cli(LearningCurve, config=(tyro.conf.OmitSubcommandPrefixes,)).run()

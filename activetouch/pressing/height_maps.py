@@ -1,0 +1,133 @@
+"""Predicted contacts: height maps of a body in many orientations, as a pad would meet it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from activetouch.poses import to_matrices
+from activetouch.pressing.pad import Pad
+from activetouch.solids.mesh import Mesh
+from activetouch.solids.raster import heights
+from activetouch.solids.solid import Floats, Shape
+from belief.errors import InvalidArgument
+from belief.validation import require_count
+
+
+@dataclass(frozen=True)
+class Window:
+    """A square seen along the approach axis, centred on it.
+
+    Attributes:
+        edge: of the square [m].
+        num_pixels: along an edge.
+
+    Raises:
+        InvalidArgument: the edge is not above zero and finite, or there is no pixel.
+    """
+
+    edge: float
+    num_pixels: int
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.edge < np.inf:
+            raise InvalidArgument(f"the edge of a window must be above zero and finite, got {self.edge} m")
+        require_count("num_pixels", self.num_pixels)
+
+    @classmethod
+    def of(cls, pad: Pad, margin: float = 0.0, num_pixels: int | None = None) -> Window:
+        """The window of a pad, wider by a margin on each side, in whole pixels.
+
+        Args:
+            pad: in the middle of the window.
+            margin: at least this much on each side [m], such as the largest offset of an object.
+            num_pixels: along the edge of the pad; as many as it has taxels by default.
+
+        >>> Window.of(Pad(half_width=0.015), margin=0.002, num_pixels=32)
+        Window(edge=0.035625, num_pixels=38)
+        """
+        inside = pad.num_taxels if num_pixels is None else num_pixels
+        pixel = 2 * pad.half_width / inside
+        total = inside + 2 * ceil(margin / pixel - 1e-9)
+        return cls(total * pixel, total)
+
+    @property
+    def centres(self) -> Floats:
+        """Of the pixels along one axis [m], ``(num_pixels,)``."""
+        return ((np.arange(self.num_pixels) + 0.5) / self.num_pixels - 0.5) * self.edge
+
+
+def predicted_contacts(
+    body: Shape,
+    rotations: ArrayLike,
+    offsets: ArrayLike,
+    window: Window,
+    scales: ArrayLike = 1.0,
+    dtype: DTypeLike = np.float64,
+) -> NDArray[np.floating]:
+    """Height maps of a body: how far its surface reaches towards the pad, seen from the pad.
+
+    The gap of a press, :attr:`activetouch.pressing.contact.Contact.gap`, is ``heights.max() - heights``.
+
+    Args:
+        body: a solid or a mesh.
+        rotations: unit quaternions ``wxyz``, object to pad frame, ``(n, 4)``.
+        offsets: of the body's centre from the window's, along y and z [m], ``(n, 2)`` or ``(2,)``.
+        window: what is seen.
+        scales: size factors of the body, ``(n,)`` or one number.
+        dtype: of the result.
+
+    Returns:
+        Height of the surface above the body's centre [m], ``(n, num_pixels, num_pixels)``, rows along z, columns along
+        y; ``-inf`` beside the body.
+
+    Raises:
+        InvalidArgument: the arrays do not fit together, a number is not finite, a scale is not above zero, or a
+            rotation is no unit quaternion.
+
+    >>> from activetouch import SHAPES
+    >>> maps = predicted_contacts(SHAPES["cube"], [[1, 0, 0, 0]], [0.0, 0.0], Window(0.05, 5))
+    >>> maps[0, 2]
+    array([ -inf, 0.016, 0.016, 0.016,  -inf])
+    """
+    turns, places, sizes = _checked(rotations, offsets, scales)
+    matrices, num = to_matrices(turns), window.num_pixels
+    if isinstance(body, Mesh):
+        return heights(body.surface, matrices * sizes[:, None, None], places, window.edge / num, num, dtype)
+    z, y = (axis.ravel() for axis in np.meshgrid(window.centres, window.centres, indexing="ij"))
+    starts = np.stack([np.ones_like(y), y, z])
+    maps = np.empty((len(turns), num * num), dtype)
+    for matrix, place, size, reached in zip(matrices, places, sizes.tolist(), maps, strict=True):
+        distance, clearance = ray_distances(body, matrix, size, place, starts)
+        reached[:] = clearance - distance
+    return maps.reshape(-1, num, num)
+
+
+def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, starts: Floats) -> tuple[Floats, float]:
+    """Distance of a body, ``inf`` beside it, and of its centre from taxels at (1, y, z), ``starts`` ``(3, m)`` [m]."""
+    to_object = rotation.T / scale  # the object's frame, at nominal size
+    clearance = 2 * (body.bounding_radius * scale)
+    to_start = to_object.copy()  # from (1, y, z) of a taxel on the face of the pad, the plane x = 0
+    to_start[:, 0] = -(to_object @ (clearance, *offset))
+    distance = body.entry_distance(to_start @ starts, rotation[0])
+    distance *= scale
+    return distance, clearance
+
+
+def _checked(rotations: ArrayLike, offsets: ArrayLike, scales: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Arrays ``(n, 4)``, ``(n, 2)`` and ``(n,)``; see ``predicted_contacts``."""
+    turns, places, sizes = (np.asarray(given, float) for given in (rotations, offsets, scales))
+    num = len(turns) if turns.ndim else 0
+    if turns.shape != (num, 4) or places.shape not in ((num, 2), (2,)) or sizes.shape not in ((num,), ()):
+        raise InvalidArgument(
+            "rotations must be (n, 4), offsets (n, 2) or (2,), scales (n,) or one number; got the shapes "
+            f"{turns.shape}, {places.shape} and {sizes.shape}"
+        )
+    if not (np.isfinite(places).all() and np.isfinite(sizes).all() and (sizes > 0.0).all()):
+        raise InvalidArgument("offsets and scales must be finite, and scales above zero")
+    if not (np.abs(np.linalg.norm(turns, axis=1) - 1.0) < 1e-3).all():
+        raise InvalidArgument("every rotation must be a unit quaternion wxyz; divide each by its norm")
+    return turns, np.broadcast_to(places, (num, 2)), np.broadcast_to(sizes, num)

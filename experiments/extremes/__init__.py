@@ -1,1 +1,0 @@
-"""``stress``: numerical and physical extremes."""

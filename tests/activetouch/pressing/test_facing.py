@@ -1,0 +1,94 @@
+"""Simulated presses of hollow objects touch the surface that the image shows, and others are as they were."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from activetouch.placement import Placement
+from activetouch.poses import facing, random_orientation, to_matrix
+from activetouch.pressing.contact import first_touch
+from activetouch.pressing.deformable import Deformable
+from activetouch.pressing.dynamic import Dynamic
+from activetouch.pressing.facing import facing_geom
+from activetouch.pressing.guarded_move import GuardedMove
+from activetouch.pressing.pad import Pad
+from activetouch.pressing.setup import Setup
+from activetouch.pressing.soft_rig import SoftRig
+from activetouch.shapes import EXTENDED_SHAPES, Box, Mesh, Union
+
+SETUP = Setup(Pad(num_taxels=48))
+_CROSS = Union((Box((0.03, 0.008, 0.008)), Box((0.008, 0.008, 0.03))))
+
+
+def _revolved(profile):
+    mesh = trimesh.creation.revolve(np.array(profile), sections=48)
+    return Mesh("revolved", mesh.vertices, mesh.faces)
+
+
+def _bowl(radius=0.05, wall=0.004):
+    angle = np.linspace(-np.pi / 2, 0.0, 25)
+    outside = np.column_stack([np.cos(angle), np.sin(angle)]) * radius
+    return _revolved([*outside, *(outside[::-1] * (radius - wall) / radius)])
+
+
+BOWL = _bowl()
+SPHERE = Mesh("sphere", trimesh.creation.icosphere(2, 0.02).vertices, trimesh.creation.icosphere(2, 0.02).faces)
+INTO_THE_BOWL = facing((0.0, 0.0, 1.0))
+
+
+def first_force(press, placement):
+    """Position of the object's centre when the pad first feels it in a press of 1 N, and at the first touch."""
+    contact = press.press(SETUP, placement, 1.0)
+    felt = np.flatnonzero(np.abs(contact.trace.force).sum(axis=1))
+    return contact.trace.position[felt[0], 0], first_touch(SETUP.pad, placement)[1]
+
+
+@pytest.mark.parametrize("press", [Dynamic(speed=0.02, traced=True), GuardedMove()])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.004, -0.003)])
+def test_the_force_in_a_bowl_begins_where_the_image_has_its_surface(press, offset):
+    placement = Placement(BOWL, 1.1, INTO_THE_BOWL, np.array(offset))
+    position, touching = first_force(press, placement)
+    assert touching < -0.03  # deep in the bowl, whose centre of curvature is the origin
+    assert position == pytest.approx(touching, abs=1e-4)
+
+
+@pytest.mark.parametrize("shape", [BOWL, _CROSS], ids=["bowl", "cross"])
+def test_hollow_shapes_are_met_at_their_surface_from_all_sides(shape, rng):
+    for _ in range(5):
+        placement = Placement(shape, rng.uniform(0.5, 1.5), random_orientation(rng), rng.uniform(-0.003, 0.003, 2))
+        position, touching = first_force(GuardedMove(), placement)
+        assert position == pytest.approx(touching, abs=1e-4)
+
+
+def test_a_pad_that_fits_through_a_ring_feels_nothing():
+    ring = _revolved([(0.03, -0.004), (0.036, -0.004), (0.036, 0.004), (0.03, 0.004), (0.03, -0.004)])
+    contact = GuardedMove().press(SETUP, Placement(ring, 1.0, INTO_THE_BOWL), 1.0)
+    assert contact.force == 0.0
+    assert not contact.trace.force.any()
+
+
+def test_what_the_pad_meets_lies_on_the_surface_and_reaches_the_first_touch(rng):
+    placement = Placement(BOWL, 1.2, random_orientation(rng), np.array([0.002, 0.001]))
+    gap, touching = first_touch(SETUP.pad, placement)
+    found = (to_matrix(placement.orientation) @ facing_geom(SETUP.pad, placement, gap, touching).vertices.T) * 1.2
+    assert found[0].min() == pytest.approx(-touching)
+    beside = np.abs(found[1:] + placement.offset[:, None]).max()
+    assert beside <= SETUP.pad.half_width + 1e-9
+
+
+@pytest.mark.parametrize("shape", [*EXTENDED_SHAPES.values(), SPHERE], ids=[*EXTENDED_SHAPES, "mesh"])
+def test_convex_shapes_and_the_torus_are_pressed_as_they_were(shape, rng):
+    placement = Placement(shape, 1.0, random_orientation(rng))
+    assert facing_geom(SETUP.pad, placement, *first_touch(SETUP.pad, placement)) is None
+
+
+def test_a_soft_pad_is_not_touched_before_the_first_touch_in_a_bowl():
+    placement = Placement(BOWL, 1.0, INTO_THE_BOWL)
+    gap, touching = first_touch(SETUP.pad, placement)
+    soft = Deformable(nodes=9, layers=2)
+    met = {}
+    for what, geom in (("surface", facing_geom(SETUP.pad, placement, gap, touching)), ("hull", BOWL.geom)):
+        rig = SoftRig(SETUP.pad, soft, geom)
+        rig.place(touching + 0.0005, placement, 2.0)
+        met[what] = rig.step()
+    assert met["surface"] == 0.0 != met["hull"]

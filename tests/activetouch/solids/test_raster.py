@@ -1,0 +1,179 @@
+"""Height maps of triangles: the same as rays one by one, whichever way triangles face, without a leak at an edge."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from activetouch.poses import random_orientation, to_matrix
+from activetouch.shapes import Box, Mesh
+from activetouch.solids import raster
+from activetouch.solids.raster import Surface, heights
+from activetouch.solids.raycast import first_entry
+
+PIXEL, NUM = 0.001, 40
+BALL = trimesh.creation.icosphere(subdivisions=3, radius=0.014)
+TORUS = trimesh.creation.torus(0.012, 0.005)
+CUBE = trimesh.creation.box((0.02, 0.02, 0.02))
+CAVE = trimesh.util.concatenate([CUBE, trimesh.creation.box((0.01, 0.01, 0.01))])
+CAVE.faces[12:] = CAVE.faces[12:, ::-1]
+HOLED = trimesh.Trimesh(TORUS.vertices, TORUS.faces[::3], process=False)
+TWO = trimesh.util.concatenate([BALL, TORUS.copy().apply_translation((0.006, 0.004, 0.002))])
+TURNED = trimesh.util.concatenate([BALL.copy().apply_translation((0.03, 0, 0)), BALL])
+TURNED.faces[len(BALL.faces) :] = TURNED.faces[len(BALL.faces) :, ::-1]  # one of two balls
+FLIPPED = trimesh.Trimesh(
+    TORUS.vertices, np.where(np.arange(len(TORUS.faces))[:, None] % 2, TORUS.faces, TORUS.faces[:, ::-1]), process=False
+)
+# A torus of which a part is pulled through itself: closed, all triangles in one direction, but in places inside out.
+CROSSED = TORUS.copy()
+CROSSED.vertices[CROSSED.vertices[:, 0] > 0.006, 2] *= -1.0
+
+
+def ray_heights(vertices, faces, turn, place, pixel=PIXEL, num=NUM):
+    """The same map by rays."""
+    at = (np.arange(num) - (num - 1) / 2) * pixel
+    z, y = (axis.ravel() for axis in np.meshgrid(at - place[1], at - place[0], indexing="ij"))
+    origins = np.linalg.inv(turn) @ np.stack([np.full(y.size, -0.2), y, z])
+    scale = np.cbrt(np.linalg.det(turn))
+    found = first_entry(vertices, faces, origins, turn[0] / scale)
+    return (0.2 - found * scale).reshape(num, num)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "outwards"),
+    [
+        (BALL, True),
+        (TORUS, True),
+        (CUBE, True),
+        (TWO, True),
+        (CAVE, False),
+        (HOLED, False),
+        (TURNED, False),
+        (FLIPPED, False),
+        (CROSSED, False),
+    ],
+    ids=[
+        "ball",
+        "torus",
+        "cube",
+        "two bodies",
+        "cavity",
+        "holes",
+        "a turned body",
+        "turned triangles",
+        "crosses itself",
+    ],
+)
+def test_a_map_is_what_rays_say_one_by_one(mesh, outwards, rng):
+    surface = Surface.of(mesh.vertices, mesh.faces)
+    assert (surface.normals is not None) == outwards
+    turns = np.array([to_matrix(random_orientation(rng)) for _ in range(12)]) * rng.uniform(0.5, 1.4, (12, 1, 1))
+    places = rng.uniform(-0.004, 0.004, (12, 2))
+    maps = heights(surface, turns, places, PIXEL, NUM)
+    for found, turn, place in zip(maps, turns, places, strict=True):
+        expected = ray_heights(mesh.vertices, mesh.faces, turn, place)
+        assert np.isfinite(expected).sum() > 50
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+def test_a_turned_triangle_changes_nothing(rng):
+    turns = np.array([to_matrix(random_orientation(rng)) for _ in range(8)])
+    maps = [
+        heights(Surface.of(mesh.vertices, mesh.faces), turns, np.zeros((8, 2)), PIXEL, NUM) for mesh in (TORUS, FLIPPED)
+    ]
+    np.testing.assert_allclose(*maps, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("towards", [(1, 0, 0), (1, 1, 0), (1, 1, 1), (3, 4, 0)])
+@pytest.mark.parametrize("two_sided", [False, True])
+def test_no_pixel_on_an_edge_or_a_corner_is_left_out(towards, two_sided, rng):
+    # The corners of a finely divided cube lie on pixel centres exactly, or next to them by rounding.
+    fine = CUBE.copy().subdivide().subdivide().subdivide()
+    surface = Surface.of(fine.vertices, fine.faces)
+    surface = Surface(surface.vertices, surface.faces, None) if two_sided else surface
+    x = np.array(towards) / np.linalg.norm(towards)
+    y = np.cross((0.0, 0.0, 1.0), x) / np.linalg.norm(np.cross((0.0, 0.0, 1.0), x))
+    turn = np.stack([x, y, np.cross(x, y)])
+    across = fine.vertices @ turn[1:].T  # places of the corners along y and z
+    start, end = across[fine.edges_unique.T]
+    points = np.concatenate([across, 0.5 * (start + end), 0.25 * start + 0.75 * end])
+    places = -points * (1 - 1e-9)  # every point in the middle of a window of one pixel, none on the silhouette
+    maps = heights(surface, np.broadcast_to(turn, (len(places), 3, 3)), places, PIXEL, 1).ravel()
+    origins = turn.T @ np.stack([np.full(len(places), -0.1), *-places.T])
+    expected = 0.1 - Box((0.01, 0.01, 0.01)).entry_distance(origins, turn[0])
+    np.testing.assert_allclose(maps, expected, rtol=0, atol=1e-9)
+
+
+def test_no_pixel_on_a_random_point_of_a_random_edge_is_left_out(rng):
+    surface = Surface.of(BALL.vertices, BALL.faces)
+    start, end = BALL.vertices[BALL.edges_unique.T]
+    for _ in range(2):
+        turn, along = to_matrix(random_orientation(rng)), rng.uniform(size=(len(start), 1))
+        point = (start + along * (end - start)) @ turn.T
+        point = point[np.linalg.norm(point[:, 1:], axis=1) < 0.0135]  # not on the silhouette
+        places = -point[:, 1:] - [12 * PIXEL / 8, 0.0]  # to the left side, where rounding shows most
+        maps = heights(surface, np.broadcast_to(turn, (len(places), 3, 3)), places, PIXEL / 8, 25)[:, 12, 0]
+        assert np.isfinite(maps).all()
+        front = point[:, 0] < -1e-3
+        np.testing.assert_allclose(maps[front], -point[front, 0], rtol=0, atol=1e-9)
+
+
+def test_a_triangle_that_is_narrower_than_its_widening_is_not_prolonged():
+    for width in 10.0 ** -np.arange(1, 16):  # in pixels, of a triangle 20 mm deep
+        corners = np.array([[-0.01, 0.0, -PIXEL], [0.01, width * PIXEL, 0.2 * PIXEL], [-0.01, 0.0, PIXEL]])
+        surface = Surface.of(corners, np.array([[0, 1, 2]]))
+        beside = np.array([[shift * PIXEL, 0.0] for shift in (-width, -width - 5e-10, 5e-10, -width / 2)])
+        maps = heights(surface, np.eye(3)[None].repeat(4, 0), beside, PIXEL, 1).ravel()
+        hit = maps[np.isfinite(maps)]
+        assert (np.abs(hit) <= 0.01 + 1e-12).all()
+        assert np.isfinite(maps[3])
+
+
+def test_whole_rows_of_corners_on_pixels_leave_no_gap():
+    side = np.arange(9) * PIXEL
+    z, y = (axis.ravel() for axis in np.meshgrid(side, side, indexing="ij"))
+    corner = np.arange(81).reshape(9, 9)
+    a, b, c, d = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel(), corner[1:, 1:].ravel(), corner[1:, :-1].ravel()
+    sheet = Surface.of(np.stack([0 * y, y, z], 1), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]))
+    (found,) = heights(sheet, np.eye(3)[None], np.array([[-0.004, -0.004]]), PIXEL, 11)
+    expected = np.full((11, 11), -np.inf)
+    expected[1:-1, 1:-1] = 0.0
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_map_depends_neither_on_the_others_nor_on_the_size_of_a_portion(rng):
+    turns = np.array([to_matrix(random_orientation(rng)) for _ in range(20)])
+    places, surface = rng.uniform(-0.01, 0.01, (20, 2)), Surface.of(TWO.vertices, TWO.faces)
+    together = heights(surface, turns, places, PIXEL, 16)
+    alone = np.concatenate([heights(surface, turns[i : i + 1], places[i : i + 1], PIXEL, 16) for i in range(20)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(raster, "_MOST", 50)
+        few = heights(surface, turns, places, PIXEL, 16)
+    np.testing.assert_allclose(together, alone, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(together, few, rtol=0, atol=1e-15)
+    single = heights(surface, turns, places, PIXEL, 16, np.float32)
+    assert single.dtype == np.float32
+    np.testing.assert_array_equal(single, together.astype(np.float32))
+
+
+def test_triangles_seen_edge_on_stay_between_their_corners():
+    # A cube whose sides are parallel to the view, tilted by less and less: no height beyond those of its corners.
+    fine = CUBE.copy().subdivide().subdivide()
+    surface = Surface.of(fine.vertices, fine.faces)
+    for angle in 10.0 ** -np.arange(3, 18):
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+        for two_sided in (surface, Surface(surface.vertices, surface.faces, None)):
+            (found,) = heights(two_sided, turn[None], np.zeros((1, 2)), 0.02 / 8, 9)  # the outer pixels are on the rim
+            assert found.max() <= 0.01 + 0.02 * angle + 1e-15
+            assert found[1:-1, 1:-1].min() >= 0.01 - 0.02 * angle - 1e-12
+
+
+def test_a_surface_beside_the_window_leaves_it_empty():
+    surface = Surface.of(BALL.vertices, BALL.faces)
+    beside = np.array([[0.1, 0.0], [0.0, -0.1]])
+    assert np.isneginf(heights(surface, np.eye(3)[None].repeat(2, 0), beside, PIXEL, NUM)).all()
+    assert heights(surface, np.zeros((0, 3, 3)), np.zeros((0, 2)), PIXEL, NUM).shape == (0, NUM, NUM)
+
+
+def test_the_surface_of_a_mesh_is_prepared_once():
+    mesh = Mesh("ball", BALL.vertices, BALL.faces)
+    assert mesh.surface is mesh.surface

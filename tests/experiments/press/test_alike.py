@@ -1,0 +1,120 @@
+"""Shapes that feel alike: congruent ones are never told apart, different ones are, and a hole shows where it is met."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+
+import activetouch
+from activetouch import SCENES
+from activetouch.poses import POSE_SETS, random_orientation, to_matrix
+from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Box, Mesh, Sphere
+from belief.errors import InvalidArgument
+from experiments.press.contact_fit import ContactFit
+
+GEL = SCENES["gel"].scene
+
+
+def _cube(half_edge, hole=0.0, depth=0.0):
+    """A cube as a mesh, with a round hole in its upper face."""
+    num = 16
+    angle = np.arange(num) * 2 * np.pi / num
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    square = ring / np.abs(ring).max(axis=1, keepdims=True) * half_edge
+    small = ring * (hole or half_edge / 2)
+    levels = [(square, -half_edge), (square, half_edge), (small, half_edge), (small, half_edge - depth)]
+    corners = [np.column_stack([outline, np.full(num, z)]) for outline, z in levels]
+    vertices = np.vstack([*corners, [[0, 0, -half_edge], [0, 0, half_edge - depth]]])
+    faces = []
+    for i in range(num):
+        j = (i + 1) % num
+        for level in range(3 if hole else 2):
+            a, b, c, d = level * num + i, level * num + j, (level + 1) * num + i, (level + 1) * num + j
+            faces += [(a, b, d), (a, d, c)]
+        bottom = 3 * num if hole else 2 * num
+        faces += [(j, i, 4 * num), (bottom + i, bottom + j, 4 * num + 1)]
+    return Mesh("cube", vertices, faces)
+
+
+@cache
+def found(*shapes, num_objects=8, scene="gel"):
+    named = {f"{number}": shape for number, shape in enumerate(shapes)}
+    return activetouch.alike(replace(SCENES[scene].scene, shapes=named), num_objects=num_objects)
+
+
+@pytest.mark.filterwarnings("ignore::activetouch.errors.MeshWarning")  # of twins
+def test_congruent_meshes_in_different_frames_are_told_apart_by_chance(rng):
+    ball = trimesh.creation.icosphere(2, 0.02)
+    vertices = ball.vertices * np.where(ball.vertices[:, :1] > 0.005, (1.0, 0.96, 0.72), (1.0, 0.8, 0.6))
+    turned = vertices @ to_matrix(random_orientation(rng)).T
+    (pair,) = found(Mesh("one", vertices, ball.faces), Mesh("other", turned, ball.faces)).pairs
+    assert min(pair.one, pair.all) > 0.4
+    assert max(pair.one_interval[1], pair.all_interval[1]) == 0.5
+    assert pair.shown <= 0.1
+
+
+def test_different_shapes_are_told_apart_by_one_touch():
+    (pair,) = found(Sphere(0.02), SHAPES["cube"]).pairs
+    assert pair.one == pytest.approx(0.0, abs=0.01)
+    assert pair.all_compared == pytest.approx(0.0, abs=0.05)
+    assert (pair.shown, pair.shown_from_26) == (1.0, None)
+
+
+def test_cube_and_cuboid_share_corners_that_one_touch_confuses_and_six_do_not():
+    (pair,) = found(EXTENDED_SHAPES["cube"], EXTENDED_SHAPES["cuboid"], scene="hard").pairs
+    assert 0.1 < pair.one <= pair.one_compared <= 0.5
+    assert pair.all < 0.02
+    assert pair.all_interval[0] <= pair.all <= pair.all_interval[1]
+
+
+def test_a_hole_in_one_face_shows_in_few_objects_and_in_more_from_26_directions():
+    result = found(_cube(0.007), _cube(0.007, hole=0.0025, depth=0.006), num_objects=12)
+    (pair,) = result.pairs
+    assert 0.2 < pair.all < 0.5  # most objects never show the face with the hole
+    assert 0.0 < pair.shown <= 0.4
+    assert pair.shown_from_26 > pair.shown + 0.2
+
+
+def test_six_of_26_poses_are_used_and_one_pose_alone_is_enough():
+    scene = replace(GEL, shapes={"ball": Sphere(0.01), "cube": SHAPES["cube"]}, poses=POSE_SETS["directions26"])
+    assert activetouch.alike(scene, num_objects=2).num_touches == 6
+    one = replace(scene, poses={"front": scene.rotations["-x"]})
+    assert activetouch.alike(one, num_objects=2).num_touches == 1
+
+
+def test_touches_of_a_large_object_reach_little_of_it():
+    reach = found(Box((0.06, 0.06, 0.06)), Sphere(0.01)).reach
+    assert reach["0"][1] < 0.15 < 0.25 < reach["1"][1]
+    assert reach["1"][0] == pytest.approx(1.0)
+
+
+def test_one_shape_or_one_object_is_nothing_to_compare():
+    with pytest.raises(InvalidArgument, match="two shapes and two objects"):
+        activetouch.alike(replace(GEL, shapes={"cube": SHAPES["cube"]}))
+    with pytest.raises(InvalidArgument, match="got 4 and 1"):
+        activetouch.alike(GEL, num_objects=1)
+
+
+def test_a_fit_finds_the_press_that_made_the_images(rng):
+    scene = replace(GEL, shapes={"ellipsoid": EXTENDED_SHAPES["ellipsoid"]})
+    fit, body, poses = ContactFit.of(scene), scene.solids["ellipsoid"], np.array(list(scene.rotations.values()))
+    true = np.array([[*random_orientation(rng), 1.03, *[0.001, -0.0005, 0.0] * 6] for _ in range(4)])
+    images = fit.images(fit.heights(body, true, poses)).reshape(4, 6, fit.edge, fit.edge)
+    start = true.copy()
+    start[:, :4] += 0.03
+    start[:, :4] /= np.linalg.norm(start[:, :4], axis=1, keepdims=True)
+    start[:, 4:] = [1.0, *[0.0] * 18]
+    far = fit.fit(body, images, start, poses, 0)[1]
+    presses, near = fit.fit(body, images, start, poses, 15)
+    assert (near < 0.01 * far).all()
+    assert presses[:, 4] == pytest.approx(1.03, abs=0.01)
+
+
+def test_images_of_a_fit_carry_the_force_as_those_of_the_scene():
+    fit = ContactFit.of(GEL)
+    flat = np.full((1, fit.window.num_pixels, fit.window.num_pixels), 0.01)
+    force = fit.images(flat)[0].mean() * fit.noise * GEL.pad.max_depth * GEL.pad.stiffness * fit.window.edge**2
+    assert force == pytest.approx(np.mean(GEL.variation.force.support))
+    assert fit.images(np.full_like(flat, -np.inf)).max() == 0.0
