@@ -36,8 +36,8 @@ _LATER = {
     "compare": "experiments.search.objects",
     "make_sensor": "experiments.sensor.make_sensor",
     "predicted_contacts": "activetouch.pressing.height_maps",
-    "Window": "activetouch.pressing.height_maps",
     "read_meshes": "activetouch.mesh_source",
+    "Window": "activetouch.pressing.height_maps",
 }
 
 __all__ = [

@@ -23,7 +23,7 @@ _SAME_DEPTH = 1e-9  # [m]
 _THINNEST = 1e-6  # extent of a flat sheet across itself, relative to its extent along itself
 
 
-class Surface(NamedTuple):
+class Examined(NamedTuple):
     """Triangles that face outwards, and what was found about them.
 
     Attributes:
@@ -39,7 +39,7 @@ class Surface(NamedTuple):
     problem: str | None = None
 
 
-def examined(vertices: Floats, faces: Ints) -> Surface:
+def examined(vertices: Floats, faces: Ints) -> Examined:
     """Turn the triangles outwards, and say what a pad will feel of them.
 
     A patch is a set of triangles that are connected through edges of two triangles. Each patch is oriented as a whole:
@@ -55,7 +55,7 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
     vertices = vertices - middle
     extents = np.linalg.eigvalsh(vertices.T @ vertices)  # squared
     if extents[0] <= _THINNEST**2 * extents[-1]:
-        return Surface(faces, middle, problem="it encloses no volume: it is flat")
+        return Examined(faces, middle, problem="it encloses no volume: it is flat")
     patch, turned = _patches(faces)
     faces = np.where(turned[:, None], faces[:, ::-1], faces)
     num_patches = int(patch.max()) + 1
@@ -64,13 +64,13 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
     inwards = np.bincount(patch, volumes) < 0.0
     if num_patches == 1 and not is_open[0]:
         if not volumes.sum():
-            return Surface(faces, middle, problem="it encloses no volume")
+            return Examined(faces, middle, problem="it encloses no volume")
         centre = volumes @ vertices[faces].sum(axis=1) / (4 * volumes.sum())
-        return Surface(faces[:, ::-1] if inwards[0] else faces, middle + centre)
+        return Examined(faces[:, ::-1] if inwards[0] else faces, middle + centre)
 
     triangle, is_back = first_met(vertices, faces)
     if not len(triangle):
-        return Surface(faces, middle, problem="it encloses no volume")
+        return Examined(faces, middle, problem="it encloses no volume")
     backs, met = (np.bincount(patch[some], minlength=num_patches) for some in (triangle[is_back], triangle))
     inwards = np.where(is_open, 2 * backs > met, inwards)
     faces = np.where(inwards[patch][:, None], faces[:, ::-1], faces)
@@ -95,7 +95,7 @@ def examined(vertices: Floats, faces: Ints) -> Surface:
         f"it is not closed: {seen}, {MOST_INSIDE:.0%} are the most. It is a sheet without thickness, or has large "
         "holes: fill them, or make it solid, in the program it comes from"
     )
-    return Surface(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
+    return Examined(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
 
 
 def areas(vertices: Floats, faces: Ints) -> Floats:

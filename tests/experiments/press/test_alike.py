@@ -45,6 +45,7 @@ def found(*shapes, num_objects=8, scene="gel"):
     return activetouch.alike(replace(SCENES[scene].scene, shapes=named), num_objects=num_objects)
 
 
+@pytest.mark.filterwarnings("ignore::activetouch.errors.MeshWarning")  # of twins
 def test_congruent_meshes_in_different_frames_are_told_apart_by_chance(rng):
     ball = trimesh.creation.icosphere(2, 0.02)
     vertices = ball.vertices * np.where(ball.vertices[:, :1] > 0.005, (1.0, 0.96, 0.72), (1.0, 0.8, 0.6))
