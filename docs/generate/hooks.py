@@ -21,7 +21,7 @@ from mkdocs.structure.files import File  # noqa: E402
 OF_ROOT = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Files outside of the folder that are pages."""
 NAV: dict[str, list[str]] = {
-    "Learn": ["start.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
+    "Learn": ["start.md", "your_own_objects.md", "install.md", "toy.md", "likelihood.md", "glossary.md"],
     "Look up": ["commands.md", "columns.md", "environments.md", "extending.md"],
     "Understand": [
         "world.md",
