@@ -1,0 +1,364 @@
+"""Simulated touches of random bodies, in batches: what a reader that knows the sensor, not the shapes, learns from.
+
+One batch holds B touches of G random bodies in W worlds. A world is a state of the sensor and of the press: see
+:class:`World`. Every touch has its image, the contact that its hypothesis predicts, and the width of the cell that the
+hypothesis stands for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import scipy  # whose parts load at first use
+from numpy.typing import NDArray
+
+from activetouch.poses import to_matrices
+from activetouch.pressing.height_maps import Window
+from activetouch.pressing.pad import Pad
+from activetouch.solids.raster import Surface, heights
+from benchmarks.sensor_reader.bodies import random_body
+
+Floats32 = NDArray[np.float32]
+
+BROKEN = 4
+"""Cells along the edge of the map of broken taxels that a world is described by."""
+WORLD = 8 + 2 * BROKEN**2
+"""Numbers that describe a world to the network of contacts; all are 0 where the sensor is as it should be."""
+_BISECTIONS = 18
+
+
+class World(NamedTuple):
+    """The state of the sensor and of the press, relative to what the sensor's description says; arrays are ``(n,)``.
+
+    Attributes:
+        stiffness: factor.
+        force: factor.
+        noise: factor.
+        gain: factor.
+        blur: standard deviation of a Gaussian filter, in parts of the image's edge.
+        shift: displacement of the image along rows and columns, in parts of its edge, ``(n, 2)``.
+        hysteresis: by which all readings are too low, relative to full scale.
+        dead: share of dead taxels in each cell, ``(n, BROKEN, BROKEN)``.
+        stuck: share of taxels at full scale in each cell, ``(n, BROKEN, BROKEN)``.
+    """
+
+    stiffness: Floats32
+    force: Floats32
+    noise: Floats32
+    gain: Floats32
+    blur: Floats32
+    shift: Floats32
+    hysteresis: Floats32
+    dead: Floats32
+    stuck: Floats32
+
+    @classmethod
+    def nominal(cls, number: int) -> World:
+        """The world in which the sensor is as it should be, ``number`` times."""
+        ones, zeros = np.ones(number, np.float32), np.zeros(number, np.float32)
+        cells = np.zeros((number, BROKEN, BROKEN), np.float32)
+        return cls(ones, ones, ones, ones, zeros, np.zeros((number, 2), np.float32), zeros, cells, cells)
+
+    def code(self) -> Floats32:
+        """As the network of contacts reads it, ``(n, WORLD)``."""
+        numbers = (np.log2(self.stiffness), np.log2(self.force), np.log2(self.noise), 4 * np.log2(self.gain))
+        others = (20 * self.blur, *(10 * self.shift.T), 20 * self.hysteresis)
+        cells = [cells.reshape(len(cells), -1) for cells in (self.dead, self.stuck)]
+        return np.concatenate([np.stack([*numbers, *others], axis=1), *cells], axis=1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Imaging:
+    """What images of a sensor are made of.
+
+    Attributes:
+        pad: the pad.
+        taxels: along an edge of the image.
+        pixels: along an edge of what the network reads; divides ``taxels``, or is divided by it.
+        force: smallest and largest force [N].
+        gain: half range of the amplification of each touch.
+        noise: standard deviation of each taxel, relative to full scale.
+        offset: largest displacement along y and z [m].
+        sizes: smallest and largest factor on a body's size.
+        dead: which taxels never read anything, ``(taxels, taxels)``; none if not given.
+        samples: points along the edge of the pad at which the surface is computed; a multiple of ``pixels``.
+    """
+
+    pad: Pad
+    taxels: int
+    pixels: int
+    force: tuple[float, float] = (1.5, 3.0)
+    gain: float = 0.10
+    noise: float = 0.02
+    offset: float = 0.002
+    sizes: tuple[float, float] = (0.75, 1.25)
+    dead: NDArray[np.bool_] | None = None
+    samples: int = 32
+
+    @property
+    def window(self) -> Window:
+        """Of the images."""
+        return Window(2 * self.pad.half_width, self.samples)
+
+    @property
+    def wide_window(self) -> Window:
+        """Of the predicted contacts: wider than the pad by the largest offset and the largest shift of the image."""
+        return Window.of(self.pad, self.offset + 0.1 * 2 * self.pad.half_width, self.contact_pixels)
+
+    @property
+    def contact_pixels(self) -> int:
+        """Along the edge of the pad in a predicted contact."""
+        return max(self.pixels, 16)
+
+    def images(self, reached: Floats32, world: World, rng: np.random.Generator) -> tuple[Floats32, NDArray[np.bool_]]:
+        """Images in [0, 1] of bodies that meet the pad, ``(n, pixels, pixels)``, and whether they hit it, ``(n,)``."""
+        number = len(reached)
+        highest = reached.max(axis=(1, 2))
+        hit = np.isfinite(highest)
+        gap = np.where(np.isfinite(reached), np.where(hit, highest, 0.0)[:, None, None] - reached, np.float32(1.0))
+        load = rng.uniform(*self.force, number) * world.force / (world.stiffness * self.pad.stiffness)
+        area = (2 * self.pad.half_width / self.samples) ** 2
+        pressed = _indentation(gap, (load / area).astype(np.float32), self.pad.max_depth)
+        seen = pressed * (world.stiffness / self.pad.max_depth)[:, None, None]
+        seen = _blurred(_shifted(seen, world.shift), world.blur)
+        seen *= (world.gain * rng.uniform(1 - self.gain, 1 + self.gain, number))[:, None, None].astype(np.float32)
+        seen = np.maximum(seen - world.hysteresis[:, None, None], 0.0)
+        return self._read(seen.astype(np.float32), world, rng), hit
+
+    def _read(self, seen: Floats32, world: World, rng: np.random.Generator) -> Floats32:
+        """The mean reading of all taxels of a pixel: their noise is clipped at zero, which moves the mean."""
+        shown = min(self.taxels, self.samples)
+        values = _binned(seen, shown)
+        std = (self.noise * world.noise)[:, None, None].astype(np.float32)
+        if self.taxels <= self.samples:  # a taxel is at least a sample wide
+            noisy = np.clip(values + std * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
+        else:
+            mean, variance = _clipped_moments(values, std)
+            each = np.sqrt(variance * (self.samples / self.taxels) ** 2)
+            noisy = np.clip(mean + each * rng.standard_normal(values.shape, np.float32), 0.0, 1.0)
+        dead, stuck = (_enlarged(cells, shown) for cells in (world.dead, world.stuck))
+        own = 0.0 if self.dead is None else _binned(self.dead[None].astype(np.float32), shown)
+        noisy = noisy * (1 - np.minimum(dead + own, 1.0)) * (1 - stuck) + stuck
+        return _binned(noisy, self.pixels) if shown >= self.pixels else _enlarged(noisy, self.pixels)
+
+
+def encoded(reached: Floats32, inner: int) -> Floats32:
+    """Predicted contacts as the network reads them: gaps behind the first contact, near and far, ``(n, 2, W, W)``.
+
+    Args:
+        reached: height maps of :func:`activetouch.predicted_contacts`, ``(n, W, W)`` [m].
+        inner: pixels along the edge of the pad in the middle of the window.
+    """
+    margin = (reached.shape[-1] - inner) // 2
+    middle = slice(margin, margin + inner)
+    first = reached[:, middle, middle].max(axis=(1, 2))
+    first = np.where(np.isfinite(first), first, reached.max(axis=(1, 2)))
+    first = np.where(np.isfinite(first), first, 0.0)[:, None, None]
+    gap = np.clip(np.where(np.isfinite(reached), first - reached, 0.02), -0.006, 0.008).astype(np.float32)
+    return np.stack([gap / 0.004, np.exp(-np.maximum(gap, -0.001) / 0.0006) / 2], axis=1)
+
+
+class Batch(NamedTuple):
+    """B touches of G bodies, of which touches i · B / G … belong to body i, in W worlds.
+
+    Attributes:
+        images: ``(B, n, n)``.
+        hit: whether the pad was hit, ``(B,)``.
+        contacts: encoded, of every touch's own hypothesis, ``(B, 2, m, m)``.
+        cells: width of the cells that the hypotheses stand for [rad], ``(B,)``.
+        world: of every touch, ``(B,)``, in 0 … W − 1.
+        codes: of the worlds, ``(W, WORLD)``.
+        bodies: ``(B,)``, in 0 … G − 1.
+    """
+
+    images: Floats32
+    hit: NDArray[np.bool_]
+    contacts: Floats32
+    cells: Floats32
+    world: NDArray[np.int64]
+    codes: Floats32
+    bodies: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Batches:
+    """An endless stream of batches; batch i follows from the seed and i alone.
+
+    Attributes:
+        imaging: of the sensor.
+        bodies: numbers of the random bodies to draw from.
+        groups: G.
+        touches: of each body in a batch.
+        worlds: W.
+        nominal: share of nuisances that are as they should be.
+        cells: narrowest and widest cell [rad].
+        seed: of the stream.
+    """
+
+    imaging: Imaging
+    bodies: range
+    groups: int = 16
+    touches: int = 32
+    worlds: int = 8
+    nominal: float = 0.45
+    cells: tuple[float, float] = (0.035, 0.35)
+    seed: int = 0
+
+    def __call__(self, number: int) -> Batch:
+        """Batch ``number``."""
+        rng = np.random.default_rng([self.seed, number, len(self.bodies)])
+        imaging, total = self.imaging, self.groups * self.touches
+        worlds = drawn_worlds(rng, self.worlds, self.nominal)
+        world = np.tile(np.arange(self.worlds), -(-total // self.worlds))[:total]
+        cells = np.exp(rng.uniform(*np.log(self.cells), total))
+        turns = _normalised(rng.normal(size=(total, 4)))
+        sizes = rng.uniform(*imaging.sizes, total)
+        offsets = rng.uniform(-imaging.offset, imaging.offset, (total, 2))
+        near = _near(turns, cells, rng)
+        seen = np.empty((total, imaging.samples, imaging.samples), np.float32)
+        predicted = np.empty((total, *[imaging.wide_window.num_pixels] * 2), np.float32)
+        for group, body in enumerate(rng.choice(self.bodies, self.groups, replace=False)):
+            some = slice(group * self.touches, (group + 1) * self.touches)
+            surface = kept_body(int(body))
+            seen[some] = _maps(surface, turns[some], sizes[some], offsets[some], imaging.window)
+            nearby = sizes[some] * np.exp(rng.normal(size=self.touches) * 0.15 * cells[some])
+            predicted[some] = _maps(surface, near[some], nearby, np.zeros((self.touches, 2)), imaging.wide_window)
+        images, hit = imaging.images(seen, World(*(part[world] for part in worlds)), rng)
+        return Batch(
+            images,
+            hit,
+            encoded(predicted, imaging.contact_pixels),
+            cells.astype(np.float32),
+            world,
+            worlds.code(),
+            np.repeat(np.arange(self.groups), self.touches),
+        )
+
+    def __iter__(self) -> Iterator[Batch]:
+        number = 0
+        while True:
+            yield self(number)
+            number += 1
+
+
+def _maps(
+    surface: Surface,
+    turns: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    places: NDArray[np.float64],
+    window: Window,
+) -> Floats32:
+    pixel = window.edge / window.num_pixels
+    return heights(surface, to_matrices(turns) * sizes[:, None, None], places, pixel, window.num_pixels, np.float32)
+
+
+@lru_cache(maxsize=8192)
+def kept_body(number: int) -> Surface:
+    """A random body, kept for the next batch that shows it."""
+    return random_body(number)
+
+
+def drawn_worlds(rng: np.random.Generator, number: int, nominal: float) -> World:
+    """Random worlds, in which each nuisance is as it should be with probability ``nominal``, and all are in the first.
+
+    The first world of a batch is nominal, because the sensor mostly is.
+    """
+    usual = World.nominal(number)
+    broken = np.zeros((2, number, BROKEN, BROKEN), np.float32)
+    for world in range(number):
+        if rng.uniform() < 0.5:  # one or two cells, all of their taxels or some
+            for _ in range(rng.integers(1, 3)):
+                share = 1.0 if rng.uniform() < 0.6 else rng.uniform(0.05, 1.0)
+                broken[rng.integers(2), world, rng.integers(BROKEN), rng.integers(BROKEN)] = share
+        elif rng.uniform() < 0.4:  # single taxels everywhere
+            broken[rng.integers(2), world] = rng.uniform(0.0, 0.12)
+    strange = World(
+        2 ** rng.uniform(-1.5, 1.0, number),
+        2 ** rng.uniform(-2.4, 1.0, number),
+        2 ** rng.uniform(-0.5, 2.0, number),
+        2 ** rng.uniform(-0.4, 0.4, number),
+        rng.uniform(0.0, 0.08, number),
+        rng.uniform(-0.1, 0.1, (number, 2)),
+        rng.uniform(0.0, 0.1, number),
+        broken[0],
+        broken[1] * (broken[0] == 0.0),
+    )
+    is_strange = rng.uniform(size=(number, 7)) > nominal
+    is_strange[0] = False
+    column = dict(zip(World._fields, (0, 1, 2, 3, 4, 5, 6, 6, 6), strict=True))
+    column |= {"hysteresis": 4}
+    found = []
+    for name, one, other in zip(World._fields, strange, usual, strict=True):
+        choice = is_strange[:, column[name]].reshape(number, *[1] * (other.ndim - 1))
+        found.append(np.where(choice, one, other).astype(np.float32))
+    return World(*found)
+
+
+def _normalised(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _near(turns: NDArray[np.float64], cells: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    """Orientations after small turns, whose standard deviation about each axis is the width of the cell."""
+    small = rng.normal(size=(len(turns), 3)) * (cells / 2)[:, None]
+    w, (x, y, z) = np.ones(len(turns)), small.T
+    a, b, c, d = turns.T
+    product = (w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c)
+    product += (w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
+    return _normalised(np.stack(product, axis=1))
+
+
+def _indentation(gap: Floats32, load: Floats32, deepest: float) -> Floats32:
+    """Indentation of every point whose sum over the points is ``load``, unless the layer bottoms out, by bisection."""
+    low, high = np.zeros(len(gap), np.float32), np.full(len(gap), deepest, np.float32)
+    flat = gap.reshape(len(gap), -1)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        short = np.maximum(middle[:, None] - flat, 0.0).sum(axis=1) < load
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.maximum(low[:, None, None] - gap, 0.0)
+
+
+def _shifted(images: Floats32, shifts: Floats32) -> Floats32:
+    """Images displaced by whole points, with zeros where nothing is shown."""
+    by = np.rint(shifts * images.shape[-1]).astype(int)
+    found = images
+    for number in np.flatnonzero(by.any(axis=1)):
+        if found is images:
+            found = images.copy()
+        found[number] = scipy.ndimage.shift(images[number], by[number], order=0)
+    return found
+
+
+def _blurred(images: Floats32, blurs: Floats32) -> Floats32:
+    for number in np.flatnonzero(blurs):
+        images[number] = scipy.ndimage.gaussian_filter(
+            images[number], blurs[number] * images.shape[-1], mode="constant"
+        )
+    return images
+
+
+def _binned(images: Floats32, edge: int) -> Floats32:
+    n = images.shape[-1] // edge
+    return images if n == 1 else images.reshape(-1, edge, n, edge, n).mean(axis=(2, 4))
+
+
+def _enlarged(images: Floats32, edge: int) -> Floats32:
+    n = images.shape[-1]
+    if edge < n:
+        return _binned(images, edge)
+    return images.repeat(edge // n, axis=1).repeat(edge // n, axis=2)
+
+
+def _clipped_moments(values: Floats32, std: Floats32) -> tuple[Floats32, Floats32]:
+    """Mean and variance of a normal variable that is clipped at zero."""
+    z = values / std
+    density = np.exp(-z * z / 2) / np.float32(np.sqrt(2 * np.pi))
+    below = scipy.special.ndtr(z)
+    mean = values * below + std * density
+    variance = (values * values + std * std) * below + values * std * density - mean * mean
+    return mean, np.maximum(variance, 1e-8)
