@@ -16,13 +16,12 @@ from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.triangles import Ints, tetrahedra
+from activetouch.solids.triangles import Ints, is_convex
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
 _VAST = 1e100  # squares of longer lengths may not be finite [m]
 _ORDINARY = (0.005, 0.15)  # radii for which an error message suggests a unit [m]
-_CONVEX = 1e-6  # relative difference of area and volume from those of the convex hull
 _UNITS = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254}
 MOST_TRIANGLES = 50_000
 """Largest number of triangles that is kept as it is when a file is read."""
@@ -119,12 +118,8 @@ class Mesh:
     @cached_property
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
-        hull = scipy.spatial.ConvexHull(self.vertices)
-        one, two, three = np.moveaxis(self.vertices[self.faces], 1, 0)
-        area = 0.5 * float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum())
-        volume = float(tetrahedra(self.vertices, self.faces).sum())
-        is_convex = np.allclose((area, volume), (hull.area, hull.volume), rtol=_CONVEX, atol=0.0)
-        return Geom("mesh", vertices=self.vertices[hull.vertices], presses="solid" if is_convex else "surface")
+        corners = self.vertices[scipy.spatial.ConvexHull(self.vertices).vertices]
+        return Geom("mesh", vertices=corners, presses="solid" if is_convex(self.vertices, self.faces) else "surface")
 
     @cached_property
     def surface(self) -> Surface:

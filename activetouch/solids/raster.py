@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, faces_outwards
+from activetouch.solids.triangles import Ints, is_convex
 
 _MOST = 1 << 18  # rows, or pixels, written at a time; limits memory to about 100 MB
 _PORTION = 1 << 14  # pixels, or triangles, at a time, so that arrays stay in the processor's cache
@@ -34,7 +34,8 @@ class Surface:
     Attributes:
         vertices: ``(3, v)`` [m].
         faces: corners of the triangles, ``(3, f)``.
-        normals: that point outwards, of any length, ``(3, f)``; None if both sides of a triangle can be met.
+        normals: that point outwards, of any length, ``(3, f)``, of a convex body, of which no triangle that faces away
+            is met; None for others: a surface that crosses itself may show its inside.
     """
 
     vertices: Floats
@@ -45,17 +46,10 @@ class Surface:
     def of(cls, vertices: Floats, faces: Ints) -> Surface:
         """Of vertices ``(v, 3)`` [m] and triangles ``(f, 3)``, whichever way they face."""
         corners = np.ascontiguousarray(vertices.T), np.ascontiguousarray(faces.T)
-        both_sides = cls(*corners, None)
-        if not faces_outwards(vertices, faces):
-            return both_sides
+        if not is_convex(vertices, faces):
+            return cls(*corners, None)
         a, b, c = vertices[faces].transpose(1, 2, 0)
-        front = cls(*corners, np.cross(b - a, c - a, axis=0))
-        turns = np.linalg.qr(np.random.default_rng(0).normal(size=(12, 3, 3)))[0]
-        turns *= np.linalg.det(turns)[:, None, None]
-        pixel = float(np.linalg.norm(vertices, axis=1).max()) / 16
-        # What crosses itself can show its inside although it is closed.
-        one, two = (heights(surface, turns, np.zeros((12, 2)), pixel, 32) for surface in (front, both_sides))
-        return front if np.allclose(one, two, rtol=0.0, atol=1e-9) else both_sides
+        return cls(*corners, np.cross(b - a, c - a, axis=0))
 
 
 def heights(

@@ -10,6 +10,8 @@ from activetouch.solids.solid import Floats
 
 Ints = NDArray[np.intp]
 
+_SAME = 1e-6  # relative difference of areas and volumes that are one
+
 
 def edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
     """Identifiers of the edges: directed, ``(3 f,)``; undirected, ``(3 f,)``; and triangles at each of the latter.
@@ -30,18 +32,18 @@ def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
     return np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
 
 
-def faces_outwards(vertices: Floats, faces: Ints) -> bool:
-    """Whether the triangles bound closed bodies, one or several, and those of every body face away from its inside.
+def is_convex(vertices: Floats, faces: Ints) -> bool:
+    """Whether the triangles bound one convex body and face outwards: area and volume are those of its hull.
 
     >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    >>> [faces_outwards(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
+    >>> [is_convex(corners, faces) for faces in (tetrahedron, tetrahedron[:, ::-1], tetrahedron[:3])]
     [True, False, False]
     """
-    directed, edge, sharing = edges(faces)
-    if (sharing != 2).any() or len(np.unique(directed)) < len(directed):
+    try:
+        hull = scipy.spatial.ConvexHull(vertices)
+    except scipy.spatial.QhullError:  # it is flat
         return False
-    pairs = np.argsort(edge).reshape(-1, 2).T // 3
-    touching = scipy.sparse.coo_array((np.ones(pairs.shape[1]), tuple(pairs)), (len(faces), len(faces)))
-    body = scipy.sparse.csgraph.connected_components(touching, directed=False)[1]
-    return bool((np.bincount(body, tetrahedra(vertices, faces)) > 0.0).all())
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    area, volume = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2, tetrahedra(vertices, faces).sum()
+    return bool(np.allclose((area, volume), (hull.area, hull.volume), rtol=_SAME, atol=0.0))
