@@ -9,12 +9,15 @@ from __future__ import annotations
 import os
 from collections import Counter
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 
 from activetouch.errors import DuplicateShape
 from activetouch.solids.mesh import Mesh
 from belief.errors import InvalidArgument
 from belief.files import plain_number
+
+_SEPARATORS = {"/", os.sep}
 
 
 @dataclass(frozen=True)
@@ -36,27 +39,30 @@ class MeshSource:
         """The source ``[name=]path[@scale]``; a path that exists is taken as it is, whatever signs it contains.
 
         Raises:
-            InvalidArgument: what follows the last ``@`` of a file that exists is no number.
+            InvalidArgument: the scale is not positive and finite, or what follows the ``@`` of a file that exists is no
+                number.
         """
-        name, path, scale = "", str(text), None
-        before, sign, after = path.partition("=")
-        if sign and os.sep not in before and not os.path.lexists(path):
-            name, path = before, after
+        path, scale = str(text), None
         before, sign, after = path.rpartition("@")
-        if sign and not os.path.lexists(path):
+        if sign and not os.path.lexists(path) and not _SEPARATORS & set(after):
             try:
                 path, scale = before, plain_number(after)
             except ValueError as error:
-                if os.path.lexists(before):
+                if os.path.isfile(before):
                     raise InvalidArgument(
                         f"{text}: after @ there must be metres per unit, such as 0.001 for millimetres, got {after!r}"
                     ) from error
-                path = f"{before}@{after}"
-        return cls(Path(path), scale, name)
+            if scale is not None and not 0.0 < scale < inf:
+                raise InvalidArgument(f"{text}: the scale must be positive and finite, got {after}")
+        name, sign, after = path.partition("=")
+        if not sign or _SEPARATORS & set(name) or os.path.lexists(path):
+            return cls(Path(path), scale)
+        return cls(Path(after), scale, name)
 
     def __str__(self) -> str:
         """The text that :meth:`parse` reads."""
-        return (f"{self.name}=" if self.name else "") + str(self.path) + (f"@{self.scale!r}" if self.scale else "")
+        scale = "" if self.scale is None else f"@{self.scale!r}"
+        return (f"{self.name}=" if self.name else "") + str(self.path) + scale
 
     @property
     def label(self) -> str:
@@ -85,6 +91,9 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
         DuplicateShape: two meshes have the same name.
         FileNotFoundError, BadMesh, InvalidArgument: see :meth:`Mesh.from_file`.
     """
+    for source in sources:
+        if not isinstance(source, Path | str):
+            raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
     parsed = [MeshSource.parse(source) for source in sources]
     num = Counter(source.label for source in parsed)
     labels = [

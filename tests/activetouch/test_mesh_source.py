@@ -111,6 +111,23 @@ def test_a_path_that_exists_is_taken_as_it_is(folder):
         read_meshes("nowhere.obj@0.001")
 
 
+def test_a_folder_with_signs_in_its_name_is_no_name_and_no_scale(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("data=1", "dir@2"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mug.obj").write_text("")
+        wanted = MeshSource(Path(folder) / "mug.obj", 0.001)
+        assert MeshSource.parse(f"{folder}/mug.obj@0.001") == wanted == MeshSource.parse(str(wanted))
+    assert MeshSource.parse("cup=data=1/mug.obj") == MeshSource(Path("data=1/mug.obj"), None, "cup")
+    (tmp_path / "dir").mkdir()
+    assert MeshSource.parse("dir@3/mug.obj") == MeshSource(Path("dir@3/mug.obj"))  # is not there: said when it is read
+
+
+def test_meshes_in_a_list_are_refused_with_what_works():
+    with pytest.raises(InvalidArgument, match=r"read_meshes\(\*files\)"):
+        read_meshes(["a.obj", "b.obj"])
+
+
 @pytest.mark.parametrize("scale", ["mm", "", "0x1"])
 def test_a_scale_that_is_no_number_is_refused(scale, folder):
     with pytest.raises(InvalidArgument, match=r"after @ there must be metres per unit, such as 0\.001 for millimetres"):
