@@ -94,6 +94,17 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
     for source in sources:
         if not isinstance(source, Path | str):
             raise InvalidArgument(f"meshes are given one by one, read_meshes(*files); got {source!r:.80}")
+    labels, parsed = mesh_labels(*sources), [MeshSource.parse(source) for source in sources]
+    return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
+
+
+def mesh_labels(*sources: Path | str) -> list[str]:
+    """The labels that :func:`read_meshes` gives to mesh files.
+
+    Raises:
+        DuplicateShape: two meshes have the same name.
+        InvalidArgument: see :class:`MeshSource`.
+    """
     parsed = [MeshSource.parse(source) for source in sources]
     num = Counter(source.label for source in parsed)
     labels = [
@@ -105,4 +116,4 @@ def read_meshes(*sources: Path | str, scale: float | None = None) -> dict[str, M
             f"meshes must have other names than {', '.join(twice)}, which two of them have; write for example "
             f"my_{twice[0]}={parsed[labels.index(twice[0])].path}"
         )
-    return {label: source.read(scale) for label, source in zip(labels, parsed, strict=True)}
+    return labels

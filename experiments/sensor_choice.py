@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from activetouch.data.manifest import Manifest, NoCollection, read_manifest
 from activetouch.errors import LabelMismatch, SceneShift, WrongScene
-from activetouch.mesh_source import MeshSource
+from activetouch.mesh_source import mesh_labels
 from activetouch.named_scenes import SCENES
 from activetouch.perception.card import ClassifierCard
 from activetouch.scene_description import in_words, scene_differences, scene_fields
@@ -77,7 +77,9 @@ def sensor_commands(choice: SceneChoice) -> str:
         choice.renderer,
         choice.presentation,
         choice.poses,
-        *(MeshSource.parse(mesh).label for mesh in choice.meshes),
+        "only" if choice.only else None,
+        *mesh_labels(*choice.meshes),
+        None if choice.size_range is None else "-".join(f"{size:g}" for size in choice.size_range),
     ]
     name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)

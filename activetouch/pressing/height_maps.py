@@ -16,6 +16,8 @@ from activetouch.solids.solid import Floats, Shape
 from belief.errors import InvalidArgument
 from belief.validation import require_count
 
+_VAST = 1e6  # offset [m] or scale
+
 
 @dataclass(frozen=True)
 class Window:
@@ -85,8 +87,8 @@ def predicted_contacts(
         y; ``-inf`` beside the body.
 
     Raises:
-        InvalidArgument: the arrays do not fit together, a number is not finite, a scale is not above zero, or a
-            rotation is no unit quaternion.
+        InvalidArgument: the arrays do not fit together, a number is out of range, a rotation is no unit
+            quaternion, or ``dtype`` is not of floats.
 
     >>> from activetouch import SHAPES
     >>> maps = predicted_contacts(SHAPES["cube"], [[1, 0, 0, 0]], [0.0, 0.0], Window(0.05, 5))
@@ -94,6 +96,8 @@ def predicted_contacts(
     array([ -inf, 0.016, 0.016, 0.016,  -inf])
     """
     turns, places, sizes = _checked(rotations, offsets, scales)
+    if not np.issubdtype(dtype, np.floating):
+        raise InvalidArgument(f"dtype must be of floats, as heights are infinite beside the body; got {dtype!r}")
     matrices, num = to_matrices(turns), window.num_pixels
     if isinstance(body, Mesh):
         return heights(body.surface, matrices * sizes[:, None, None], places, window.edge / num, num, dtype)
@@ -119,15 +123,21 @@ def ray_distances(body: Shape, rotation: Floats, scale: float, offset: Floats, s
 
 def _checked(rotations: ArrayLike, offsets: ArrayLike, scales: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Arrays ``(n, 4)``, ``(n, 2)`` and ``(n,)``; see ``predicted_contacts``."""
-    turns, places, sizes = (np.asarray(given, float) for given in (rotations, offsets, scales))
+    try:
+        turns, places, sizes = (np.asarray(given, float) for given in (rotations, offsets, scales))
+    except (TypeError, ValueError) as error:
+        raise InvalidArgument(f"rotations, offsets and scales must be numbers: {error}") from error
+    turns = turns.reshape(0, 4) if turns.size == 0 else turns
     num = len(turns) if turns.ndim else 0
     if turns.shape != (num, 4) or places.shape not in ((num, 2), (2,)) or sizes.shape not in ((num,), ()):
         raise InvalidArgument(
             "rotations must be (n, 4), offsets (n, 2) or (2,), scales (n,) or one number; got the shapes "
             f"{turns.shape}, {places.shape} and {sizes.shape}"
         )
-    if not (np.isfinite(places).all() and np.isfinite(sizes).all() and (sizes > 0.0).all()):
-        raise InvalidArgument("offsets and scales must be finite, and scales above zero")
+    if not ((np.abs(places) < _VAST).all() and ((sizes > 1 / _VAST) & (sizes < _VAST)).all()):
+        raise InvalidArgument(
+            f"offsets must be finite, up to {_VAST:g} m, and scales above zero, from {1 / _VAST:g} to {_VAST:g}"
+        )
     if not (np.abs(np.linalg.norm(turns, axis=1) - 1.0) < 1e-3).all():
         raise InvalidArgument("every rotation must be a unit quaternion wxyz; divide each by its norm")
     return turns, np.broadcast_to(places, (num, 2)), np.broadcast_to(sizes, num)

@@ -115,9 +115,14 @@ class EmbeddedHypotheses:
         if self._by_pose is None:
             return self.table[pose]
         found = np.asarray(self._by_pose.in_pose(self.shape[2], pose), np.float32)
-        if pose == 0:
+        if pose not in self._checked:
             require_table(found, self.shape[1:])
+            self._checked.add(pose)
         return found
+
+    @cached_property
+    def _checked(self) -> set[int]:
+        return set()
 
     @cached_property
     def table(self) -> Floats32:

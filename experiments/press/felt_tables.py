@@ -41,7 +41,7 @@ def felt_table(name: str, scene: Scene, likeness: Alike | None) -> Table:
         carried = bearing_forces(scene, label, _PRESSES, rng)
         given = np.array([scene.variation.force.sample(rng) for _ in carried])
         rows.append((label, float((carried <= given).mean()) if len(given) else None, *reach.get(label, (None, None))))
-        ratios.extend(carried / given)
+        ratios.extend(carried[given > 0.0] / given[given > 0.0])
     low, high = scene.variation.force.support
     notes = ["A layer that bottoms out carries less than the force."]
     if ratios and (factor := float(np.quantile(ratios, _FEW))) < 1.0:

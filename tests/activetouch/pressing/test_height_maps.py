@@ -78,6 +78,10 @@ def test_single_precision_takes_half_the_memory(rng):
         ({"scales": [1.0, 2.0]}, r"scales \(n,\)"),
         ({"scales": 0.0}, "above zero"),
         ({"offsets": [np.nan, 0.0]}, "finite"),
+        ({"offsets": [1e300, 0.0]}, "finite, up to"),
+        ({"scales": 1e300}, "above zero, from"),
+        ({"rotations": "no"}, "must be numbers"),
+        ({"dtype": np.uint8}, "dtype must be of floats"),
         ({"rotations": [[1.0, 1, 0, 0]]}, "unit quaternion"),
     ],
 )
