@@ -51,7 +51,11 @@ class Twins:
             how = f"{how} in two sizes"
             meaning = f"{self.second} is {self.factor:.3g} × as large, and sizes vary by as much"
         else:
-            meaning = "no touch tells them apart" if self.mirrored is False else "touches hardly tell them apart"
+            meaning = {
+                True: "only touches that show their handedness tell them apart",
+                False: "no touch tells them apart",
+                None: "touches hardly tell them apart",
+            }[self.mirrored]
         return f"{self.first} and {self.second} are {how}: {meaning}"
 
 

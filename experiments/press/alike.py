@@ -22,6 +22,7 @@ from activetouch.poses import POSE_SETS, hamilton_product, random_orientation, t
 from activetouch.pressing.height_maps import Window, predicted_contacts
 from activetouch.scene import Scene
 from activetouch.shapes import Shape
+from activetouch.solids.twins import find_twins
 from belief.errors import InvalidArgument
 from belief.statistics import wilson_interval
 from belief.validation import require_count
@@ -246,10 +247,15 @@ class _Study:
 
     def result(self, parts: dict[str, _Compared]) -> Alike:
         """The pairs, most alike first."""
-        pairs = [self._likeness(parts[one], parts[other]) for one, other in combinations(self.solids, 2)]
+        twins = [twin for twin in find_twins(self.solids, largest_factor=1.0) if twin.mirrored is not True]
+        same = {frozenset((twin.first, twin.second)) for twin in twins}
+        pairs = [
+            _of_one_body(one, other) if {one, other} in same else self._likeness(parts[one], parts[other])
+            for one, other in combinations(self.solids, 2)
+        ]
         pairs.sort(key=lambda pair: (-pair.all, -pair.one))
         for place, pair in enumerate(pairs[:_MOST_COMPARED]):
-            if pair.all > SHOWN:
+            if pair.all > SHOWN and pair.shown_from_26 is None:
                 shown = [self._shown_from_26(parts[a], b) for a, b in (pair.shapes, pair.shapes[::-1])]
                 pairs[place] = replace(pair, shown_from_26=max(shown))
         return Alike(tuple(pairs), {label: parts[label].reach for label in self.solids}, len(self.poses))
@@ -309,6 +315,12 @@ class _Study:
         rows = np.column_stack([np.repeat(truth[:, 4], num), truth[:, 5:].reshape(-1, 3)[:, :2]])
         touched = cubes(self.heights[label], self.fit.window, shown, rows, depth)
         return ever, float(np.mean([share(touched[n : n + num]) for n in range(0, len(touched), num)]))
+
+
+def _of_one_body(one: str, other: str) -> Likeness:
+    """Of two labels for the same body: no touch tells them apart."""
+    chance, interval = 0.5, (0.5, 0.5)
+    return Likeness((one, other), chance, interval, chance, chance, interval, chance, 0.0, 0.0)
 
 
 def _distances(images: Floats, bank: Floats) -> Floats:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from activetouch.pressing.contact import surface_gap
 from activetouch.scene import Scene
-from experiments.press.alike import SHOWN, Alike
+from experiments.press.alike import SHOWN, Alike, Likeness
 from experiments.reporting.tables import Table, Value
 
 _PRESSES = 50  # of each shape
@@ -79,7 +79,8 @@ def alike_table(name: str, found: Alike) -> Table:
         )
         for pair in pairs
     ]
-    same = [" and ".join(pair.shapes) for pair in found.pairs if pair.all_interval[1] >= 0.5 - SHOWN]
+    hard = [pair for pair in found.pairs if pair.all_interval[1] >= 0.5 - SHOWN]
+    same, hard = ([pair for pair in hard if (pair.all_interval[0] == 0.5) == is_same] for is_same in (True, False))
     return Table(
         f"which shapes of the scene '{name}' feel most alike: error of telling two apart (0.5 is chance)",
         [
@@ -89,6 +90,11 @@ def alike_table(name: str, found: Alike) -> Table:
         rows,
         "Estimates by simulated contacts, no bounds: from that of a reader told where to look, at the lower end of its "
         "95 % interval, to that of one that compares images with those of 4 000 orientations, or the upper end. "
-        f"Hardly told apart: {', '.join(same) or 'none'}"
-        + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if same else "."),
+        + (f"The same body: {_names(same)}. " if same else "")
+        + f"Hardly told apart: {_names(hard) or 'none'}"
+        + ("; try --poses directions26, or aim beside the axis (activetouch.poses.aimed)." if hard else "."),
     )
+
+
+def _names(pairs: list[Likeness]) -> str:
+    return ", ".join(" and ".join(pair.shapes) for pair in pairs)

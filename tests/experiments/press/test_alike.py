@@ -13,7 +13,9 @@ from activetouch.errors import MeshWarning
 from activetouch.poses import POSE_SETS, random_orientation, to_matrix
 from activetouch.shapes import EXTENDED_SHAPES, SHAPES, Box, Mesh, Sphere
 from belief.errors import InvalidArgument
+from experiments.press.alike import Alike
 from experiments.press.contact_fit import ContactFit
+from experiments.press.felt_tables import alike_table
 
 GEL = SCENES["gel"].scene
 
@@ -49,12 +51,19 @@ def found(*shapes, num_objects=8, scene="gel"):
 def test_congruent_meshes_in_different_frames_are_told_apart_by_chance(rng):
     ball = trimesh.creation.icosphere(2, 0.02)
     vertices = ball.vertices * np.where(ball.vertices[:, :1] > 0.005, (1.0, 0.96, 0.72), (1.0, 0.8, 0.6))
-    turned = vertices @ to_matrix(random_orientation(rng)).T
+    turned = 1.0005 * vertices @ to_matrix(random_orientation(rng)).T  # the same body, but for half a thousandth
     with pytest.warns(MeshWarning, match="0 and 1 are the same body"):
         (pair,) = found(Mesh("one", vertices, ball.faces), Mesh("other", turned, ball.faces)).pairs
     assert min(pair.one, pair.all) > 0.4
     assert max(pair.one_interval[1], pair.all_interval[1]) == 0.5
     assert pair.shown <= 0.1
+
+
+def test_two_labels_of_one_body_are_told_apart_by_chance_without_an_estimate():
+    with pytest.warns(MeshWarning, match="0 and 1 are the same body: no touch"):
+        (pair,) = found(_cube(0.012), _cube(0.012), num_objects=2).pairs
+    assert (pair.one, pair.all, pair.shown, pair.shown_from_26) == (0.5, 0.5, 0.0, 0.0)
+    assert "The same body: 0 and 1. Hardly told apart: none." in alike_table("gel", Alike((pair,), {}, 6)).note
 
 
 def test_different_shapes_are_told_apart_by_one_touch():
