@@ -111,6 +111,12 @@ def mesh_labels(*sources: Path | str) -> list[str]:
         source.path.resolve().parent.name if not source.name and num[source.label] > 1 else source.label
         for source in parsed
     ]
+    files = [source.path for source in parsed if not source.name]
+    if again := [path for place, path in enumerate(files) if path.resolve() in map(Path.resolve, files[:place])]:
+        raise DuplicateShape(
+            f"{again[0]} is given twice, and meshes must have other names than each other; write for example "
+            f"my_{again[0].stem}={again[0]}"
+        )
     if twice := [label for label, number in Counter(labels).items() if number > 1]:
         raise DuplicateShape(
             f"meshes must have other names than {', '.join(twice)}, which two of them have; write for example "

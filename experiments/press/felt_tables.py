@@ -47,8 +47,8 @@ def felt_table(name: str, scene: Scene, likeness: Alike | None) -> Table:
     if ratios and (factor := float(np.quantile(ratios, _FEW))) < 1.0:
         least, most = f"{low * factor:.2g}", f"{high * factor:.2g}"
         notes.append(
-            f"It does in {_FEW:.0%} of the presses at {least} to {most} N: give the scene, in Python, "
-            f"variation=Variation(force=Uniform({least}, {most}))."
+            f"It does in {_FEW:.0%} of the presses at {least} to {most} N; in Python: replace(scene, "
+            f"variation=replace(scene.variation, force=Uniform({least}, {most})))."
         )
     if partly := [label for label, (ever, _) in reach.items() if ever < _WIDE]:
         notes.append(f"To meet all of {', '.join(partly)}, aim beside the axis (activetouch.poses.aimed).")

@@ -92,8 +92,10 @@ def test_names_are_given_or_those_of_the_files_or_of_their_folders(folder):
         patch.chdir(folder)
         meshes = read_meshes(*sources)
         assert read_meshes("mug/model.obj").keys() == {"model"}
-        with pytest.raises(DuplicateShape, match=r"must have other names than mug, .* my_mug=mug/model\.obj"):
+        with pytest.raises(DuplicateShape, match=r"is given twice, .* my_model=mug/model\.obj"):
             read_meshes("mug/model.obj", "mug/model.obj")
+        with pytest.raises(DuplicateShape, match=r"must have other names than mug, .* my_mug=\S*mug/model\.obj"):
+            read_meshes("mug/model.obj", "box/model.obj", "mug=cube.obj")
         with pytest.raises(DuplicateShape, match="must have other names than cup"):
             read_meshes("cup=mug/model.obj", "cup=box/model.obj")
         resolved = [str(MeshSource.parse(source).resolved()) for source in sources]

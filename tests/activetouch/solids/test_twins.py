@@ -51,9 +51,7 @@ def test_what_is_said_depends_on_how_sizes_vary():
     assert (
         text_of_twins({"a": HANDED, "b": HANDED}, (1.0, 1.0)) == "a and b are the same body: no touch tells them apart"
     )
-    assert "mirror images: only touches that show their handedness" in text_of_twins(
-        {"a": HANDED, "b": MIRROR}, (1.0, 1.0)
-    )
+    assert "mirror images: only touches" in text_of_twins({"a": HANDED, "b": MIRROR}, (1.0, 1.0))
     assert text_of_twins({"a": HANDED, "b": larger}, (1.0, 1.0)) == ""
     assert "b is 1.1 × as large" in text_of_twins({"a": HANDED, "b": larger}, (0.9, 1.1))
 
