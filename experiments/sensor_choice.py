@@ -70,8 +70,8 @@ def scene_words(choice: SceneChoice) -> list[str]:
     return words
 
 
-def sensor_commands(choice: SceneChoice) -> str:
-    """The commands that make a sensor for a scene, one per line, and the flag that selects it."""
+def choice_name(choice: SceneChoice) -> str:
+    """The name of a scene with its changes, as used in folder names."""
     changes = [
         choice.fidelity,
         choice.renderer,
@@ -81,7 +81,12 @@ def sensor_commands(choice: SceneChoice) -> str:
         *mesh_labels(*choice.meshes),
         None if choice.size_range is None else "-".join(f"{size:g}" for size in choice.size_range),
     ]
-    name = in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
+    return in_file_names("-".join([choice.scene, *(change for change in changes if change)]))
+
+
+def sensor_commands(choice: SceneChoice) -> str:
+    """The commands that make a sensor for a scene, one per line, and the flag that selects it."""
+    name = choice_name(choice)
     data, repeats, trained = collection_folder(name), repeats_folder(name), training_folder(name)
     sensor, scene = Path(f"runs/sensor-{name}"), scene_words(choice)
     return "\n".join(

@@ -24,6 +24,7 @@ from experiments.command_line.collection_arguments import PlanArguments
 from experiments.command_line.trust import Trust
 from experiments.parallel import default_jobs, run_tasks
 from experiments.scene_choice import SceneChoice, collection_folder
+from experiments.sensor_choice import choice_name
 
 _TIMED_SHAPES = 8
 _LONGEST_TIMING = 3.0  # of the presses that are timed, until the next shape [s]
@@ -50,7 +51,7 @@ class Collect:
     choice: Annotated[SceneChoice, tyro.conf.arg(name="")] = field(default_factory=SceneChoice)
     """The world."""
     out: Path | None = None
-    """Folder of the collection; data/SCENE by default."""
+    """Folder of the collection; data/SCENE by default, with the names of meshes."""
     plan: PlanArguments = field(default_factory=PlanArguments)
     """Objects per shape and split, and rounds of poses that each is touched in."""
     from_manifest: Path | None = None
@@ -66,7 +67,11 @@ class Collect:
         if self.from_manifest is not None:
             self._again(self.from_manifest)
         else:
-            folder = self.out if self.out is not None else collection_folder(self.choice.scene)
+            folder = (
+                self.out
+                if self.out is not None
+                else collection_folder(choice_name(self.choice) if self.choice.meshes else self.choice.scene)
+            )
             manifest = collect(self.choice, self.plan.plan, folder, self.jobs)
             print(f"{folder} is complete: {len(manifest.sha256 or ())} shards, each with the SHA-256 in its manifest")
             if manifest.redrawn:
