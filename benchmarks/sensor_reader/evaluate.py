@@ -1,6 +1,6 @@
 """A reader of the sensor beside the shipped sensor of a scene, on the same touches of the same objects.
 
-    python -m benchmarks.sensor_reader.evaluate gel runs/reader-gel/state.safetensors
+    python -m benchmarks.sensor_reader.evaluate gel benchmarks/sensor_reader/gel.safetensors
 
 None of the shapes was trained on. Prints, after 1, 2, 3, 4 and 6 touches in random poses: accuracy, stated probability
 and negative log-likelihood [nats].
