@@ -16,7 +16,7 @@ from activetouch.solids.mesh_surface import examined
 from activetouch.solids.raster import Surface
 from activetouch.solids.raycast import first_entry
 from activetouch.solids.solid import Floats, Geom
-from activetouch.solids.triangles import Ints, tetrahedra
+from activetouch.solids.triangles import Ints, areas, tetrahedra
 from belief.errors import InvalidArgument
 
 _MIN_RADIUS, _MAX_RADIUS = 0.0005, 0.3  # of the bounding ball [m]; objects may be much larger than the pad
@@ -94,7 +94,8 @@ class Mesh:
                 glTF, 3MF and DAE say their unit) or 1; an object of 15 to 150 m about its middle is taken to be in
                 millimetres, with a warning.
             max_triangles: largest number of triangles that is kept as it is; above it, they are reduced such that no
-                point moves by more than 0.1 mm (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
+                measured point of either surface is more than 0.1 mm from the other
+                (:mod:`activetouch.solids.mesh_reduction`). None keeps all.
 
         Raises:
             FileNotFoundError: the file does not exist.
@@ -120,8 +121,7 @@ class Mesh:
     def geom(self) -> Geom:
         """The corners of the convex hull. See :class:`Shape`."""
         hull = scipy.spatial.ConvexHull(self.vertices)
-        one, two, three = np.moveaxis(self.vertices[self.faces], 1, 0)
-        area = 0.5 * float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum())
+        area = float(areas(self.vertices, self.faces).sum())
         volume = float(tetrahedra(self.vertices, self.faces).sum())
         is_convex = np.allclose((area, volume), (hull.area, hull.volume), rtol=_CONVEX, atol=0.0)
         return Geom("mesh", vertices=self.vertices[hull.vertices], presses="solid" if is_convex else "surface")

@@ -13,7 +13,7 @@ from activetouch.solids.mesh_assembly import MOST_BYTES
 from activetouch.solids.mesh_formats import read_obj, read_off, read_stl
 from activetouch.solids.mesh_gltf import read_gltf
 from activetouch.solids.mesh_ply import read_ply
-from activetouch.solids.mesh_reduction import LARGEST_ERROR, NUM_MEASURED, reduced
+from activetouch.solids.mesh_reduction import LARGEST_ERROR, reduced
 from activetouch.solids.mesh_xml import read_3mf, read_dae
 from activetouch.solids.solid import Floats
 from activetouch.solids.triangles import Ints
@@ -65,7 +65,7 @@ def read_surface(path: Path, scale: float | None, max_triangles: int | None = No
     if max_triangles is None or len(faces) <= max_triangles:
         return vertices, faces
     fewer_vertices, fewer, largest = reduced(vertices, faces, min(max_triangles, _REDUCED))
-    how = f"reduced to {len(fewer)}; no point of {NUM_MEASURED} moves by more than {largest * 1000:.2g} mm"
+    how = f"reduced to {len(fewer)}; no measured point moves by more than {max(largest * 1000, 0.001):.2g} mm"
     if len(fewer) == len(faces):
         how = f"kept, because fewer would move points by more than {LARGEST_ERROR * 1000:g} mm: touches will be slow"
     warnings.warn(f"{path.name}: {len(faces)} triangles {how}", MeshWarning, stacklevel=3)

@@ -12,7 +12,7 @@ import scipy  # whose parts load at first use
 from numpy.typing import NDArray
 
 from activetouch.solids.solid import Floats
-from activetouch.solids.triangles import Ints, edges, tetrahedra
+from activetouch.solids.triangles import Ints, areas, edges, tetrahedra
 
 MOST_INSIDE = 0.1
 """Largest share of the rays from outside that may first meet the inside of a surface, through its holes."""
@@ -98,12 +98,6 @@ def examined(vertices: Floats, faces: Ints) -> Examined:
     return Examined(faces, middle + centre, tuple(remarks), problem if inside > MOST_INSIDE else None)
 
 
-def areas(vertices: Floats, faces: Ints) -> Floats:
-    """Areas of the triangles, ``(f,)`` [m²]."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
-
-
 def first_met(vertices: Floats, faces: Ints) -> tuple[Ints, NDArray[np.bool_]]:
     """The first triangle that each ray from outside meets, ``(n,)``, and whether it is met from behind, ``(n,)``.
 
@@ -133,7 +127,7 @@ def _first_met_along(direction: Floats, vertices: Floats, faces: Ints) -> tuple[
     first, last = np.ceil(corners.min(axis=1)).astype(np.intp), np.floor(corners.max(axis=1)).astype(np.intp)
     size = np.maximum(last - first + 1, 0)
     num = size.prod(axis=1)
-    rays, triangles, depths, areas = [], [], [], []
+    rays, triangles, depths, turns = [], [], [], []
     for some in np.array_split(np.flatnonzero(num), 1 + int(num.sum()) // _PAIRS):
         triangle = np.repeat(some, num[some])
         place = np.arange(len(triangle)) - np.repeat(np.cumsum(num[some]) - num[some], num[some])
@@ -145,8 +139,8 @@ def _first_met_along(direction: Floats, vertices: Floats, faces: Ints) -> tuple[
         rays.append(pixel[hit] @ (_NUM_PIXELS, 1))
         triangles.append(triangle[hit])
         depths.append((weights[:, hit] * depth[faces[triangle[hit]]].T).sum(axis=0) / area[hit])
-        areas.append(area[hit])
-    ray, triangle, distance, area = map(np.concatenate, (rays, triangles, depths, areas))
+        turns.append(area[hit])
+    ray, triangle, distance, area = map(np.concatenate, (rays, triangles, depths, turns))
     is_back = area > 0.0  # counter-clockwise along the ray
     order = np.lexsort((is_back, np.round(distance / _SAME_DEPTH), ray))
     nearest = order[np.unique(ray[order], return_index=True)[1]]

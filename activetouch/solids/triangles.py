@@ -1,4 +1,4 @@
-"""Edges and volumes of a surface of triangles."""
+"""Edges, areas and volumes of a surface of triangles."""
 
 from __future__ import annotations
 
@@ -22,6 +22,17 @@ def edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
         np.minimum(start, end) * size + np.maximum(start, end), return_inverse=True, return_counts=True
     )
     return start * size + end, edge, sharing
+
+
+def normals(vertices: Floats, faces: Ints) -> Floats:
+    """Vectors across the triangles, counter-clockwise, as long as twice their areas, ``(f, 3)`` [m²]."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    return np.cross(b - a, c - a)
+
+
+def areas(vertices: Floats, faces: Ints) -> Floats:
+    """Areas of the triangles, ``(f,)`` [m²]."""
+    return np.asarray(np.linalg.norm(normals(vertices, faces), axis=1) / 2)
 
 
 def tetrahedra(vertices: Floats, faces: Ints) -> Floats:
